@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area
@@ -14,6 +14,7 @@ corners = st.tuples(*[st.tuples(numbers, numbers)] * 3)
 ONE = np.array([[0, 1, 2]])
 
 
+@settings(deadline=None)
 @given(corners)
 def test_each_equals_its_plain_definition(triangle):
     assume(abs(twice_area(*triangle)) > 0.5)
@@ -23,6 +24,7 @@ def test_each_equals_its_plain_definition(triangle):
         assert found[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(corners)
 def test_rotation_average_is_the_average_over_rotations(triangle):
     assume(abs(twice_area(*triangle)) > 0.5)

@@ -21,7 +21,8 @@ OURS = [
 LIBRARIES = [
     name for name in ("ear-clipping", "delaunay", "sweep", "manifold") if not find(name).available()
 ]
-LETTERS = "".join(map(chr, [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA)]))
+CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
+LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
 
 
 def check(polygon, label):
@@ -76,24 +77,7 @@ def test_letters():
     assert all(done)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(hard_polygons())
 def test_collinear_runs_repeated_coordinates_and_slivers(polygon):
-    assert check(polygon, polygon.wkt) > 0
-
-
-@pytest.mark.slow
-def test_everything_there_is():
-    """The full sweep of what the tests above sample."""
-    for name in ("earcut_fixtures.json", "poly2tri_testbed.json", "helsinki.json"):
-        for label, polygon in shared(name):
-            check(polygon, label)
-    for label, polygon in glyphs(LETTERS):
-        check(polygon, label)
-
-
-@pytest.mark.slow
-@settings(max_examples=2000, deadline=None, suppress_health_check=list(HealthCheck))
-@given(hard_polygons(max_vertices=40))
-def test_two_thousand_polygons(polygon):
     assert check(polygon, polygon.wkt) > 0

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import diagonals, random_simple, star
@@ -25,12 +25,14 @@ def exact_sign(*values):
     return (value > 0) - (value < 0)
 
 
+@settings(deadline=None)
 @given(st.lists(doubles, min_size=6, max_size=6))
 def test_orientation_is_exact_for_doubles(values):
     values = [value if abs(value) > 1e-100 else 0.0 for value in values]
     assert np.sign(orient(*values)) == exact_sign(*values)
 
 
+@settings(deadline=None)
 @given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
 def test_orientation_is_exact_next_to_a_line(x, y, up, right, k, m):
     point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
