@@ -1,0 +1,145 @@
+"""What every rasteriser can be asked, and how a device is described.
+
+A rasteriser lives in a worker process of its own, because its drivers read their settings from
+the environment once, when they are loaded, and because a driver that crashes must cost one case.
+So nothing here may import a GL library at module level.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame
+
+Triangles = NDArray[np.int32]
+Counters = dict[str, NDArray[np.int64]]
+"""Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
+gives a total."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a frame is drawn, apart from its triangles; recorded with every case.
+
+    samples : samples a pixel, 1 (no multisampling), 4 or 8
+    work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
+    order : order of submission; "native" is the triangulator's, "morton" along a space-filling
+        curve over the triangles' centres, "shuffled" random with `seed`
+    """
+
+    samples: int = 1
+    work: int = 0
+    order: Literal["native", "morton", "shuffled"] = "native"
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Device:
+    """One thing a rasteriser can run on.
+
+    name : as given to --device, e.g. "llvmpipe", "gpu0"
+    software : True where a CPU does the rasterising
+    environment : variables that must be set before the driver is loaded
+    details : vendor, renderer, version strings as the driver reports them, and the like
+    """
+
+    name: str
+    software: bool
+    environment: Mapping[str, str] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Seconds that a batch of equal draws took, by the wall clock and by the GPU's timer.
+
+    gpu is None where the device has no timer.
+    """
+
+    wall: float
+    gpu: float | None = None
+
+
+class Drawing(ABC):
+    """One triangulation of one frame, uploaded and ready to be drawn again and again."""
+
+    @abstractmethod
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` times, wait until the device has finished, and return the time of all."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free what the drawing holds on the device."""
+
+    def __enter__(self) -> Drawing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Rasteriser(ABC):
+    """Turns triangles into pixels on one device.
+
+    Class attributes say what it can do: `name`; `counters`, the names `count` returns; `timed`,
+    whether `prepare` works; `pictured`, whether `image` works. Construct it only inside a worker
+    process whose environment has been set to the device's.
+    """
+
+    name: ClassVar[str]
+    counters: ClassVar[tuple[str, ...]] = ()
+    timed: ClassVar[bool] = True
+    pictured: ClassVar[bool] = True
+
+    device: Device
+
+    @classmethod
+    @abstractmethod
+    def devices(cls) -> list[Device]:
+        """List what it can run on here, best first; [] where there is none.
+
+        May load drivers: call it in a process of its own.
+        """
+
+    @abstractmethod
+    def __init__(self, device: Device) -> None:
+        """Open the device.
+
+        Raises
+        ------
+        harness.errors.NoRasteriser
+            if it cannot be opened, or turns out to be another device than was asked for
+        """
+
+    @abstractmethod
+    def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        """Count, exactly, what drawing `triangles` (m, 3) over `frame.points` costs."""
+
+    @abstractmethod
+    def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        """Upload `triangles` for timing; nothing is counted while it is drawn."""
+
+    @abstractmethod
+    def image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
+        """Draw once and return the picture, (height, width, 4) RGBA, top row first."""
+
+    def close(self) -> None:
+        """Close the device; the default has nothing to close."""
+
+    def time(
+        self,
+        frame: Frame,
+        triangles: Triangles,
+        options: Options,
+        *,
+        schedule: Callable[[list[Drawing]], Any],
+    ) -> Any:
+        """Time one triangulation alone: `schedule` gets the drawing and decides on the rounds."""
+        with self.prepare(frame, triangles, options) as drawing:
+            return schedule([drawing])
