@@ -28,7 +28,7 @@ _HALF = 128
 
 
 @njit(cache=True, inline="always")
-def pixel_range(low: np.int64, high: np.int64) -> tuple[np.int64, np.int64]:
+def pixel_range(low: int, high: int) -> tuple[int, int]:
     """First and last pixel whose centre lies in [low, high], in 1/256 px; empty if first > last."""
     return -((_HALF - low) // _UNIT), (high - _HALF) // _UNIT
 
@@ -36,7 +36,7 @@ def pixel_range(low: np.int64, high: np.int64) -> tuple[np.int64, np.int64]:
 @njit(cache=True, error_model="numpy")
 def setup(
     points: Points, triangle: NDArray[np.int32], edges: Edges
-) -> tuple[np.int64, np.int64, np.int64, np.int64, bool]:
+) -> tuple[int, int, int, int, bool]:
     """Prepare one triangle: its edge functions and its bounding box in pixels.
 
     Fills `edges` (3, 3): constant + per_row*y - per_column*x is an edge function at the centre
@@ -47,8 +47,8 @@ def setup(
     ax, ay = np.int64(points[triangle[0], 0]), np.int64(points[triangle[0], 1])
     bx, by = np.int64(points[triangle[1], 0]), np.int64(points[triangle[1], 1])
     cx, cy = np.int64(points[triangle[2], 0]), np.int64(points[triangle[2], 1])
-    left, right = pixel_range(min(ax, bx, cx), max(ax, bx, cx))
-    first, last = pixel_range(min(ay, by, cy), max(ay, by, cy))
+    left, right = pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
+    first, last = pixel_range(int(min(ay, by, cy)), int(max(ay, by, cy)))
     doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     if doubled == 0:
         return first, last, left, right, False
