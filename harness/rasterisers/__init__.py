@@ -36,6 +36,9 @@ GROUP = "raster_harness.rasterisers"
 
 BUILT_IN = {
     "opengl": "harness.rasterisers.opengl:OpenGL",
+    "bounding-box": "harness.rasterisers.compute:BoundingBox",
+    "scanline": "harness.rasterisers.compute:Scanline",
+    "binning": "harness.rasterisers.binning:Binning",
     "reference": "harness.rasterisers.reference:Reference",
 }
 

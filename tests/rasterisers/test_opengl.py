@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Options, get
-from harness.rasterisers.opengl import COUNTED, STATISTICS, batches
+from harness.rasterisers.gl import batches
+from harness.rasterisers.opengl import COUNTED, STATISTICS
 
 
 @pytest.mark.parametrize("size", [64, 250, 1024])
