@@ -26,7 +26,8 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.context import Context
-from harness.rasterisers.gl import GLRasteriser, Upload, batches
+from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.mesh import Upload, batches
 
 MAX_GROUPS = 65535
 """Workgroups a dispatch may have in one dimension, on every device."""

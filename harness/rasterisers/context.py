@@ -57,7 +57,7 @@ class Target:
         self.framebuffer = ctx.framebuffer(color_attachments=[self.buffer])
 
     def __del__(self) -> None:
-        if not hasattr(self, "framebuffer"):
+        if self._owner.closed or not hasattr(self, "framebuffer"):
             return
         # moderngl binds again what was bound before, so the one to go must not be that.
         if self._idle is not None and self._idle.alive:
@@ -79,6 +79,7 @@ class Context:
     def __init__(self, backend: Any) -> None:
         self.ctx = moderngl.create_context(context=backend)
         Context._current = self
+        self.closed = False
         self._backend = backend
         self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
         self._idle = Target(self, 1, 1, 1)
@@ -205,7 +206,8 @@ class Context:
             raise RuntimeError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
-        """Free the context."""
+        """Free the context and all that is in it."""
+        self.closed = True
         self.ctx.release()
         Context._current = None
 

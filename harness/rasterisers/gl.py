@@ -1,4 +1,4 @@
-"""What rasterisers on OpenGL share: which devices there are, opening one, uploading a frame."""
+"""What rasterisers on OpenGL share: which devices there are, and opening the one asked for."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import glcontext  # type: ignore[import-untyped]
-import numpy as np
-from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser
-from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers import context, egl
-from harness.rasterisers.base import Device, Rasteriser, Triangles
+from harness.rasterisers.base import Device, Rasteriser
 from harness.rasterisers.context import Context
 
 
@@ -93,39 +90,3 @@ class GLRasteriser(Rasteriser):
         """Close the context."""
         self.context.activate()
         self.context.close()
-
-
-class Upload:
-    """A frame's points and triangles in buffers of the device.
-
-    points : (n,) ivec2, in 1/256 px; polygons : (n,) uint, the number of each point's polygon;
-    indices : (3 m,) int
-    """
-
-    def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
-        self.owner = owner
-        self.size = (frame.width, frame.height)
-        self.triangles = len(triangles)
-        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
-        self.points = owner.buffer(np.ascontiguousarray(frame.points, np.int32))
-        self.polygons = owner.buffer(np.repeat(numbers, np.diff(frame.offsets)))
-        self.indices = owner.buffer(triangles)
-
-    def close(self) -> None:
-        """Free the buffers."""
-        self.owner.activate()
-        for buffer in (self.points, self.polygons, self.indices):
-            buffer.release()
-
-
-def batches(frame: Frame, triangles: Triangles) -> list[Triangles]:
-    """Split `triangles` so that no batch can count past the 32 bits of a counter on the device.
-
-    A triangle touches at most the quads of its bounding box.
-    """
-    corners = frame.points[triangles].astype(np.int64)
-    sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
-    lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
-    if not len(lanes) or lanes[-1] < 2**32:
-        return [triangles]
-    return np.split(triangles, np.flatnonzero(np.diff(lanes // 2**31)) + 1)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from harness.errors import NoRasteriser
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import Frame
 from harness.rasterisers import context
 from harness.rasterisers.base import (
     Counters,
@@ -20,9 +20,9 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.context import Context
-from harness.rasterisers.gl import GLRasteriser, Upload, batches
-
-COUNTED = ("fragments", "quads", "helper_lanes")
+from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.mesh import Mesh, batches
+from harness.rasterisers.tally import COUNTED, open_tally
 
 STATISTICS = {
     "driver_vertices_submitted": 0x82EE,
@@ -33,9 +33,6 @@ STATISTICS = {
     "driver_fragment_invocations": 0x82F4,
 }
 """What ARB_pipeline_statistics_query reports: the driver's opinion, not a count of quads."""
-
-KEEP_ALPHA = (True, True, True, False)
-WRITE_ALL = (True, True, True, True)
 
 BLOCK_LANES = 16
 """Lanes llvmpipe shades at once, a 4x4 block; it reports all of them as invocations."""
@@ -52,7 +49,7 @@ class OpenGL(GLRasteriser):
         if self.context.integer(context.MAX_FRAGMENT_STORAGE_BLOCKS) < 1:
             raise NoRasteriser(f"{device.name} has no storage buffers in fragment shaders")
         self._draw = self.context.program("draw.vert", "draw.frag")
-        self._tally = self.context.program("draw.vert", "count.frag")
+        self._tally = open_tally(self.context)
         self._statistics = (
             STATISTICS if "GL_ARB_pipeline_statistics_query" in self.ctx.extensions else {}
         )
@@ -61,33 +58,20 @@ class OpenGL(GLRasteriser):
     def close(self) -> None:
         """Free the programs and the context."""
         self.context.activate()
-        for program in (self._draw, self._tally):
-            program.release()
+        self._draw.release()
+        self._tally.close()
         super().close()
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        polygons = len(frame.offsets) - 1
-        totals = np.zeros((polygons, len(COUNTED)), np.int64)
+        totals = np.zeros((len(frame.offsets) - 1, len(COUNTED)), np.int64)
         opinion = dict.fromkeys(["samples_passed", *self._statistics], 0)
         target = self.context.target(frame.width, frame.height, options.samples)
         for part in batches(frame, triangles):
-            counts = self.context.buffer(np.zeros(totals.size, np.uint32))
-            counts.bind_to_storage_buffer(0)
-            # llvmpipe forgets what it has collected for a tile, storage writes and all, when an
-            # opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
-            target.framebuffer.color_mask = KEEP_ALPHA
-            with _Mesh(self.context, self._tally, target, frame, part) as mesh:
-                mesh.draw(1)
-            self.ctx.finish()
-            target.framebuffer.color_mask = WRITE_ALL
-            totals += np.frombuffer(counts.read(totals.nbytes // 2), np.uint32).reshape(
-                totals.shape
-            )
-            counts.release()
+            totals += self._tally.count(target, frame, part)
             # In a pass of its own: storage writes change what a driver may skip.
             with (
-                _Mesh(self.context, self._draw, target, frame, part) as mesh,
+                Mesh(self.context, self._draw, target, frame, part) as mesh,
                 self.context.queries(
                     {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
                 ) as answers,
@@ -105,14 +89,14 @@ class OpenGL(GLRasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
         target = self.context.target(frame.width, frame.height, options.samples)
-        mesh = _Mesh(self.context, self._draw, target, frame, triangles)
+        mesh = Mesh(self.context, self._draw, target, frame, triangles)
         return _Timed(self.context, mesh, options.work, self.device.software)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
         target = self.context.target(frame.width, frame.height, options.samples)
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
-        with _Mesh(self.context, self._draw, target, frame, triangles) as mesh:
+        with Mesh(self.context, self._draw, target, frame, triangles) as mesh:
             mesh.program["work"] = options.work
             mesh.draw(1)
         source = target
@@ -124,44 +108,8 @@ class OpenGL(GLRasteriser):
         return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
 
 
-class _Mesh:
-    """Triangles on the device, bound to a program and a framebuffer."""
-
-    def __init__(
-        self, owner: Context, program: Any, target: context.Target, frame: Frame, tris: Triangles
-    ) -> None:
-        self.program = program
-        self.target = target
-        self.upload = Upload(owner, frame, tris)
-        content = [(self.upload.points, "2i", "position"), (self.upload.polygons, "1u", "polygon")]
-        self.vertices = owner.ctx.vertex_array(program, content, self.upload.indices)
-
-    def draw(self, instances: int) -> None:
-        """Submit the triangles, `instances` times in one call."""
-        self.bind()
-        self.vertices.render(vertices=3 * self.upload.triangles, instances=instances)
-
-    def bind(self) -> None:
-        """Make the framebuffer and the viewport current."""
-        framebuffer = self.target.framebuffer
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, *self.upload.size)
-        self.program["size"] = tuple(SUBPIXEL * side for side in self.upload.size)
-
-    def close(self) -> None:
-        """Free the buffers."""
-        self.upload.close()
-        self.vertices.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
 class _Timed(Drawing):
-    def __init__(self, owner: Context, mesh: _Mesh, work: int, software: bool) -> None:
+    def __init__(self, owner: Context, mesh: Mesh, work: int, software: bool) -> None:
         self.context = owner
         self.mesh = mesh
         self.work = work
