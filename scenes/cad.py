@@ -86,7 +86,9 @@ def _rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
     return np.concatenate(arcs)
 
 
-def _without(outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]) -> shapely.Geometry:
+def _without(
+    outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
+) -> shapely.Geometry:
     return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
 
 
@@ -164,7 +166,9 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
     """A plate from which a part number is cut out."""
     face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
     letters, x = [], 0.0
-    for character in f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}":
+    for (
+        character
+    ) in f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}":
         cleaned, advance = outline(face, character, max(2, segments // 8))
         letters += [moved(p, x, 0.0) for p in cleaned.polygons]
         x += 1.08 * advance

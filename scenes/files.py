@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scenes.clean import Cleaned, clean
 from scenes.projection import is_geographic, mean_direction, to_metres
 from scenes.scene import Note, Scene, SceneError
+from scenes.where import matching
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,8 +62,18 @@ class Chunk:
     units: str
 
 
-_READERS: dict[str, str] = {}
-"""Suffix to "module:function"; everything else goes to pyogrio."""
+_MESHES = (".obj", ".ply", ".gltf", ".glb", ".stl", ".off", ".3mf", ".dae")
+_READERS: dict[str, str] = {
+    **dict.fromkeys(_MESHES, "scenes.mesh:read"),
+    **dict.fromkeys((".parquet", ".geoparquet", ".pq"), "scenes.geoparquet:read"),
+    **dict.fromkeys((".wkt", ".ewkt"), "scenes.wkt:read_text"),
+    ".wkb": "scenes.wkt:read_binary",
+    ".svg": "scenes.svg:read",
+    ".cityjson": "scenes.cityjson:read",
+}
+"""Suffix to "module:function"; everything else goes to GDAL."""
+
+_GDAL = "scenes.vector:read"
 
 
 def read(
@@ -128,7 +139,7 @@ def read_chunks(
     """
     source = Source(_existing(path), layer, where)
     centre: tuple[float, float] | None = None
-    for raw in _reader(source.path)(source, size):
+    for raw in _raws(source, size):
         cleaned = clean(raw.geometries, raw.labels)
         coordinates = shapely.get_coordinates(cleaned.polygons)
         units = raw.units
@@ -173,13 +184,33 @@ def _existing(path: str) -> Path:
     return file
 
 
-def _reader(path: Path) -> Callable[[Source, int], Iterator[Raw]]:
-    spec = _READERS.get(path.suffix.lower(), "scenes.vector:read")
-    module, function = spec.split(":")
-    reader: Callable[[Source, int], Iterator[Raw]] = getattr(
-        importlib.import_module(module), function
-    )
+def _reader(path: Path) -> str:
+    """The "module:function" that reads this file."""
+    reader = _READERS.get(path.suffix.lower(), _GDAL)
+    if reader == _GDAL and path.suffix.lower() == ".json" and path.is_file():
+        with path.open("rb") as stream:
+            # CityJSON requires its type, and writers put it first
+            if b'"CityJSON"' in stream.read(4096):
+                return "scenes.cityjson:read"
     return reader
+
+
+def _raws(source: Source, size: int) -> Iterator[Raw]:
+    """What the file's reader yields, filtered by `where` if the reader cannot do that itself."""
+    spec = _reader(source.path)
+    module, function = spec.split(":")
+    for raw in getattr(importlib.import_module(module), function)(source, size):
+        yield raw if source.where is None or spec == _GDAL else _filtered(raw, source)
+
+
+def _filtered(raw: Raw, source: Source) -> Raw:
+    rows = matching(raw.attributes, source.where or "", str(source.path))
+    return replace(
+        raw,
+        geometries=[raw.geometries[i] for i in rows],
+        labels=[raw.labels[i] for i in rows],
+        attributes=None if raw.attributes is None else raw.attributes.iloc[rows],
+    )
 
 
 def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:

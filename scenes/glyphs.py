@@ -11,15 +11,21 @@ from matplotlib import font_manager, ft2font
 from numpy.typing import NDArray
 
 from scenes.clean import Cleaned, clean
+from scenes.contours import filled
 from scenes.layout import moved
 from scenes.scene import Note, Scene, SceneError
 
-_LETTERS = (
-    [*range(0x21, 0x7F), *range(0xA1, 0x100)]  # Latin
-    + [*range(0x391, 0x3A2), *range(0x3A3, 0x3CA), *range(0x410, 0x450)]  # Greek, Cyrillic
-)
+_LETTERS = [
+    *range(0x21, 0x7F),
+    *range(0xA1, 0x100),
+    *range(0x391, 0x3A2),
+    *range(0x3A3, 0x3CA),
+    *range(0x410, 0x450),
+]
+"""Printable characters of the Latin, Greek and Cyrillic alphabets."""
+
 _COLUMNS = 24
-_MOVE, _LINE, _QUADRATIC, _CUBIC, _CLOSE = 1, 2, 3, 4, 79  # matplotlib's path codes
+_MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
 
 
 def build(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> Scene:  # noqa: ARG001
@@ -80,7 +86,7 @@ def outline(face: ft2font.FT2Font, character: str, steps: int) -> tuple[Cleaned,
     vertices, codes = face.get_path()
     # FreeType's unit is 1/64 pixel, and unscaled outlines are in font units
     contours = _contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
-    return clean(_filled(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
+    return clean(filled(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
 
 
 def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[NDArray[Any]]:
@@ -104,37 +110,3 @@ def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[N
             i += 2
         i += 1
     return [np.array(c) for c in contours if len(c) >= 3]
-
-
-def _filled(contours: list[NDArray[Any]]) -> list[Any]:
-    """The glyph as one geometry: what is inside by the non-zero winding rule.
-
-    Contours that run as the largest one does are filled and the others are holes; a filled contour
-    may lie inside a hole, as in the copyright sign.
-    """
-    rings = [shapely.Polygon(c) for c in contours]
-    if not rings:
-        return []
-    signed = [0.5 * float(np.sum(_cross(c))) for c in contours]
-    outer_sign = np.sign(signed[int(np.argmax(np.abs(signed)))])
-    outers = [r for r, s in zip(rings, signed, strict=True) if s * outer_sign > 0]
-    holes = [r for r, s in zip(rings, signed, strict=True) if s * outer_sign < 0]
-    outers.sort(key=lambda ring: ring.area)
-    owned: list[list[Any]] = [[] for _ in outers]
-    for hole in holes:
-        inside = [k for k, outer in enumerate(outers) if outer.covers(hole)]
-        if inside:
-            owned[inside[0]].append(hole.exterior)
-    whole = shapely.MultiPolygon(
-        [shapely.Polygon(o.exterior, inner) for o, inner in zip(outers, owned, strict=True)]
-    )
-    if whole.is_valid and sum(map(len, owned)) == len(holes):
-        return [whole]
-    # overlapping contours, as variable fonts have them
-    filled = shapely.union_all(shapely.make_valid(np.asarray(outers)))
-    return [shapely.difference(filled, shapely.union_all(shapely.make_valid(np.asarray(holes))))]
-
-
-def _cross(ring: NDArray[Any]) -> NDArray[Any]:
-    following = np.roll(ring, -1, axis=0)
-    return np.asarray(ring[:, 0] * following[:, 1] - ring[:, 1] * following[:, 0])

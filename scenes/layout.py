@@ -33,5 +33,5 @@ def in_rows(
 
 def moved(geometry: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
     """The polygon, translated."""
-    shifted: shapely.Polygon = shapely.transform(geometry, lambda xy: xy + [dx, dy])
+    shifted: shapely.Polygon = shapely.transform(geometry, lambda xy: xy + np.array([dx, dy]))
     return shifted

@@ -38,7 +38,9 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     for number, name in enumerate(FAMILIES):
         if name in chosen:
             # a generator each: a polygon is the same whether alone or with the others
-            polygons.append(_polygon(FAMILIES[name](np.random.default_rng([seed, number]), vertices)))
+            polygons.append(
+                _polygon(FAMILIES[name](np.random.default_rng([seed, number]), vertices))
+            )
     cleaned = clean(polygons, chosen)
     return Scene(
         name="stress",
