@@ -23,7 +23,7 @@ from harness.timing import Times
 from harness.triangulation import FrameTriangulation, triangulate_polygons
 from harness.worker import Executor, TaskFailed
 from scenes import Scene
-from triangulators import registry
+from triangulators import parse
 
 BASELINE = "delaunay"
 """Its fragments say what each polygon covers on a device: it leaves no vertex out."""
@@ -129,7 +129,7 @@ class Runner:
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for name in wanted:
                 # What others wrote may crash: it gets a process that nothing else needs.
-                own = not registry.is_builtin(name)
+                own = not parse(name).entry.builtin
                 worker = self._worker(f"triangulator {name}" if own else "triangulators")
                 try:
                     result = worker.call(

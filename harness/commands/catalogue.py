@@ -28,7 +28,7 @@ def _triangulators() -> Table:
 
     table = _table("triangulator", "holes", "description")
     for name in registry.names():
-        entry = registry.entry(name)
+        entry = registry.find(name)
         missing = entry.available()
         table.add_row(name, "yes" if entry.handles_holes else "no", missing or entry.description)
     return table
