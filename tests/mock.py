@@ -82,6 +82,7 @@ class MockRasteriser(Rasteriser):
     """
 
     name = "mock"
+    known = ("scripted",)
     counters = ("fragments", "quads", "helper_lanes")
 
     @classmethod
@@ -91,7 +92,7 @@ class MockRasteriser(Rasteriser):
     def __init__(self, device: Device) -> None:
         self.device = device
 
-    def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         _fault("count", len(triangles))
         corners = frame.points[triangles].astype(np.int64)
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -103,11 +104,11 @@ class MockRasteriser(Rasteriser):
         quads = fragments + np.bincount(owner, minlength=polygons)
         return {"fragments": fragments, "quads": quads, "helper_lanes": 4 * quads - fragments}
 
-    def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         _fault("time", len(triangles))
         return MockDrawing(triangles)
 
-    def image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
         return np.zeros((frame.height, frame.width, 4), np.uint8)
 
 

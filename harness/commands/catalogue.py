@@ -40,7 +40,7 @@ def _rasterisers() -> Table:
     table = _table("rasteriser", "devices", "counters")
     for name in rasterisers.names():
         kind = rasterisers.get(name)
-        devices = ", ".join(device.name for device in rasterisers.devices(name)) or "none here"
+        devices = ", ".join(device.name for device in kind.devices()) or "none here"
         table.add_row(name, devices, ", ".join(kind.counters))
     return table
 
