@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 
-STYLE = {
+STYLE: Any = {
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,
@@ -134,7 +134,7 @@ def _scatter(
         low, high = min(every_y.min(), 1.0), max(every_y.max(), 1.0)
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
         panel.annotate("as predicted", (high, high), fontsize=6, ha="right", va="bottom")
-    if len(every_x) > 2:
+    if len(set(every_x)) > 1 and len(set(every_y)) > 1:
         rank = float(spearmanr(every_x, every_y).statistic)
         panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
 

@@ -19,6 +19,17 @@ BASE = "ear-clipping"
 """What ratios are given against: the triangulator most programs use today."""
 
 
+COLUMNS = {
+    "helper_lanes": ("helpers", "{:,.0f}"),
+    "bbox_tests": ("tests", "{:,.0f}"),
+    "overshading": ("lanes/px", "{:.3f}"),
+    "draw_ms": ("draw ms", "{:.3f}"),
+}
+"""Metrics of the table, each with its heading and format; 80 characters hold them all."""
+
+WORDS = {"faster": "faster", "slower": "slower", "no difference shown": "no diff."}
+
+
 def group_of(record: Record) -> tuple[Any, ...]:
     """Return what the records that may be compared with each other have in common."""
     options = tuple(sorted((record.get("options") or {}).items()))
@@ -62,19 +73,17 @@ def _table(records: list[Record]) -> Table:
         title += f", turned by {first['rotation']:g} degrees"
     table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     table.add_column("triangulator", no_wrap=True)
-    for heading in ("polygons", "triangles", "helper lanes", "shaded/px", "draw ms"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column(f"against {BASE}", no_wrap=True)
+    shown = [name for name in COLUMNS if any(METRICS[name](record) for record in records)]
+    for name in shown:
+        table.add_column(COLUMNS[name][0], justify="right", no_wrap=True)
+    table.add_column(f"time vs {BASE}", no_wrap=True)
     complete = max(record["polygons"] for record in records)
     base = next((record for record in records if record["triangulator"] == BASE), None)
     for record in sorted(records, key=lambda record: _rank(record, complete)):
+        cells = [_number(METRICS[name](record), COLUMNS[name][1]) for name in shown]
         table.add_row(
             record["triangulator"],
-            f"{record['polygons']:,}",
-            f"{record['triangles']:,}",
-            _number(METRICS["helper_lanes"](record), "{:,.0f}"),
-            _number(METRICS["overshading"](record), "{:.3f}"),
-            _number(METRICS["draw_ms"](record), "{:.3f}"),
+            *cells,
             _against(record, base, complete),
             style="" if record["polygons"] == complete else "dim",
         )
@@ -93,13 +102,13 @@ def _against(record: Record, base: Record | None, complete: int) -> Text:
     if record is base:
         return Text("-")
     if record["polygons"] != complete:
-        return Text(f"only {record['polygons']} of {complete} polygons")
+        return Text(f"({record['polygons']} of {complete} polygons)")
     ratio = time_ratio(record, base)
     if ratio is None:
         return Text("")
     colour = {"faster": "green", "slower": "red"}.get(ratio.verdict, "")
     half = (ratio.high - ratio.low) / 2
-    return Text(f"{ratio.value:.3f} +-{half:.3f} {ratio.verdict}", style=colour)
+    return Text(f"{ratio.value:.3f} ±{half:.3f} {WORDS[ratio.verdict]}", style=colour)
 
 
 def _note(record: Record) -> Text:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ def triangulate_polygons(name: str, polygons: Sequence[Polygon], seed: int) -> F
 
 
 def _call(name: str, polygon: Polygon, seed: int) -> NDArray[np.int32]:
-    parameters = {"seed": seed} if name.split(":")[0] == "random" else {}
+    parameters: dict[str, Any] = {"seed": seed} if name.split(":")[0] == "random" else {}
     return triangulate(polygon, name, **parameters)
 
 

@@ -32,7 +32,7 @@ POLL_S = 0.1
 """How often a waiting caller is told how long it has waited."""
 
 
-class TaskFailed(HarnessError):
+class TaskFailed(HarnessError):  # noqa: N818 - says what happened
     """A task crashed, hung or raised; the message says which and quotes its last output."""
 
 
@@ -119,7 +119,7 @@ class Worker:
         waited = 0.0
         while True:
             try:
-                return future.result(timeout=POLL_S)  # type: ignore[no-any-return]
+                return future.result(timeout=POLL_S)
             except FutureTimeoutError as error:
                 if future.done():
                     reason = f"{self.name} ran past {timeout_s:g} s and was stopped"
