@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,7 +107,8 @@ class Runner:
 
     def _case(self, view: View, name: str, target: Target) -> Case:
         return Case(
-            scene=self.plan.scene,
+            # Of a file only its name: the same file elsewhere is the same scene.
+            scene=Path(self.plan.scene).name,
             scene_hash=self.scene.content_hash,
             view=view,
             triangulator=name,
