@@ -1,0 +1,62 @@
+"""The verifier finds what is wrong, and nothing where nothing is."""
+
+import numpy as np
+import shapely
+
+from triangulators.polygon import boundary
+from triangulators.repair import insert_dropped_vertices
+from triangulators.verify import verify
+
+SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
+
+
+def test_accepts_a_triangulation():
+    found = verify(SQUARE, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert found.ok
+    assert found.conforming
+    assert found.area_error == 0.0
+    assert found.triangles == found.expected_triangles == 2
+
+
+def test_rejects_what_is_not_a_triangulation():
+    cases = {
+        "clockwise": [[0, 2, 1], [0, 2, 3]],
+        "gap or overlap": [[0, 1, 2]],
+        "no area": [[0, 1, 2], [0, 2, 3], [1, 1, 2]],
+        "the polygon has 0..3": [[0, 1, 4]],
+        "expected (m, 3)": [[0, 1], [2, 3]],
+    }
+    for message, triangles in cases.items():
+        found = verify(SQUARE, np.array(triangles))
+        assert not found.ok
+        assert not found.conforming
+        assert any(message in problem for problem in found.problems), (message, found.problems)
+
+
+def test_overlap_with_the_right_area_is_found():
+    found = verify(SQUARE, np.array([[0, 1, 2], [0, 1, 2]]))
+    assert found.area_error == 0.0
+    assert not found.ok
+
+
+def test_reports_t_junctions_and_repair_removes_them():
+    polygon = shapely.Polygon([(0, 0), (2, 0), (4, 0), (4, 2), (4, 4), (2, 4), (0, 4), (0, 2)])
+    dropped = np.array([[0, 2, 4], [0, 4, 6]])  # all four midpoints left out
+    found = verify(polygon, dropped)
+    assert found.ok
+    assert not found.conforming
+    assert sorted(vertex for vertex, _ in found.t_junctions) == [1, 3, 5, 7]
+    repaired = insert_dropped_vertices(boundary(polygon), dropped)
+    assert verify(polygon, repaired).conforming
+    assert len(repaired) == 6
+
+
+def test_rings_that_touch_and_repeated_vertices_are_counted_by_euler():
+    outer = [(0, 0), (8, 0), (8, 8), (0, 8)]
+    at_a_side = shapely.Polygon(outer, [[(0, 2), (4, 6), (6, 4), (6, 2)]])
+    at_a_corner = shapely.Polygon(outer, [[(0, 0), (4, 6), (6, 4), (6, 2)]])
+    repeated = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (4, 4), (0, 4)])
+    assert [boundary(p).expected_triangles for p in (at_a_side, at_a_corner, repeated)] == [7, 6, 2]
+    for polygon in (at_a_side, at_a_corner, repeated):
+        triangles = shapely.constrained_delaunay_triangles(polygon)
+        assert len(triangles.geoms) == boundary(polygon).expected_triangles

@@ -1,0 +1,180 @@
+"""Polygons for the tests of triangulators, and a brute force written apart from the product."""
+
+import json
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import strategies as st
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+PAPER = [(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)]
+
+
+def paper_polygon() -> shapely.Polygon:
+    return shapely.Polygon(PAPER)
+
+
+@cache
+def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
+    """Polygons of a file in the shared data, by name; skips the test where it is absent."""
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"{path.name} is not in ../shared/data")
+    entries = json.loads(path.read_text())
+    return [(e["name"], shapely.Polygon(e["rings"][0], e["rings"][1:])) for e in entries]
+
+
+def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
+    """A random simple polygon on a small grid, so that vertices are often collinear.
+
+    Random points in random order, uncrossed by reversing pieces (2-opt).
+    """
+    while True:
+        points = rng.integers(0, size, (n, 2))
+        if len(np.unique(points, axis=0)) < n:
+            continue
+        order = list(range(n))
+        for _ in range(60):
+            if not _uncross(points, order):
+                break
+        polygon = shapely.Polygon(points[order])
+        if polygon.is_valid and polygon.area > 0:
+            return polygon
+
+
+def _uncross(points: np.ndarray, order: list[int]) -> bool:
+    changed = False
+    n = len(order)
+    for i in range(n - 1):
+        for j in range(i + 2, n):
+            a, b, c, d = (points[order[k % n]] for k in (i, i + 1, j, j + 1))
+            old = np.hypot(*(a - b)) + np.hypot(*(c - d))
+            if np.hypot(*(a - c)) + np.hypot(*(b - d)) < old - 1e-9:
+                order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1]
+                changed = True
+    return changed
+
+
+def star(n: int, seed: int = 0, spread: float = 0.15) -> shapely.Polygon:
+    """A noisy star on the 1/256 grid, about 800 px wide."""
+    radius = 1 + np.random.default_rng(seed).uniform(-spread, spread, n)
+    angle = np.arange(n) * 2 * np.pi / n
+    return snapped(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512)
+
+
+def convex(n: int) -> shapely.Polygon:
+    angle = np.arange(n) * 2 * np.pi / n
+    return shapely.Polygon(np.column_stack((np.cos(angle), np.sin(angle))) * 400 + 512)
+
+
+def smooth(n: int) -> shapely.Polygon:
+    """A smooth outline with bays."""
+    angle = np.arange(n) * 2 * np.pi / n
+    radius = 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)
+    return shapely.Polygon(
+        np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512
+    )
+
+
+def snapped(points: np.ndarray) -> shapely.Polygon:
+    return shapely.Polygon(np.round(np.asarray(points) * 256) / 256)
+
+
+def twice_area(a, b, c) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def diagonals(polygon: shapely.Polygon) -> set[tuple[int, int]]:
+    """Pairs of vertices (i < j) joined by a side or by a segment inside, through no vertex."""
+    points = shapely.get_coordinates(polygon)[:-1]
+    n = len(points)
+    found = {(min(i, j), max(i, j)) for i, j in pairwise([*range(n), 0])}
+    for i in range(n):
+        for j in range(i + 2, n):
+            if (i, j) in found:
+                continue
+            segment = shapely.LineString([points[i], points[j]])
+            through = any(
+                k not in (i, j) and segment.intersects(shapely.Point(points[k])) for k in range(n)
+            )
+            inside = polygon.contains(segment) and not segment.within(polygon.boundary)
+            if inside and not through:
+                found.add((i, j))
+    return found
+
+
+def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, int]]]:
+    """Every triangulation of a simple polygon: Catalan's recursion over tested diagonals."""
+    points = shapely.get_coordinates(polygon)[:-1]
+    allowed = diagonals(polygon)
+
+    @cache
+    def between(i: int, j: int) -> list[list[tuple[int, int, int]]]:
+        if j == i + 1:
+            return [[]]
+        result = []
+        for k in range(i + 1, j):
+            sides = ((i, k) in allowed) and ((k, j) in allowed)
+            if sides and twice_area(points[i], points[k], points[j]) != 0:
+                result += [
+                    [(i, k, j), *left, *right] for left in between(i, k) for right in between(k, j)
+                ]
+        return result
+
+    return between(0, len(points) - 1)
+
+
+def brute_cost(name: str, a, b, c) -> float:
+    """The criteria, written plainly once more."""
+    x, y = zip(a, b, c, strict=True)
+    width, height = max(x) - min(x), max(y) - min(y)
+    area = abs(twice_area(a, b, c)) / 2
+    sides = [np.hypot(*(np.subtract(p, q))) for p, q in ((b, c), (c, a), (a, b))]
+    if name == "overdraw":
+        return width * height - area
+    if name == "half-perimeter":
+        return width + height
+    if name == "edge-length":
+        return sum(sides)
+    if name == "shape":
+        angles = []
+        for k in range(3):
+            opposite, one, two = sides[k], sides[k - 1], sides[k - 2]
+            cosine = (one**2 + two**2 - opposite**2) / (2 * one * two)
+            angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+        return sum(abs(60 - angle) for angle in angles)
+    if name == "complexity":
+        return 24.0
+    raise AssertionError(name)
+
+
+@st.composite
+def hard_polygons(draw, max_vertices: int = 24) -> shapely.Polygon:
+    """Valid polygons on the 1/256 grid with collinear runs, repeated coordinates and slivers."""
+    n = draw(st.integers(3, max_vertices))
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    squeeze = draw(st.sampled_from([1.0, 1.0, 0.1, 0.01]))
+    size = draw(st.sampled_from([5, 12, 60, 2000]))
+    n = min(n, size * size // 3)
+    points = shapely.get_coordinates(random_simple(rng, n, size))[:-1].astype(float)
+    points[:, 1] = points[:, 1] * squeeze
+    points = np.round(points * 256 / 4) * 4 / 256  # quarters of an edge stay on the grid
+    rows = []
+    for a, b in pairwise([*points, points[0]]):
+        rows.append(a)
+        kind = draw(st.integers(0, 5))
+        if kind == 0:
+            rows += [a] * draw(st.integers(1, 2))
+        elif kind == 1:
+            rows += [a + (b - a) * t / 4 for t in (1, 2, 3)]
+    polygon = shapely.Polygon(rows)
+    if not polygon.is_valid or polygon.area == 0:
+        polygon = shapely.Polygon(points)
+    if not polygon.is_valid or polygon.area == 0:
+        polygon = shapely.box(0, 0, 1, 1)
+    return polygon

@@ -1,0 +1,132 @@
+"""Minimum-cost triangulation by interval dynamic programming over a full table.
+
+Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979).
+No visibility is needed: a combinatorial triangulation of the cycle of vertices whose triangles all
+turn left is a triangulation of the polygon, because its edges add up to the boundary.
+
+Both operands of the inner loop are rows: cost(i, j) is stored at [i, j] and at [j, i]. With the
+cost of a triangle written as minima and maxima of coordinates the loop is SIMD throughout, and it
+keeps no argmin: the few that are needed are found again on the way back.
+"""
+
+import numpy as np
+from numba import njit
+
+from triangulators.simd import fmin
+
+NONE = 1e300  # cost of a sub-polygon that has no triangulation; a sum of two still is finite
+_FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}  # all but the assumption of no infinities
+
+
+@njit(cache=True, fastmath=_FAST)
+def _best_apex(
+    row_i: np.ndarray,
+    row_j: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    ends: tuple[float, float, float, float],
+    by_half_perimeter: float,
+    by_box: float,
+    flat: float,
+) -> float:
+    """Return the minimum over k of row_i[k] + row_j[k] + cost of the triangle i, k, j."""
+    xi, yi, xj, yj = ends
+    low_x, high_x = min(xi, xj), max(xi, xj)
+    low_y, high_y = min(yi, yj), max(yi, yj)
+    dx, dy = xj - xi, yj - yi
+    best = NONE
+    for k in range(len(x)):
+        w = max(high_x, x[k]) - min(low_x, x[k])
+        h = max(high_y, y[k]) - min(low_y, y[k])
+        cost = row_i[k] + row_j[k] + by_half_perimeter * (w + h) + by_box * (w * h)
+        left = (x[k] - xi) * dy - (y[k] - yi) * dx > flat
+        best = fmin(best, cost if left else NONE)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def fill_box_table(
+    table: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    weights: np.ndarray,
+    flat: float,
+) -> None:
+    """Fill `table` (n, n) with the least cost of each sub-polygon i..j, at [i, j] and [j, i].
+
+    weights: coefficients of half-perimeter, bounding-box area and edge length. A triangle counts
+    as turning left if its doubled area exceeds `flat`.
+    """
+    n = len(x)
+    for i in range(n - 1, -1, -1):
+        table[i, i] = 0.0
+        if i + 1 < n:
+            table[i, i + 1] = table[i + 1, i] = 0.0
+        for j in range(i + 2, n):
+            inner = slice(i + 1, j)
+            best = _best_apex(
+                table[i, inner],
+                table[j, inner],
+                x[inner],
+                y[inner],
+                (x[i], y[i], x[j], y[j]),
+                weights[0],
+                weights[1],
+                flat,
+            )
+            if best < NONE and weights[2] != 0.0:
+                # A diagonal is an edge of two triangles; the last one closes the polygon.
+                best += 2.0 * weights[2] * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
+            table[i, j] = table[j, i] = min(best, NONE)
+
+
+@njit(cache=True, nogil=True)
+def trace_box_table(
+    table: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    weights: np.ndarray,
+    flat: float,
+    triangles: np.ndarray,
+) -> int:
+    """Write the n - 2 triangles behind `table` into `triangles`; return how many (0 if none)."""
+    n = len(x)
+    if table[0, n - 1] >= NONE:
+        return 0
+    stack = np.empty((n, 2), dtype=np.int32)
+    stack[0, 0], stack[0, 1] = 0, n - 1
+    height, found = 1, 0
+    while height > 0:
+        height -= 1
+        i, j = stack[height, 0], stack[height, 1]
+        if j - i < 2:
+            continue
+        best, apex = np.inf, -1
+        for k in range(i + 1, j):
+            if (x[k] - x[i]) * (y[j] - y[i]) - (y[k] - y[i]) * (x[j] - x[i]) <= flat:
+                continue
+            w = max(x[i], x[j], x[k]) - min(x[i], x[j], x[k])
+            h = max(y[i], y[j], y[k]) - min(y[i], y[j], y[k])
+            cost = table[i, k] + table[j, k] + weights[0] * (w + h) + weights[1] * (w * h)
+            if cost < best:
+                best, apex = cost, k
+        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
+        found += 1
+        stack[height, 0], stack[height, 1] = i, apex
+        stack[height + 1, 0], stack[height + 1, 1] = apex, j
+        height += 2
+    return found
+
+
+def box_optimum(points: np.ndarray, weights: np.ndarray, flat: float) -> np.ndarray | None:
+    """Return the optimum (n - 2, 3) of a counter-clockwise cycle of points (n, 2), or None.
+
+    weights: (3,) coefficients of half-perimeter, bounding-box area and edge length. None where no
+    triangulation has all triangles thicker than `flat`.
+    """
+    x, y = np.ascontiguousarray(points.T)
+    table = np.empty((len(x), len(x)))
+    triangles = np.empty((len(x) - 2, 3), dtype=np.int32)
+    fill_box_table(table, x, y, weights, flat)
+    found = trace_box_table(table, x, y, weights, flat, triangles)
+    return triangles if found == len(triangles) else None

@@ -1,0 +1,21 @@
+"""What a triangulator can raise."""
+
+
+class TriangulationError(Exception):
+    """A polygon could not be triangulated; the message says which and why."""
+
+
+class InvalidPolygon(TriangulationError):  # noqa: N818 - says what the polygon is
+    """The input is not a valid polygon (empty, self-intersecting, NaN coordinates, ...)."""
+
+
+class Skipped(Exception):  # noqa: N818 - a status, not an error: the harness records it as such
+    """A triangulator does not do this polygon, by design; the message is the reason."""
+
+
+class UnknownName(ValueError):  # noqa: N818 - the name says what went wrong
+    """No triangulator or criterion has this name; the message suggests the nearest."""
+
+
+class Unavailable(TriangulationError):  # noqa: N818 - says what the package is
+    """An optional package is missing; the message holds the line that installs it."""

@@ -1,0 +1,39 @@
+"""Fan: all diagonals from one vertex, if some vertex sees the whole polygon."""
+
+import numpy as np
+from numba import njit
+
+from triangulators.errors import Skipped
+from triangulators.polygon import Boundary
+from triangulators.predicates import turn
+
+
+@njit(cache=True)
+def fan_centre(points: np.ndarray, ring: np.ndarray) -> int:
+    """Return the first position in a counter-clockwise ring whose fan is valid, or -1.
+
+    A fan is valid if all its triangles turn left: their edges then add up to the boundary.
+    """
+    n = len(ring)
+    for centre in range(n):
+        valid = True
+        for step in range(1, n - 1):
+            b, c = ring[(centre + step) % n], ring[(centre + step + 1) % n]
+            if turn(points, ring[centre], b, c) <= 0.0:
+                valid = False
+                break
+        if valid:
+            return centre
+    return -1
+
+
+def triangulate(outline: Boundary) -> np.ndarray:
+    """Return a fan; raises `Skipped` for holes and where no vertex sees the whole polygon."""
+    if outline.holes:
+        raise Skipped("fan: the polygon has holes")
+    ring = outline.edges[:, 0]
+    centre = fan_centre(outline.points, ring)
+    if centre < 0:
+        raise Skipped("fan: no vertex sees the whole polygon")
+    ring = np.roll(ring, -centre)
+    return np.column_stack((np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]))

@@ -1,0 +1,225 @@
+"""Triangulators by name: the built-in ones, entry points, and `module:function` strings."""
+
+import difflib
+import importlib
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from triangulators import criteria
+from triangulators.errors import TriangulationError, Unavailable, UnknownName
+from triangulators.polygon import Boundary, boundary, check
+from triangulators.predicates import turns
+from triangulators.repair import insert_dropped_vertices
+
+ENTRY_POINTS = "raster_harness.triangulators"
+DEFAULT_CRITERION = "overdraw"
+Function = Callable[..., np.ndarray]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One triangulator.
+
+    `function` is `module:function`; built-in functions take (boundary, **parameters),
+    a third party's take the polygon. `criteria` says whether it is steered by a criterion;
+    `needs` is a module that must be importable, `install` the line that provides it.
+    """
+
+    name: str
+    description: str
+    function: str
+    handles_holes: bool = True
+    criteria: bool = False
+    needs: str | None = None
+    install: str | None = None
+    builtin: bool = True
+
+    def available(self) -> str | None:
+        """Return None if it can be used here, otherwise the line that installs what is missing."""
+        if self.needs is None:
+            return None
+        if ":" in self.needs:
+            probe = _load(self.needs)
+            return None if probe() else self.install
+        return None if importlib.util.find_spec(self.needs) else self.install
+
+    def load(self) -> Function:
+        """Import and return the function; raises `Unavailable` with the install line."""
+        missing = self.available()
+        if missing:
+            raise Unavailable(f"triangulator {self.name!r} is not available; install: {missing}")
+        return _load(self.function)
+
+
+BUILTIN = {
+    entry.name: entry
+    for entry in (
+        Entry(
+            "fan",
+            "a fan from a vertex that sees the whole polygon",
+            "triangulators.fan:triangulate",
+            handles_holes=False,
+        ),
+        Entry("ear-clipping", "mapbox_earcut", "triangulators.ear_clipping:triangulate"),
+        Entry(
+            "delaunay",
+            "constrained Delaunay triangulation (GEOS, through shapely)",
+            "triangulators.delaunay:triangulate",
+        ),
+        Entry(
+            "optimal",
+            "the minimum of a criterion: exact without holes, local search with them",
+            "triangulators.optimal:triangulate",
+            criteria=True,
+        ),
+        Entry(
+            "worst",
+            "the maximum of a criterion, found as the optimum is",
+            "triangulators.optimal:triangulate_worst",
+            criteria=True,
+        ),
+    )
+}
+
+
+class Choice(NamedTuple):
+    """A triangulator as written on the command line: an entry and, if it takes one, a criterion."""
+
+    entry: Entry
+    criterion: str | None
+
+    @property
+    def full_name(self) -> str:
+        """`name` or `name:criterion`, the criterion always written out."""
+        return f"{self.entry.name}:{self.criterion}" if self.criterion else self.entry.name
+
+
+@cache
+def _load(reference: str) -> Function:
+    module, _, attribute = reference.partition(":")
+    function: Any = importlib.import_module(module)
+    for part in attribute.split("."):
+        function = getattr(function, part)
+    return function
+
+
+@cache
+def _third_party() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+
+
+def names(*, available_only: bool = False) -> list[str]:
+    """Return the names of all triangulators, built-in first, then those of entry points."""
+    everything = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
+    if available_only:
+        return [name for name in everything if find(name).available() is None]
+    return everything
+
+
+def find(name: str) -> Entry:
+    """Return the entry called `name` or given as `module:function`; raises `UnknownName`."""
+    if name in BUILTIN:
+        return BUILTIN[name]
+    if name in _third_party():
+        point = _third_party()[name]
+        return Entry(name, f"from {point.value}", point.value, builtin=False)
+    if ":" in name:
+        return _user_function(name)
+    near = difflib.get_close_matches(name, names(), n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise UnknownName(f"unknown triangulator {name!r}{hint} (known: {', '.join(names())})")
+
+
+def _user_function(reference: str) -> Entry:
+    known = difflib.get_close_matches(reference.partition(":")[0], names(), n=1)
+    hint = f"; did you mean {known[0]!r}?" if known else ""
+    try:
+        function = _load(reference)
+    except ImportError as error:
+        raise UnknownName(f"triangulator {reference!r}: {error}{hint}") from error
+    except AttributeError as error:
+        raise UnknownName(f"triangulator {reference!r}: {error}") from error
+    if not callable(function):
+        raise UnknownName(f"triangulator {reference!r}: not a function")
+    return Entry(reference, f"user's function {reference}", reference, builtin=False)
+
+
+def parse(text: str) -> Choice:
+    """Read `name` or `name:criterion` (or `module:function`); raises `UnknownName`."""
+    name, _, criterion = text.partition(":")
+    if name not in BUILTIN:
+        return Choice(find(text), None)
+    entry = BUILTIN[name]
+    if not entry.criteria:
+        if criterion:
+            raise UnknownName(f"triangulator {name!r} takes no criterion, got {criterion!r}")
+        return Choice(entry, None)
+    criterion = criterion or DEFAULT_CRITERION
+    criteria.find(criterion)
+    return Choice(entry, criterion)
+
+
+def full_name(text: str) -> str:
+    """Return the full name: `optimal` is `optimal:overdraw`; raises `UnknownName`."""
+    return parse(text).full_name
+
+
+def triangulate(
+    polygon: shapely.Polygon,
+    name: str,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
+    repair: bool = False,
+    **parameters: Any,
+) -> np.ndarray:
+    """Triangulate a polygon; return (m, 3) int32 indices into `vertices(polygon)`.
+
+    Triangles are counter-clockwise (y up). `name` is a triangulator, optionally with a criterion
+    (`optimal:half-perimeter`); `criterion` may also be given apart, as a name, a `Criterion` or a
+    Numba function of three points. `repair=True` puts back collinear vertices that a library has
+    dropped, where it left T-junctions. Other parameters go to the triangulator.
+
+    Raises `InvalidPolygon` for input that is not a valid polygon, `Skipped` where the triangulator
+    does not do this polygon by design, `Unavailable` if a package is missing,
+    `TriangulationError` if it failed, and `UnknownName`.
+    """
+    choice = parse(name)
+    check(polygon)
+    outline = boundary(polygon)
+    function = choice.entry.load()
+    if not choice.entry.builtin:
+        raw = function(polygon, **parameters)
+    elif choice.entry.criteria:
+        wanted = choice.criterion if criterion is None else criterion
+        raw = function(outline, criterion=wanted, **parameters)
+    elif criterion is not None:
+        raise TypeError(f"triangulator {choice.entry.name!r} takes no criterion")
+    else:
+        raw = function(outline, **parameters)
+    triangles = _normalised(outline, raw, choice.full_name)
+    return insert_dropped_vertices(outline, triangles) if repair else triangles
+
+
+def _normalised(outline: Boundary, raw: Any, name: str) -> np.ndarray:
+    """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out."""
+    triangles = np.asarray(raw)
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise TriangulationError(f"{name} returned shape {triangles.shape}, expected (m, 3)")
+    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
+        raise TriangulationError(f"{name} returned {triangles.dtype}, expected integer indices")
+    count = len(outline.points)
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= count):
+        raise TriangulationError(f"{name} returned indices outside 0..{count - 1}")
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+    orientation = turns(outline.points, triangles)
+    if (orientation > 0.0).all():
+        return triangles
+    triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
+    return np.ascontiguousarray(triangles[orientation != 0.0])

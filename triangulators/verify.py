@@ -1,0 +1,139 @@
+"""The verifier: is this set of triangles a triangulation of this polygon?
+
+Triangles that all turn left and whose edges add up, as a chain, to the polygon's boundary cover
+each point as often as the boundary winds round it: once inside, never outside. So no pair of
+triangles need be intersected, and on snapped input no rounding enters. Edges that cancel only
+after they are split at vertices lying on them are T-junctions: covered, but not conforming.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from triangulators.criteria import predict
+from triangulators.polygon import Boundary, boundary, boundary_area
+from triangulators.predicates import on_segment, tolerance, turns
+
+Edge = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What `verify` found.
+
+    `problems` are reasons why the triangles do not cover the polygon exactly once; `t_junctions`
+    are (vertex, (a, b)): the vertex lies inside the edge a-b of a triangle. `area_error` is the
+    triangles' area minus the polygon's, in square units of the coordinates.
+    """
+
+    triangles: int
+    expected_triangles: int
+    area_error: float
+    problems: list[str] = field(default_factory=list)
+    t_junctions: list[tuple[int, Edge]] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the triangles, counter-clockwise, cover the polygon exactly once."""
+        return not self.problems
+
+    @property
+    def conforming(self) -> bool:
+        """Whether it is also free of T-junctions."""
+        return self.ok and not self.t_junctions
+
+
+def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
+    """Check triangles (m, 3), indices into `vertices(polygon)`, against a valid polygon."""
+    return verify_boundary(boundary(polygon), triangles)
+
+
+def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
+    """`verify`, for a polygon given as its `Boundary`."""
+    triangles = np.asarray(triangles)
+    expected = outline.expected_triangles
+    problems = _bad_indices(outline, triangles)
+    if problems:
+        return Verification(len(triangles), expected, float("nan"), problems)
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    orientation = turns(outline.points, triangles)
+    problems += [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
+    problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
+    loose = unmatched_edges(outline, triangles)
+    junctions: list[tuple[int, Edge]] = []
+    if loose:
+        junctions, gaps = split_edges(outline, loose)
+        problems += [
+            f"gap or overlap along the edge between vertices {a} and {b}" for a, b in gaps[:5]
+        ]
+    if not problems and not junctions and len(triangles) != expected:
+        problems.append(f"{len(triangles)} triangles, expected {expected}")
+    covered = predict(outline.points, triangles)["area"] if len(triangles) else 0.0
+    area_error = covered - boundary_area(outline)
+    return Verification(len(triangles), expected, area_error, problems, junctions)
+
+
+def _bad_indices(outline: Boundary, triangles: np.ndarray) -> list[str]:
+    if triangles.ndim != 2 or triangles.shape[1] != 3:
+        return [f"triangles have shape {triangles.shape}, expected (m, 3)"]
+    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
+        return [f"triangles are {triangles.dtype}, expected integers"]
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(outline.points)):
+        return [
+            f"triangles use vertices {triangles.min()}..{triangles.max()},"
+            f" the polygon has 0..{len(outline.points) - 1}"
+        ]
+    return []
+
+
+def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
+    """Return the directed edges, between sites, that are left when all that match are cancelled.
+
+    A triangle's edge counts +1, a boundary edge -1, and a-b cancels b-a.
+    """
+    size = len(outline.points)
+    corners = outline.site[triangles].astype(np.int64)
+    tails = np.concatenate((corners.ravel(), outline.edges[:, 1]))
+    heads = np.concatenate((np.roll(corners, -1, axis=1).ravel(), outline.edges[:, 0]))
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    keys, which = np.unique(low * size + high, return_inverse=True)
+    balance = np.bincount(which, weights=np.where(tails < heads, 1, -1), minlength=len(keys))
+    loose: Counter[Edge] = Counter()
+    for index in np.flatnonzero(balance).tolist():
+        a, b = divmod(int(keys[index]), size)
+        times = int(balance[index])
+        loose[(a, b) if times > 0 else (b, a)] = abs(times)
+    return loose
+
+
+def split_edges(
+    outline: Boundary, loose: Counter[Edge]
+) -> tuple[list[tuple[int, Edge]], list[Edge]]:
+    """Split unmatched edges at the vertices on them: return (T-junctions, edges still left)."""
+    allowed = tolerance(outline.points)
+    candidates = np.unique(outline.edges)
+    junctions: list[tuple[int, Edge]] = []
+    balance: Counter[Edge] = Counter()
+    for (a, b), times in loose.items():
+        inside = vertices_on(outline.points, candidates, a, b, allowed)
+        junctions += [(vertex, (a, b)) for vertex in inside]
+        chain = [a, *inside, b]
+        for tail, head in pairwise(chain):
+            key, sign = ((tail, head), 1) if tail < head else ((head, tail), -1)
+            balance[key] += sign * times
+    return junctions, [edge for edge, times in balance.items() if times]
+
+
+def vertices_on(
+    points: np.ndarray, candidates: np.ndarray, a: int, b: int, allowed: float
+) -> list[int]:
+    """Return those of `candidates` that lie on the open segment a-b, ordered from a to b."""
+    low = np.minimum(points[a], points[b]) - allowed
+    high = np.maximum(points[a], points[b]) + allowed
+    near = candidates[np.all((points[candidates] >= low) & (points[candidates] <= high), axis=1)]
+    found = [int(v) for v in near if v not in (a, b) and on_segment(points, v, a, b, allowed)]
+    direction = points[b] - points[a]
+    return sorted(found, key=lambda v: float(np.dot(points[v] - points[a], direction)))
