@@ -23,13 +23,13 @@ class UsageError(HarnessError):
     """A name, option or file that cannot be used as given."""
 
 
-class NoRasteriser(HarnessError):
+class NoRasteriser(HarnessError):  # noqa: N818 - says what there is not
     """No rasteriser or device of the requested kind works on this machine."""
 
     exit_code = NO_RASTERISER
 
 
-class NothingMeasured(HarnessError):
+class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
     """Every case was skipped or failed."""
 
     exit_code = NOTHING_MEASURED

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from harness.errors import NoRasteriser, UsageError, unknown
 from harness.rasterisers.base import (
@@ -49,13 +50,19 @@ def _plugins() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
+def _load(reference: str) -> Any:
+    """Import what "module:attribute" names."""
+    module, _, attribute = reference.partition(":")
+    return getattr(import_module(module), attribute)
+
+
 def names() -> list[str]:
     """Return the names of all rasterisers, third parties' included."""
     return [*BUILT_IN, *sorted(set(_plugins()) - set(BUILT_IN))]
 
 
 def get(name: str) -> type[Rasteriser]:
-    """Return the rasteriser class called `name`.
+    """Return the rasteriser class called `name`, or given as "module:class".
 
     Raises
     ------
@@ -63,11 +70,10 @@ def get(name: str) -> type[Rasteriser]:
         if there is none, or a third party's cannot be loaded
     """
     if name in BUILT_IN:
-        module, _, attribute = BUILT_IN[name].partition(":")
-        found = getattr(import_module(module), attribute)
-    elif name in _plugins():
+        found = _load(BUILT_IN[name])
+    elif name in _plugins() or ":" in name:
         try:
-            found = _plugins()[name].load()
+            found = _plugins()[name].load() if name in _plugins() else _load(name)
         except Exception as error:
             raise UsageError(f"rasteriser '{name}' cannot be loaded: {error}") from error
     else:

@@ -8,7 +8,7 @@ So nothing here may import a GL library at module level.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Self
 
@@ -184,18 +184,6 @@ class Rasteriser(ABC):
         if not self.pictured:
             raise UsageError(f"rasteriser {self.name} has no picture")
         return self._image(frame, submission(frame, triangles, options), options)
-
-    def time(
-        self,
-        frame: Frame,
-        triangles: Triangles,
-        options: Options,
-        *,
-        schedule: Callable[[list[Drawing]], Any],
-    ) -> Any:
-        """Time one triangulation alone: `schedule` gets the drawing and decides on the rounds."""
-        with self.prepare(frame, triangles, options) as drawing:
-            return schedule([drawing])
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close
         """Close the device."""

@@ -1,0 +1,206 @@
+"""Carries out a plan: scene -> frame -> triangulations -> counters and times -> records."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from harness import environment, rasterisers
+from harness.errors import UsageError
+from harness.plan import Plan
+from harness.progress import Reporter
+from harness.runner import OpenWorker, Runner, Target
+from harness.store import Record, Store, read_run
+from harness.worker import Worker
+from scenes import Scene, SceneError, load
+from triangulators import UnknownName, full_name
+
+
+@dataclass
+class Outcome:
+    """What became of a run: its folder, its records in the order written, and how it ended."""
+
+    path: Path
+    records: list[Record]
+    interrupted: bool
+
+
+def run(
+    plan: Plan,
+    out: Path,
+    reporter: Reporter,
+    *,
+    resume: bool = False,
+    force: bool = False,
+    open_worker: OpenWorker = Worker,
+) -> Outcome:
+    """Measure all cases of `plan` and store them in the folder `out`.
+
+    resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
+    force : resume even where plan, code or device differ from those of the run
+    open_worker : how processes are made; tests give `Inline` ones
+
+    Raises
+    ------
+    HarnessError
+        if nothing can be measured as asked, or the folder cannot be written
+    """
+    began = time.perf_counter()
+    plan = with_full_names(plan)
+    scene = load_scene(plan, reporter)
+    targets = find_targets(plan)
+    facts = _facts(plan, scene)
+    store, done = _open_store(out, facts, resume=resume, force=force)
+    with store:
+        for warning in facts["warnings"]:
+            reporter.warn(warning)
+        runner = Runner(plan, scene, targets, store, reporter, open_worker, done)
+        runner.seconds["prepare"] = time.perf_counter() - began
+        store.write_facts(facts)
+        try:
+            with _stop_on_interrupt(runner, reporter):
+                runner.go()
+        finally:
+            runner.close()
+            facts["frames"] = runner.frames or facts["frames"]
+            facts["devices"] |= runner.devices
+            facts["seconds"] = {**runner.seconds, "all": time.perf_counter() - began}
+            facts["interrupted"] = runner.stopping
+            store.write_facts(facts)
+    return Outcome(out, list(runner.done.values()), runner.stopping)
+
+
+def with_full_names(plan: Plan) -> Plan:
+    """Return the plan with each triangulator's full name, e.g. optimal:overdraw for optimal.
+
+    Raises
+    ------
+    UsageError
+        if a name is unknown, or given twice
+    """
+    try:
+        names = tuple(full_name(name) for name in plan.triangulators)
+    except UnknownName as error:
+        raise UsageError(str(error)) from error
+    if not names:
+        raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
+    return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+
+
+def load_scene(plan: Plan, reporter: Reporter) -> Scene:
+    """Load the plan's scene and say what it left out.
+
+    Raises
+    ------
+    UsageError
+        if it cannot be loaded
+    """
+    try:
+        scene = load(plan.scene, seed=plan.seed)
+    except SceneError as error:
+        raise UsageError(str(error)) from error
+    for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
+        if notes:
+            which, reason = notes[0]
+            more = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
+            reporter.warn(f"{scene.name}: {verb} {which}: {reason}{more}")
+    return scene
+
+
+def find_targets(plan: Plan) -> list[Target]:
+    """Pair each rasteriser with each of the plan's devices that it can use.
+
+    Raises
+    ------
+    UsageError, NoRasteriser
+        if a name is unknown, or a device that was asked for is not here
+    """
+    return [
+        Target(name, rasterisers.find_device(name, device))
+        for name in plan.rasterisers
+        for device in plan.devices or (None,)
+    ]
+
+
+def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
+    """Return the content of a new run.json."""
+    machine = environment.collect(plan.seed)
+    return {
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "plan": plan.to_json(),
+        "scene": {
+            "name": scene.name,
+            "hash": scene.content_hash,
+            "polygons": len(scene.polygons),
+            "units": scene.units,
+            "description": scene.description,
+            "licence": scene.licence,
+            "credit": scene.credit,
+            "parameters": {key: str(value) for key, value in scene.parameters.items()},
+            "dropped": [list(note) for note in scene.dropped],
+            "repaired": [list(note) for note in scene.repaired],
+        },
+        "environment": machine,
+        "warnings": environment.warnings(machine),
+        "frames": [],
+        "devices": {},
+    }
+
+
+def _open_store(
+    out: Path, facts: dict[str, Any], *, resume: bool, force: bool
+) -> tuple[Store, dict[str, Record]]:
+    """Return the folder to write to and the records that it has, by key."""
+    if not resume:
+        return Store.create(out), {}
+    store = Store.resume(out)
+    before = read_run(out)
+    if not force:
+        _refuse_other(before.facts, facts, out)
+    facts["frames"] = before.facts.get("frames", [])
+    facts["devices"] = before.facts.get("devices", {})
+    facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
+    facts["created"] = before.facts.get("created", facts["created"])
+    return store, {record["key"]: record for record in before.records}
+
+
+def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:
+    """Refuse to mix two experiments in one folder."""
+    differences = [
+        f"plan ({key}: {before['plan'].get(key)} then, {value} now)"
+        for key, value in now["plan"].items()
+        if before.get("plan", {}).get(key) != value
+    ]
+    if before.get("scene", {}).get("hash") != now["scene"]["hash"]:
+        differences.append("the scene's content")
+    if before.get("environment", {}).get("code") != now["environment"]["code"]:
+        differences.append("the code")
+    if before.get("environment", {}).get("cpu") != now["environment"]["cpu"]:
+        differences.append("the machine")
+    if differences:
+        raise UsageError(
+            f"cannot resume {out}: {', '.join(differences)} differ; "
+            "start a new run, or add --force to mix them"
+        )
+
+
+@contextmanager
+def _stop_on_interrupt(runner: Runner, reporter: Reporter) -> Iterator[None]:
+    """Let the first Ctrl-C finish the case in flight; the second one ends at once."""
+
+    def stop(*_: object) -> None:
+        if runner.stopping:
+            raise KeyboardInterrupt
+        runner.stopping = True
+        reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
+
+    before: Callable[..., Any] | int | None = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
