@@ -50,7 +50,7 @@ class OSMesaContext:
         found.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         found.OSMesaGetProcAddress.restype = ctypes.c_void_p
         found.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        found.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p] + 3 * [ctypes.c_int]
+        found.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_int] * 3
         found.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         self._pixels = (ctypes.c_ubyte * (4 * SIDE * SIDE))()
         self._context = next(filter(None, (self._create(*version) for version in VERSIONS)), None)
@@ -108,12 +108,12 @@ class OSMesa(OpenGL):
         return name in cls.known
 
     @classmethod
-    def remedy(cls, name: str | None = None) -> str:
+    def remedy(cls, name: str | None = None) -> str:  # noqa: ARG003 - it has but one
         """Say how to install it."""
         return f"run: {INSTALL} (Mesa 25.1 dropped it)"
 
-    def _open(self, device: Device) -> Any:
+    def _open(self, device: Device) -> Any:  # noqa: ARG002
         return OSMesaContext()
 
-    def _matches(self, device: Device, renderer: str) -> bool:
+    def _matches(self, device: Device, renderer: str) -> bool:  # noqa: ARG002
         return renderer.lower().startswith("llvmpipe")
