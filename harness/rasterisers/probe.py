@@ -1,8 +1,8 @@
 """Ask EGL what it can open: run as a program, in the environment of the device looked for.
 
 `python probe.py hardware` opens each EGL device that is not software, `python probe.py software`
-the first that is, `python probe.py list` none; each prints one JSON object. It stands alone, so that
-it starts quickly and so that a driver that crashes takes only the probe with it.
+the first that is, `python probe.py list` none; each prints one JSON object. It stands alone, so
+that it starts quickly and so that a driver that crashes takes only the probe with it.
 """
 
 from __future__ import annotations
