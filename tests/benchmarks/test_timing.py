@@ -90,5 +90,7 @@ def test_three_percent_more_fragment_work_is_found(llvmpipe):
     ]
     found = sum(ratio.verdict == "slower" for ratio in ratios)
     typical = np.median([ratio.value for ratio in ratios])
-    print(f"\n{extra:.1%} more fragments: found {found} of {COMPARISONS_SLOWER}, ratio {typical:.3f}")
+    print(
+        f"\n{extra:.1%} more fragments: found {found} of {COMPARISONS_SLOWER}, ratio {typical:.3f}"
+    )
     assert found >= 0.9 * COMPARISONS_SLOWER
