@@ -5,21 +5,8 @@ where on its outline they are met. So choosing a tree of neighbouring triangles 
 cuts, holes need no geometry, and the triangulation at hand is one of the polygon's own.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
-
-
-class Unfolded(NamedTuple):
-    """A simple polygon cut out of a triangulation.
-
-    `cycle` (k,) are its corners, counter-clockwise, as indices of points (a point met several
-    times has several corners); `triangles` (k - 2, 3) are positions in `cycle`.
-    """
-
-    cycle: np.ndarray
-    triangles: np.ndarray
 
 
 def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
@@ -27,45 +14,110 @@ def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
 
     triangles: (m, 3), of `count` points, all wound the same way.
     """
-    tails = triangles.astype(np.int64).ravel()
-    heads = np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
-    keys = np.minimum(tails, heads) * count + np.maximum(tails, heads)
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    first = np.flatnonzero(ordered[1:] == ordered[:-1])
-    result = np.full(len(keys), -1, dtype=np.int32)
-    result[order[first]] = order[first + 1] // 3
-    result[order[first + 1]] = order[first] // 3
-    return result.reshape(-1, 3)
+    return _neighbours(np.ascontiguousarray(triangles, dtype=np.int32), count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def _neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
+    # Half-edges are chained by their tail; the twin of a-b is looked for among those that leave b.
+    half_edges = 3 * len(triangles)
+    chain = np.empty(half_edges, dtype=np.int32)
+    latest = np.full(count, -1, dtype=np.int32)
+    result = np.full((len(triangles), 3), -1, dtype=np.int32)
+    for h in range(half_edges):
+        row, e = h // 3, h % 3
+        tail, head = triangles[row, e], triangles[row, (e + 1) % 3]
+        twin = latest[head]
+        while twin >= 0 and triangles[twin // 3, (twin + 1) % 3] != tail:
+            twin = chain[twin]
+        if twin >= 0:
+            result[row, e] = twin // 3
+            result[twin // 3, twin % 3] = row
+        chain[h] = latest[tail]
+        latest[tail] = h
+    return result
+
+
+@njit(cache=True, nogil=True)
+def grow(
+    across: np.ndarray,
+    root: int,
+    most: int,
+    depth_first: bool,
+    turn: int,
+    tree: np.ndarray,
+    rows: np.ndarray,
+) -> int:
+    """Grow a tree of neighbouring triangles from `root`; return how many, `most` or fewer.
+
+    Breadth first makes a compact region, depth first a long one; the edges of a triangle are taken
+    from number `turn` on. Each choice leaves other edges uncrossed, which are the cuts. Writes the
+    triangles to `rows` and marks, in `tree` (m, 3), the edges crossed, from both sides. `tree`
+    comes in without marks.
+    """
+    ahead = np.empty((3 * most + 3, 2), dtype=np.int32)  # (triangle, the one it was reached from)
+    ahead[0, 0], ahead[0, 1] = root, -1
+    first, last, size = 0, 1, 0
+    seen = set([root])
+    seen.clear()
+    while first < last and size < most:
+        if depth_first:
+            last -= 1
+            row, parent = ahead[last, 0], ahead[last, 1]
+        else:
+            row, parent = ahead[first, 0], ahead[first, 1]
+            first += 1
+        if row in seen:
+            continue
+        seen.add(row)
+        rows[size] = row
+        size += 1
+        if parent >= 0:
+            e = 0
+            while across[row, e] != parent:
+                e += 1
+            f = 0
+            while across[parent, f] != row:
+                f += 1
+            tree[row, e] = tree[parent, f] = True
+        for step in range(3):
+            other = across[row, (step + turn) % 3]
+            if other >= 0 and other not in seen:
+                ahead[last, 0], ahead[last, 1] = other, row
+                last += 1
+    return size
+
+
+@njit(cache=True, nogil=True)
 def unfold(
     triangles: np.ndarray, across: np.ndarray, tree: np.ndarray, root: int, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unfold the tree of triangles hanging from `root`; return (cycle, local triangles, rows).
+    """Cut a tree of triangles out; return (cycle, local triangles, outline).
 
-    triangles: (m, 3); across: their `neighbours`; tree: (m, 3) bool, whether the region goes on
-    across that edge (the same from both sides); size: triangles in the region. `rows` (size,) are
-    the rows of `triangles` that the local triangles stand for.
+    triangles: (m, 3); across: their neighbours; tree: (m, 3), as left by `grow`; size: triangles
+    in the tree, that of `root`. With k = size + 2: cycle (k,) holds the corners counter-clockwise,
+    as indices of points; local triangles (size, 3) are the tree's, as positions in the cycle;
+    outline (k,) holds the half-edge 3 * row + e that follows each corner.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the corner next on the outline
+    edge = np.empty(size + 2, dtype=np.int32)  # half-edge to that corner
     local = np.empty((size, 3), dtype=np.int32)
     rows = np.empty(size, dtype=np.int32)
-    start = np.empty(size, dtype=np.int32)  # corner of the row that is its local corner 0
+    entered = np.empty(size, dtype=np.int32)  # edge through which a triangle was reached
     for k in range(3):
         corner[k] = triangles[root, k]
         after[k] = (k + 1) % 3
+        edge[k] = 3 * root + k
         local[0, k] = k
-    rows[0], start[0] = root, -1
+    rows[0], entered[0] = root, -1
     done, known = 0, 1
     while done < known:
         row = rows[done]
         for e in range(3):
-            other = across[row, e]
-            if e == start[done] or not tree[row, e]:
+            if e == entered[done] or not tree[row, e]:
                 continue
+            other = across[row, e]
             tail, head = local[done, e], local[done, (e + 1) % 3]
             entry = 0
             while (
@@ -76,53 +128,74 @@ def unfold(
             apex = known + 2
             corner[apex] = triangles[other, (entry + 2) % 3]
             after[tail], after[apex] = apex, head
-            rows[known], start[known] = other, entry
+            edge[tail] = 3 * other + (entry + 1) % 3
+            edge[apex] = 3 * other + (entry + 2) % 3
+            rows[known], entered[known] = other, entry
             local[known, entry] = head
             local[known, (entry + 1) % 3] = tail
             local[known, (entry + 2) % 3] = apex
             known += 1
         done += 1
     cycle = np.empty(size + 2, dtype=np.int32)
+    outline = np.empty(size + 2, dtype=np.int32)
     place = np.empty(size + 2, dtype=np.int32)
     current = 0
     for position in range(size + 2):
-        cycle[position] = corner[current]
+        cycle[position], outline[position] = corner[current], edge[current]
         place[current] = position
         current = after[current]
     for index in range(size):
         for e in range(3):
             local[index, e] = place[local[index, e]]
-    return cycle, local, rows
+    return cycle, local, outline
 
 
-@njit(cache=True)
-def spanning_tree(across: np.ndarray, root: int, order: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return a tree (m, 3) over the triangles reachable from `root`, and how many they are.
-
-    Depth first, trying the edges of each triangle in the order of `order` (m,), a number 0..5 for
-    each triangle: different numbers give different cuts.
-    """
-    permutations = np.array(
-        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]], dtype=np.int32
-    )
-    tree = np.zeros(across.shape, dtype=np.bool_)
-    seen = np.zeros(len(across), dtype=np.bool_)
-    stack = [(root, -1)]
-    size = 0
-    while len(stack) > 0:
-        row, parent = stack.pop()
-        if seen[row]:
-            continue
-        seen[row] = True
-        size += 1
+@njit(cache=True, nogil=True)
+def fold_back(
+    triangles: np.ndarray,
+    across: np.ndarray,
+    rows: np.ndarray,
+    cycle: np.ndarray,
+    outline: np.ndarray,
+    better: np.ndarray,
+) -> None:
+    """Replace the triangles `rows` by `better` (positions in `cycle`), neighbours included."""
+    size = len(cycle)
+    inner = _neighbours(better, size)
+    row_at = np.empty(size, dtype=np.int32)
+    edge_at = np.empty(size, dtype=np.int32)
+    for index in range(len(rows)):
         for e in range(3):
-            if parent >= 0 and across[row, e] == parent:
-                for f in range(3):
-                    if across[parent, f] == row:
-                        tree[row, e] = tree[parent, f] = True
-                        break
-                break
-        for e in permutations[order[row]]:
-            if across[row, e] >= 0 and not seen[across[row, e]]:
-                stack.append((across[row, e], row))  # noqa: PERF401 - compiled
-    return tree, size
+            position = better[index, e]
+            if inner[index, e] < 0:
+                row_at[position], edge_at[position] = index, e
+    # What lies beyond each outline edge: outside rows stay; across a cut lies another position.
+    by_half_edge = {outline[0]: 0}
+    for position in range(size):
+        by_half_edge[outline[position]] = position
+    beyond = np.empty(size, dtype=np.int32)
+    twin = np.full(size, -1, dtype=np.int32)
+    for position in range(size):
+        row, e = outline[position] // 3, outline[position] % 3
+        beyond[position] = across[row, e]
+        if beyond[position] >= 0:
+            f = 0
+            while triangles[beyond[position], f] != triangles[row, (e + 1) % 3]:
+                f += 1
+            half_edge = np.int32(3 * beyond[position] + f)
+            twin[position] = by_half_edge.get(half_edge, -1 - half_edge)
+    for index in range(len(rows)):
+        for e in range(3):
+            triangles[rows[index], e] = cycle[better[index, e]]
+            if inner[index, e] >= 0:
+                across[rows[index], e] = rows[inner[index, e]]
+    for position in range(size):
+        row, e = rows[row_at[position]], edge_at[position]
+        if beyond[position] < 0:
+            across[row, e] = -1
+        elif twin[position] >= 0:
+            across[row, e] = rows[row_at[twin[position]]]
+        else:
+            across[row, e] = beyond[position]
+            half_edge = -1 - twin[position]
+            across[half_edge // 3, half_edge % 3] = row

@@ -1,0 +1,53 @@
+"""The optimum of one simple polygon, by the table or by visible pairs, whichever is faster."""
+
+import numpy as np
+
+from triangulators.cost import Cost
+from triangulators.dense import box_optimum
+from triangulators.errors import TriangulationError
+from triangulators.predicates import on_grid
+from triangulators.sparse import sparse_optimum
+from triangulators.unfold import neighbours
+from triangulators.visibility import visible_pairs
+
+TABLE_ONLY = 48  # corners; up to here looking for visible pairs costs more than it saves
+_SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by table
+
+
+def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.ndarray:
+    """Return the triangulation (n - 2, 3) of least cost of a simple polygon.
+
+    points: (n, 2), a counter-clockwise cycle, in which a point may be met several times;
+    triangles: (n - 2, 3), some triangulation of it, positions in the cycle; if None, one is found
+    first by the table. Raises `TriangulationError` if there is none.
+
+    Exact for all doubles: the table is used where float64 determinants are exact or no triple
+    fails to turn left, visibility is decided by exact predicates.
+    """
+    n = len(points)
+    if cost.is_box and n <= TABLE_ONLY and on_grid(points):
+        return _by_table(points, cost, 0.0)
+    if triangles is None:
+        triangles = _by_table(points, cost, _flat(points))
+    start, target = visible_pairs(points, triangles, neighbours(triangles, n), n * n)
+    if cost.is_box:
+        seen_from_above = np.bincount(target, minlength=n)
+        tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
+        everything = len(target) == n * (n - 1) // 2
+        if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or on_grid(points)):
+            return _by_table(points, cost, -np.inf if everything else 0.0)
+    return sparse_optimum(points, start, target, cost)
+
+
+def _flat(points: np.ndarray) -> float:
+    """Doubled area below which the sign of a plain float64 determinant is not to be trusted."""
+    if on_grid(points):
+        return 0.0
+    return 8.0 * 2.0**-53 * float(np.ptp(points, axis=0).max()) ** 2
+
+
+def _by_table(points: np.ndarray, cost: Cost, flat: float) -> np.ndarray:
+    best = box_optimum(points, cost.box, flat)
+    if best is None:
+        raise TriangulationError(f"no triangulation of {len(points)} corners found")
+    return best

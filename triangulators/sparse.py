@@ -1,0 +1,182 @@
+"""Minimum-cost triangulation by dynamic programming over visible pairs only.
+
+The same recurrence as `dense`, for any cost, with memory proportional to the visible pairs. Corner
+i is taken in descending order; `row[k]` holds cost(i, k) for the k it sees, and cost(k, j) for each
+j is kept in a list that grows as i descends. So the inner loop reads one list from front to back
+and gathers from one row, and no orientation is tested: three corners that see each other, in the
+order of the cycle, turn left.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from triangulators.cost import BBOX_AREA, HALF_PERIMETER, Cost, triangle_cost
+from triangulators.dense import NONE
+from triangulators.simd import fmin
+
+
+@njit(cache=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
+def _best_box(
+    row: np.ndarray,
+    apex: np.ndarray,
+    column: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ends: tuple[float, float, float, float],
+    by_half_perimeter: float,
+    by_box: float,
+) -> float:
+    """Least cost over the apexes k of a list; `column` holds cost(k, j), x[k] and y[k]."""
+    xi, yi, xj, yj = ends
+    low_x, high_x = min(xi, xj), max(xi, xj)
+    low_y, high_y = min(yi, yj), max(yi, yj)
+    best = NONE
+    cost, x, y = column
+    for r in range(len(apex)):
+        w = max(high_x, x[r]) - min(low_x, x[r])
+        h = max(high_y, y[r]) - min(low_y, y[r])
+        best = fmin(best, row[apex[r]] + cost[r] + by_half_perimeter * (w + h) + by_box * (w * h))
+    return best
+
+
+@njit(cache=True)
+def _best_any(
+    row: np.ndarray,
+    apex: np.ndarray,
+    column: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ends: tuple[float, float, float, float],
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    maximum: bool,
+) -> float:
+    """`_best_box` for any cost, summed or its maximum taken."""
+    xi, yi, xj, yj = ends
+    best = NONE
+    costs, x, y = column
+    for r in range(len(apex)):
+        left, right = row[apex[r]], costs[r]
+        if left >= NONE or (maximum and max(left, right) >= best):
+            continue
+        cost = triangle_cost(weights, function, custom, xi, yi, x[r], y[r], xj, yj)
+        cost = sign * cost if custom else cost
+        total = max(left, right, cost) if maximum else left + right + cost
+        best = min(best, total)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _fill(
+    x: np.ndarray,
+    y: np.ndarray,
+    start: np.ndarray,
+    target: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    maximum: bool,
+    box: np.ndarray,
+    is_box: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (row costs, list starts, list apexes, lists): cost(i, j) by i, and by j."""
+    n, pairs = len(x), start[len(x)]
+    first = np.zeros(n + 1, dtype=np.int64)
+    for p in range(pairs):
+        first[target[p] + 1] += 1
+    for j in range(n):
+        first[j + 1] += first[j]
+    end = first[:n].copy()
+    apex = np.empty(pairs, dtype=np.int32)
+    column = np.empty((3, pairs))
+    row_cost = np.empty(pairs)
+    row = np.full(n, NONE)
+    for i in range(n - 1, -1, -1):
+        for p in range(start[i], start[i + 1]):
+            j = target[p]
+            here = slice(first[j], end[j])
+            entries = (column[0, here], column[1, here], column[2, here])
+            ends = (x[i], y[i], x[j], y[j])
+            if j == i + 1:
+                best = -NONE if maximum else 0.0
+            elif is_box:
+                best = _best_box(row, apex[here], entries, ends, box[0], box[1])
+                best += 2.0 * box[2] * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
+            else:
+                best = _best_any(
+                    row, apex[here], entries, ends, weights, function, custom, sign, maximum
+                )
+            row[j] = row_cost[p] = best
+            apex[end[j]] = i
+            column[0, end[j]], column[1, end[j]], column[2, end[j]] = best, x[i], y[i]
+            end[j] += 1
+        for p in range(start[i], start[i + 1]):
+            row[target[p]] = NONE
+    return row_cost, first, apex, column
+
+
+@njit(cache=True, nogil=True)
+def _trace(
+    x: np.ndarray,
+    y: np.ndarray,
+    start: np.ndarray,
+    target: np.ndarray,
+    filled: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    maximum: bool,
+) -> np.ndarray:
+    """Return the triangles (n - 2, 3) behind what `_fill` found."""
+    row_cost, first, apex, column = filled
+    n = len(x)
+    triangles = np.empty((n - 2, 3), dtype=np.int32)
+    row = np.full(n, NONE)
+    stack = np.empty((n, 2), dtype=np.int32)
+    stack[0, 0], stack[0, 1] = 0, n - 1
+    height, found = 1, 0
+    while height > 0:
+        height -= 1
+        i, j = stack[height, 0], stack[height, 1]
+        if j - i < 2:
+            continue
+        for p in range(start[i], start[i + 1]):
+            row[target[p]] = row_cost[p]
+        best, best_apex = np.inf, -1
+        for r in range(first[j], first[j + 1]):
+            k = apex[r]
+            if k <= i:
+                break
+            if row[k] >= NONE:
+                continue
+            cost = triangle_cost(weights, function, custom, x[i], y[i], x[k], y[k], x[j], y[j])
+            cost = sign * cost if custom else cost
+            total = max(row[k], column[0, r], cost) if maximum else row[k] + column[0, r] + cost
+            if total < best:
+                best, best_apex = total, k
+        for p in range(start[i], start[i + 1]):
+            row[target[p]] = NONE
+        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, best_apex, j
+        found += 1
+        stack[height, 0], stack[height, 1] = i, best_apex
+        stack[height + 1, 0], stack[height + 1, 1] = best_apex, j
+        height += 2
+    return triangles
+
+
+def sparse_optimum(
+    points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost
+) -> np.ndarray:
+    """Return the optimum (n - 2, 3) of a counter-clockwise cycle of points (n, 2).
+
+    start, target: its `visible_pairs`, all of them.
+    """
+    x, y = np.ascontiguousarray(points.T)
+    filled = _fill(x, y, start, target, *cost)
+    weights = cost.weights
+    if cost.is_box:  # as `_fill` counts: the rest is in the pairs, or the same for all
+        weights = np.zeros_like(weights)
+        weights[HALF_PERIMETER], weights[BBOX_AREA] = cost.box[0], cost.box[1]
+    return _trace(x, y, start, target, filled, weights, *cost[1:5])
