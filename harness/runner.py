@@ -309,14 +309,19 @@ class Runner:
         tick: Callable[[float], None] | None = None,
     ) -> Any:
         worker = self._worker(target.label, target.device.environment)
-        return worker.call(
-            function,
-            target.rasteriser,
-            target.device,
-            *arguments,
-            timeout_s=timeout_s or self.plan.timeout_s,
-            tick=tick,
-        )
+        try:
+            return worker.call(
+                function,
+                target.rasteriser,
+                target.device,
+                *arguments,
+                timeout_s=timeout_s or self.plan.timeout_s,
+                tick=tick,
+            )
+        except TaskFailed:
+            # A context that was lost stays lost: what comes next gets a fresh process.
+            self._workers.pop(target.label).close()
+            raise
 
     def _write(self, record: Record) -> None:
         self.store.append(record)
