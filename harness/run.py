@@ -124,18 +124,29 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
 
 
 def find_targets(plan: Plan) -> list[Target]:
-    """Pair each rasteriser with each of the plan's devices that it can use.
+    """Pair each rasteriser with each of the plan's devices that it knows.
+
+    One that knows none of them, such as the CPU reference, runs on its own best device.
 
     Raises
     ------
     UsageError, NoRasteriser
         if a name is unknown, or a device that was asked for is not here
     """
-    return [
-        Target(name, rasterisers.find_device(name, device))
-        for name in plan.rasterisers
-        for device in plan.devices or (None,)
-    ]
+    targets = []
+    known: set[str] = set()
+    for name in plan.rasterisers:
+        kind = rasterisers.get(name)
+        wanted = [device for device in plan.devices if kind.knows(device)]
+        known.update(wanted)
+        targets += [
+            Target(name, rasterisers.find_device(name, device)) for device in wanted or [None]
+        ]
+    strange = [device for device in plan.devices if device not in known]
+    if strange:
+        rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
+        raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
+    return targets
 
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
