@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import OpenWorker, Runner, Target
 from harness.store import Record, Store, read_run
+from harness.triangulation import is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
@@ -84,12 +86,21 @@ def with_full_names(plan: Plan) -> Plan:
         if a name is unknown, or given twice
     """
     try:
-        names = tuple(full_name(name) for name in plan.triangulators)
+        names = tuple(name if _is_foreign(name) else full_name(name) for name in plan.triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
     return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+
+
+def _is_foreign(name: str) -> bool:
+    """Whether `name` is "module:function" of an existing module, which only a worker imports."""
+    module, colon, _ = name.partition(":")
+    try:
+        return bool(colon) and not is_builtin(name) and find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
 
 
 def load_scene(plan: Plan, reporter: Reporter) -> Scene:
@@ -113,18 +124,29 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
 
 
 def find_targets(plan: Plan) -> list[Target]:
-    """Pair each rasteriser with each of the plan's devices that it can use.
+    """Pair each rasteriser with each of the plan's devices that it knows.
+
+    One that knows none of them, such as the CPU reference, runs on its own best device.
 
     Raises
     ------
     UsageError, NoRasteriser
         if a name is unknown, or a device that was asked for is not here
     """
-    return [
-        Target(name, rasterisers.find_device(name, device))
-        for name in plan.rasterisers
-        for device in plan.devices or (None,)
-    ]
+    targets = []
+    known: set[str] = set()
+    for name in plan.rasterisers:
+        kind = rasterisers.get(name)
+        wanted = [device for device in plan.devices if kind.knows(device)]
+        known.update(wanted)
+        targets += [
+            Target(name, rasterisers.find_device(name, device)) for device in wanted or [None]
+        ]
+    strange = [device for device in plan.devices if device not in known]
+    if strange:
+        rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
+        raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
+    return targets
 
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
