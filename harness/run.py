@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from harness import environment, rasterisers
+from harness.bench import Bench, OpenWorker, Target
 from harness.errors import UsageError
 from harness.plan import Plan
 from harness.progress import Reporter
-from harness.runner import OpenWorker, Runner, Target
+from harness.runner import Runner
 from harness.store import Record, Store, read_run
 from harness.triangulation import is_builtin
 from harness.worker import Worker
@@ -61,20 +62,21 @@ def run(
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        runner = Runner(plan, scene, targets, store, reporter, open_worker, done)
-        runner.seconds["prepare"] = time.perf_counter() - began
+        bench = Bench(open_worker, plan.timeout_s)
+        runner = Runner(plan, scene, targets, store, reporter, bench, done)
+        bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
         try:
-            with _stop_on_interrupt(runner, reporter):
+            with stop_on_interrupt(bench, reporter):
                 runner.go()
         finally:
-            runner.close()
+            bench.close()
             facts["frames"] = runner.frames or facts["frames"]
-            facts["devices"] |= runner.devices
-            facts["seconds"] = {**runner.seconds, "all": time.perf_counter() - began}
-            facts["interrupted"] = runner.stopping
+            facts["devices"] |= bench.describe()
+            facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
+            facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(runner.done.values()), runner.stopping)
+    return Outcome(out, list(runner.done.values()), bench.stopping)
 
 
 def with_full_names(plan: Plan) -> Plan:
@@ -137,8 +139,8 @@ def find_targets(plan: Plan) -> list[Target]:
     known: set[str] = set()
     for name in plan.rasterisers:
         kind = rasterisers.get(name)
-        wanted = [device for device in plan.devices if kind.knows(device)]
-        known.update(wanted)
+        wanted: list[str | None] = [device for device in plan.devices if kind.knows(device)]
+        known.update(device for device in plan.devices if kind.knows(device))
         targets += [
             Target(name, rasterisers.find_device(name, device)) for device in wanted or [None]
         ]
@@ -212,13 +214,13 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
 
 
 @contextmanager
-def _stop_on_interrupt(runner: Runner, reporter: Reporter) -> Iterator[None]:
+def stop_on_interrupt(bench: Bench, reporter: Reporter) -> Iterator[None]:
     """Let the first Ctrl-C finish the case in flight; the second one ends at once."""
 
     def stop(*_: object) -> None:
-        if runner.stopping:
+        if bench.stopping:
             raise KeyboardInterrupt
-        runner.stopping = True
+        bench.stopping = True
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
     before: Callable[..., Any] | int | None = signal.signal(signal.SIGINT, stop)
