@@ -116,6 +116,9 @@ class Rasteriser(ABC):
     timed: ClassVar[bool] = True
     pictured: ClassVar[bool] = True
 
+    remark: ClassVar[str] = ""
+    """What a record must say about its figures, if anything."""
+
     known: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of the devices it can run on somewhere, whether or not they work here."""
 

@@ -92,9 +92,15 @@ def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
     return tuple(devices), tuple(problems)
 
 
+def listing() -> dict[str, Any]:
+    """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
+    return _finish(_start("list", {}))
+
+
 def _start(kind: str, environment: dict[str, str]) -> subprocess.Popen[str]:
+    mode = {"gpu": "hardware", "list": "list"}.get(kind, "software")
     return subprocess.Popen(
-        [sys.executable, "-I", str(PROBE), "hardware" if kind == "gpu" else "software"],
+        [sys.executable, "-I", str(PROBE), mode],
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
