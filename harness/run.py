@@ -18,10 +18,13 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import Runner
 from harness.store import Record, Store, read_run
-from harness.triangulation import is_builtin
+from harness.triangulation import SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
+
+Split = Callable[[str, Scene], list[tuple[str, Scene]]]
+"""(label, scene) -> the (label, scene) of each part that is measured by itself."""
 
 
 @dataclass
@@ -41,12 +44,14 @@ def run(
     resume: bool = False,
     force: bool = False,
     open_worker: OpenWorker = Worker,
+    split: Split | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
     resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
     force : resume even where plan, code or device differ from those of the run
     open_worker : how processes are made; tests give `Inline` ones
+    split : how a study takes the scene apart; by default it is measured whole
 
     Raises
     ------
@@ -63,20 +68,28 @@ def run(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         bench = Bench(open_worker, plan.timeout_s)
-        runner = Runner(plan, scene, targets, store, reporter, bench, done)
+        # Of a file only its name: the same file elsewhere is the same scene.
+        label = Path(plan.scene).name
+        parts = split(label, scene) if split else [(label, scene)]
+        frames: list[dict[str, Any]] = []
         bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
         try:
             with stop_on_interrupt(bench, reporter):
-                runner.go()
+                for number, (part_label, part) in enumerate(parts):
+                    if len(parts) > 1:
+                        reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
+                    Runner(
+                        plan, part_label, part, targets, store, reporter, bench, done, frames
+                    ).go()
         finally:
             bench.close()
-            facts["frames"] = runner.frames or facts["frames"]
+            facts["frames"] = frames or facts["frames"]
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(runner.done.values()), bench.stopping)
+    return Outcome(out, list(done.values()), bench.stopping)
 
 
 def with_full_names(plan: Plan) -> Plan:
@@ -88,12 +101,19 @@ def with_full_names(plan: Plan) -> Plan:
         if a name is unknown, or given twice
     """
     try:
-        names = tuple(name if _is_foreign(name) else full_name(name) for name in plan.triangulators)
+        names = tuple(_full_name(name) for name in plan.triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
     return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+
+
+def _full_name(name: str) -> str:
+    base, mark, seed = name.partition(SEED_MARK)
+    if mark and not (base == "random" and seed.isdigit()):
+        raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")
+    return name if _is_foreign(name) else full_name(base) + mark + seed
 
 
 def _is_foreign(name: str) -> bool:

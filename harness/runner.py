@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,13 +45,15 @@ class Group:
 
 @dataclass
 class Runner:
-    """Measures the cases of one plan that have no record yet, and writes their records.
+    """Measures the cases of one plan and scene that have no record yet; writes their records.
 
+    label : the scene's name in records
     done : records by key; those that are ok or skipped are left alone
     frames : what snapping did to the scene, one entry a view, JSON-ready
     """
 
     plan: Plan
+    label: str
     scene: Scene
     targets: list[Target]
     store: Store
@@ -91,8 +92,7 @@ class Runner:
 
     def _case(self, view: View, name: str, target: Target, options: Options) -> Case:
         return Case(
-            # Of a file only its name: the same file elsewhere is the same scene.
-            scene=Path(self.plan.scene).name,
+            scene=self.label,
             scene_hash=self.scene.content_hash,
             view=view,
             triangulator=name,
@@ -147,11 +147,8 @@ class Runner:
             fields = self._time(group, bare, drawn)
         for name, timing in fields.items():
             ready = prepared[name]
-            self.store.write_arrays(
-                group.cases[name].key,
-                {f"predicted_{key}": column for key, column in ready.prediction.columns.items()}
-                | {key: column for key, column in counted[name].items() if column.ndim},
-            )
+            if len(frame.polygons) > 1:  # one polygon's columns are its record's totals
+                self._keep_columns(group.cases[name], ready.prediction, counted[name])
             self._write(
                 records.measured(
                     group.cases[name],
@@ -163,6 +160,11 @@ class Runner:
                     timing,
                 )
             )
+
+    def _keep_columns(self, case: Case, prediction: records.Prediction, counters: Counters) -> None:
+        predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
+        counted = {name: column for name, column in counters.items() if column.ndim}
+        self.store.write_arrays(case.key, predicted | counted)
 
     def _count(
         self, group: Group, frame: Frame, prepared: Mapping[str, Prepared]
