@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import records
+from harness import rasterisers, records
 from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
@@ -78,7 +78,8 @@ class Runner:
     def _groups(self, view: View) -> list[Group]:
         groups = []
         for target in self.targets:
-            for options in self.plan.options:
+            kind = rasterisers.get(target.rasteriser)
+            for options in filter(kind.supports, self.plan.options):
                 cases = {
                     name: self._case(view, name, target, options)
                     for name in self.plan.triangulators
