@@ -1,0 +1,40 @@
+# `make city` and `make test` do everything, set-up included; `make help` lists the rest.
+.DEFAULT_GOAL := help
+.PHONY: help setup city test check format bench lock clean
+
+PY := .venv/bin/python
+LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+    --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
+SOURCES := harness triangulators scenes tests
+
+help:  ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1|/' | column -t -s '|'
+
+setup:  ## make .venv and see that OpenGL works without a screen
+	@scripts/setup.sh
+
+city: setup  ## measure a city of 500 footprints; prints the table, writes results/
+	$(PY) -m harness run --scene city
+
+test: setup  ## run the test suite
+	$(PY) -m pytest
+
+check: setup  ## ruff and mypy
+	$(PY) -m ruff check $(SOURCES)
+	$(PY) -m ruff format --check $(SOURCES)
+	$(PY) -m mypy
+
+format: setup  ## let ruff format the code
+	$(PY) -m ruff check --fix $(SOURCES)
+	$(PY) -m ruff format $(SOURCES)
+
+bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
+	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
+
+lock:  ## pin all packages again, with hashes and without addresses; needs uv
+	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra dev \
+	    --override overrides.txt $(LOCK) -o requirements.lock
+	uv pip compile requirements-data.in --no-deps $(LOCK) -o requirements-data.lock
+
+clean:  ## remove what set-up and tests made
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,46 @@
+"""The command line: `python -m harness`. Commands live in `harness.commands`, one file each."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+from rich.console import Console
+
+from harness import __version__
+from harness.commands import catalogue, run, validate
+from harness.errors import HarnessError
+
+app = typer.Typer(
+    name="harness",
+    help="Measures what a polygon's triangulation costs to rasterise.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+run.add_to(app)
+validate.add_to(app)
+catalogue.add_to(app)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: bool = typer.Option(False, "--version", help="Show the version and exit."),
+) -> None:
+    if version:
+        typer.echo(f"raster-harness {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; errors that a user can cause are one line and an exit code."""
+    try:
+        app()
+    except HarnessError as error:
+        Console(stderr=True, highlight=False).print(
+            f"error: {error}", style="red", markup=False, soft_wrap=True
+        )
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)

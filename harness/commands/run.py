@@ -1,0 +1,194 @@
+"""`harness run`: measure triangulators on a scene."""
+
+from __future__ import annotations
+
+import os
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.errors import NothingMeasured, UsageError
+from harness.frame import View
+from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.run import Outcome
+from harness.run import run as carry_out
+from harness.store import read_run
+from harness.summary import print_summary, write_csv
+from harness.timing import Settings
+
+INTERRUPTED = 130
+"""Exit code of a process that Ctrl-C ended, as shells have it."""
+
+QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+
+
+class Fit(StrEnum):
+    """How the scene is laid on the viewport."""
+
+    box = "box"
+    circle = "circle"
+
+
+class Order(StrEnum):
+    """Order in which triangles are submitted."""
+
+    native = "native"
+    morton = "morton"
+    shuffled = "shuffled"
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """Split a comma-separated option."""
+    return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
+
+
+def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
+    """Read a comma-separated option of numbers; raises UsageError naming `option`."""
+    try:
+        return [kind(part) for part in split_names(text)]
+    except ValueError:
+        raise UsageError(f"{option} {text}: give numbers, separated by commas") from None
+
+
+def run(
+    scene: Annotated[
+        str,
+        typer.Option(
+            help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
+            "GeoPackage, Shapefile, FlatGeobuf, OSM PBF.",
+        ),
+    ] = "",
+    triangulators: Annotated[
+        str, typer.Option(help="Comma-separated; see: harness list triangulators.")
+    ] = ",".join(DEFAULT_TRIANGULATORS),
+    rasterisers: Annotated[
+        str, typer.Option(help="Comma-separated; see: harness list rasterisers.")
+    ] = ",".join(DEFAULT_RASTERISERS),
+    device: Annotated[
+        str, typer.Option(help="Comma-separated devices; the best one by default.")
+    ] = "",
+    resolution: Annotated[
+        str, typer.Option(help="Viewport width and height in pixels; comma-separated.")
+    ] = "1024",
+    rotation: Annotated[
+        str, typer.Option(help="Degrees, counter-clockwise; comma-separated.")
+    ] = "0",
+    fit: Annotated[
+        Fit, typer.Option(help="circle keeps the scale the same at every rotation.")
+    ] = Fit.box,
+    samples: Annotated[
+        str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
+    ] = "1",
+    work: Annotated[
+        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
+    ] = "0",
+    order: Annotated[Order, typer.Option(help="Order of submission.")] = Order.native,
+    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    precision: Annotated[
+        float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
+    ] = Settings.precision,
+    budget: Annotated[
+        float, typer.Option(help="Seconds of drawing a case may cost on average.")
+    ] = Settings.budget_s,
+    timeout: Annotated[
+        float, typer.Option(help="Seconds after which a triangulator or device is given up.")
+    ] = Plan.timeout_s,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; results/<scene>-<time> if absent.")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="Go on with the run in this folder; failed cases are tried again."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Resume even if plan, code or device differ.")
+    ] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> None:
+    """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
+    if out and resume:
+        raise UsageError("--out and --resume name two folders; --resume writes to its own")
+    timing = QUICK if quick else Settings(precision=precision, budget_s=budget)
+    plan = None
+    if resume and not scene:
+        plan = _stored_plan(resume)
+    elif not scene:
+        raise UsageError("--scene is missing; try --scene city, or a file of yours")
+    else:
+        plan = Plan(
+            scene=scene,
+            seed=seed,
+            triangulators=split_names(triangulators),
+            rasterisers=split_names(rasterisers),
+            devices=split_names(device),
+            views=tuple(
+                View(int(size), angle, fit.value)
+                for size in numbers(resolution, "--resolution", int)
+                for angle in numbers(rotation, "--rotation", float)
+            ),
+            options=tuple(
+                Options(samples=int(count), work=int(iterations), order=order.value, seed=seed)
+                for count in numbers(samples, "--samples", int)
+                for iterations in numbers(work, "--work", int)
+            ),
+            timing=timing,
+            timeout_s=timeout,
+        )
+    folder = resume or out or default_folder(plan.scene)
+    reporter = Reporter(quiet=quiet)
+    outcome = carry_out(plan, folder, reporter, resume=resume is not None, force=force)
+    finish(outcome, Console(), reporter)
+
+
+def _stored_plan(folder: Path) -> Plan:
+    facts = read_run(folder).facts
+    try:
+        return Plan.from_json(facts["plan"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
+
+
+def default_folder(scene: str) -> Path:
+    """Return a new folder under results/ for a run of `scene`."""
+    name = "".join(c if c.isalnum() or c in "-_" else "-" for c in Path(scene).stem)
+    return Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+
+
+def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
+    """Show and store what came out; ends the process with the exit code of the design.
+
+    Raises
+    ------
+    NothingMeasured
+        if no case was measured
+    """
+    print_summary(outcome.records, console)
+    write_csv(outcome.records, outcome.path / "summary.csv")
+    measured = [record for record in outcome.records if record["status"] == "ok"]
+    if measured:
+        from harness.plots import plot_run
+
+        with reporter.stage("plotting", 1):
+            plot_run(read_run(outcome.path))
+    console.print(f"results: {os.path.relpath(outcome.path)}", markup=False, soft_wrap=True)
+    if outcome.interrupted:
+        console.print(f"stopped early; go on with: harness run --resume {outcome.path}")
+        raise typer.Exit(INTERRUPTED)
+    if not measured:
+        raise NothingMeasured(
+            "nothing was measured: every case was skipped or failed (reasons above)"
+        )
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(run)

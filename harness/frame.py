@@ -1,0 +1,207 @@
+"""A scene mapped to a viewport: polygons in pixels, y up, on the 1/256 px grid.
+
+GPUs and software rasterisers alike snap window coordinates to a sub-pixel grid, usually of
+1/256 px. Snapping here, before anything is triangulated, makes the geometry that the criteria
+see the geometry that is rasterised, and makes every orientation test on it exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from harness.errors import UsageError
+from triangulators import vertices
+
+SUBPIXEL = 256
+"""Sub-pixel positions per pixel and axis."""
+
+MARGIN_PX = 1.0
+"""Kept free at each side: geometry that is clipped has its seam quads counted twice."""
+
+MAX_RESOLUTION = 16384
+
+
+@dataclass(frozen=True)
+class View:
+    """How a scene is laid on the viewport.
+
+    resolution : width and height of the viewport in pixels
+    rotation : degrees, counter-clockwise, about the scene's centre
+    fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with its
+        enclosing circle, so that the scale is the same at every rotation
+    """
+
+    resolution: int = 1024
+    rotation: float = 0.0
+    fit: Literal["box", "circle"] = "box"
+
+    def __post_init__(self) -> None:
+        if not 8 <= self.resolution <= MAX_RESOLUTION:
+            raise UsageError(f"resolution {self.resolution} is outside 8..{MAX_RESOLUTION} pixels")
+        if not math.isfinite(self.rotation):
+            raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Polygons in pixels, ready to be triangulated and drawn.
+
+    width, height : pixels
+    scale : pixels per scene unit
+    polygons : p polygons; coordinates are multiples of 1/256 px inside the viewport
+    source : (p,) int64, for each polygon its number in the scene
+    points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px
+    offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
+    dropped, repaired : (polygon number in the scene, reason) of what snapping broke
+    """
+
+    width: int
+    height: int
+    scale: float
+    view: View
+    polygons: tuple[Polygon, ...]
+    source: NDArray[np.int64]
+    points: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    dropped: tuple[tuple[int, str], ...] = ()
+    repaired: tuple[tuple[int, str], ...] = ()
+
+    def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the (m,) number of the polygon each row of `triangles` (m, 3) belongs to."""
+        first = triangles[:, 0]
+        return (np.searchsorted(self.offsets, first, side="right") - 1).astype(np.int32)
+
+    def join(self, triangulations: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int32]:
+        """Concatenate one (m_k, 3) triangulation a polygon into one over `points`.
+
+        None leaves the polygon out.
+        """
+        parts = [
+            part + np.int32(start)
+            for part, start in zip(triangulations, self.offsets[:-1], strict=True)
+            if part is not None
+        ]
+        if not parts:
+            return np.empty((0, 3), np.int32)
+        return np.ascontiguousarray(np.concatenate(parts), np.int32)
+
+
+@dataclass
+class _Snapped:
+    """Pieces of one polygon on the grid, and what had to be done to get them."""
+
+    pieces: list[Polygon] = field(default_factory=list)
+    repaired: str | None = None
+    dropped: str | None = None
+
+
+def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
+    """Map polygons (scene units, y up) to the viewport of `view` and snap them.
+
+    Raises
+    ------
+    UsageError
+        if there is no polygon, or they have no extent
+    """
+    if not polygons:
+        raise UsageError("the scene has no polygon to draw")
+    placed, scale = _place(polygons, view)
+    kept: list[Polygon] = []
+    source: list[int] = []
+    dropped: list[tuple[int, str]] = []
+    repaired: list[tuple[int, str]] = []
+    for number, polygon in enumerate(placed):
+        snapped = _snap(polygon)
+        if snapped.dropped:
+            dropped.append((number, snapped.dropped))
+        if snapped.repaired:
+            repaired.append((number, snapped.repaired))
+        kept.extend(snapped.pieces)
+        source.extend([number] * len(snapped.pieces))
+    grid = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in kept]
+    offsets = np.concatenate([[0], np.cumsum([len(part) for part in grid])]).astype(np.int64)
+    return Frame(
+        width=view.resolution,
+        height=view.resolution,
+        scale=scale,
+        view=view,
+        polygons=tuple(kept),
+        source=np.array(source, np.int64),
+        points=np.concatenate(grid) if grid else np.empty((0, 2), np.int32),
+        offsets=offsets,
+        dropped=tuple(dropped),
+        repaired=tuple(repaired),
+    )
+
+
+def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], float]:
+    """Rotate, scale and centre; returns the polygons in px and the scale in px per unit."""
+    west, south, east, north = shapely.total_bounds(np.array(polygons, dtype=object))
+    centre = np.array([(west + east) / 2, (south + north) / 2])
+    angle = math.radians(view.rotation)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    if view.rotation % 90 == 0:
+        turn = np.rint(turn)
+    moved = shapely.transform(np.array(polygons, dtype=object), lambda xy: (xy - centre) @ turn.T)
+    low_x, low_y, high_x, high_y = shapely.total_bounds(moved)
+    if view.fit == "circle":
+        coordinates = shapely.get_coordinates(moved)
+        shift = np.zeros(2)
+        extent = 2 * float(np.sqrt((coordinates**2).sum(axis=1)).max())
+    else:
+        shift = np.array([(low_x + high_x) / 2, (low_y + high_y) / 2])
+        extent = float(max(high_x - low_x, high_y - low_y))
+    if not (math.isfinite(extent) and extent > 0):
+        raise UsageError("the scene's polygons have no extent")
+    scale = (view.resolution - 2 * MARGIN_PX) / extent
+    middle = view.resolution / 2
+    return list(shapely.transform(moved, lambda xy: (xy - shift) * scale + middle)), scale
+
+
+def _snap(polygon: Polygon) -> _Snapped:
+    """Round one polygon in px to the grid; repair or drop it where that breaks it."""
+    rounded, lost = _round_rings(polygon)
+    if rounded is not None and lost == 0 and rounded.is_valid and rounded.area > 0:
+        return _Snapped([shapely.orient_polygons(rounded)])
+    if rounded is not None and rounded.is_valid and rounded.area > 0:
+        reason = f"{lost} vertices coincide on the 1/256 px grid"
+        return _Snapped([shapely.orient_polygons(rounded)], repaired=reason)
+    # Rounding made edges cross or touch: let GEOS node it on the same grid.
+    fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
+    pieces = [
+        shapely.orient_polygons(part)
+        for part in shapely.get_parts(fixed)
+        if isinstance(part, Polygon) and part.area > 0
+    ]
+    if not pieces:
+        return _Snapped(dropped="thinner than the 1/256 px grid: it vanishes")
+    reason = "edges cross on the 1/256 px grid; repaired"
+    if len(pieces) > 1:
+        reason += f" into {len(pieces)} pieces"
+    return _Snapped(pieces, repaired=reason)
+
+
+def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
+    """Round the rings and merge neighbours that coincide.
+
+    Returns the polygon, or None if its exterior collapses, and the number of vertices lost.
+    """
+    before = shapely.get_num_coordinates(polygon)
+    rings = []
+    for position, ring in enumerate([polygon.exterior, *polygon.interiors]):
+        grid = np.rint(shapely.get_coordinates(ring)[:-1] * SUBPIXEL)
+        grid = grid[(grid != np.roll(grid, 1, axis=0)).any(axis=1)]
+        if len(grid) >= 3:
+            rings.append(grid / SUBPIXEL)
+        elif position == 0:
+            return None, before
+    result = Polygon(rings[0], rings[1:])
+    return result, int(before - shapely.get_num_coordinates(result))

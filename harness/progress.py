@@ -1,0 +1,89 @@
+"""How far a run is: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+class Stage:
+    """One stage of a run; `complete` says how many of its steps are done in all."""
+
+    def __init__(self, bars: Progress | None = None, task: TaskID | None = None) -> None:
+        self._bars = bars
+        self._task = task
+        self._done = 0.0
+
+    def complete(self, steps: float) -> None:
+        """Say that `steps` steps are done in all."""
+        self._done = steps
+        if self._bars is not None and self._task is not None:
+            self._bars.update(self._task, completed=steps)
+
+    def advance(self) -> None:
+        """Say that one more step is done."""
+        self.complete(int(self._done) + 1)
+
+
+class Reporter:
+    """Shows what a run does on standard error, so that standard output stays clean.
+
+    Parameters
+    ----------
+    quiet : show nothing but warnings
+    console : for tests; by default standard error
+    """
+
+    def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
+        self.console = console or Console(stderr=True, highlight=False)
+        self._quiet = quiet
+        self._shown: set[str] = set()
+        self._bars = self.console.is_terminal and not os.environ.get("CI") and not quiet
+
+    def say(self, message: str) -> None:
+        """Show one plain line."""
+        if not self._quiet:
+            self.console.print(message, markup=False, soft_wrap=True)
+
+    def once(self, message: str) -> None:
+        """Show one plain line, unless it was shown before."""
+        if message not in self._shown:
+            self._shown.add(message)
+            self.say(message)
+
+    def warn(self, message: str) -> None:
+        """Show one line that is shown with --quiet, too."""
+        self.console.print(f"warning: {message}", markup=False, style="yellow", soft_wrap=True)
+
+    @contextmanager
+    def stage(self, title: str, total: float) -> Iterator[Stage]:
+        """Begin a stage of `total` steps: a bar with the time left, or one line."""
+        if not self._bars:
+            self.say(f"{title} ...")
+            yield Stage()
+            return
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description:<34.34}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=self.console) as bars:
+            task = bars.add_task(title, total=total)
+            yield Stage(bars, task)
+            bars.update(task, completed=total)

@@ -1,0 +1,108 @@
+"""Rasterisers by name; a module is loaded only when its rasteriser is asked for."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from harness.errors import NoRasteriser, UsageError, unknown
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Rasteriser,
+    Sample,
+    Triangles,
+)
+
+__all__ = [
+    "Counters",
+    "Device",
+    "Drawing",
+    "Image",
+    "Options",
+    "Rasteriser",
+    "Sample",
+    "Triangles",
+    "find_device",
+    "get",
+    "names",
+]
+
+GROUP = "raster_harness.rasterisers"
+
+BUILT_IN = {
+    "opengl": "harness.rasterisers.opengl:OpenGL",
+    "osmesa": "harness.rasterisers.osmesa:OSMesa",
+    "bounding-box": "harness.rasterisers.compute:BoundingBox",
+    "scanline": "harness.rasterisers.compute:Scanline",
+    "binning": "harness.rasterisers.binning:Binning",
+    "pyrender": "harness.rasterisers.pyrender:Pyrender",
+    "reference": "harness.rasterisers.reference:Reference",
+}
+
+
+@cache
+def _plugins() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def _load(reference: str) -> Any:
+    """Import what "module:attribute" names."""
+    module, _, attribute = reference.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def names() -> list[str]:
+    """Return the names of all rasterisers, third parties' included."""
+    return [*BUILT_IN, *sorted(set(_plugins()) - set(BUILT_IN))]
+
+
+def get(name: str) -> type[Rasteriser]:
+    """Return the rasteriser class called `name`, or given as "module:class".
+
+    Raises
+    ------
+    UsageError
+        if there is none, or a third party's cannot be loaded
+    """
+    if name in BUILT_IN:
+        found = _load(BUILT_IN[name])
+    elif name in _plugins() or ":" in name:
+        try:
+            found = _plugins()[name].load() if name in _plugins() else _load(name)
+        except Exception as error:
+            raise UsageError(f"rasteriser '{name}' cannot be loaded: {error}") from error
+    else:
+        raise unknown("rasteriser", name, names())
+    if not (isinstance(found, type) and issubclass(found, Rasteriser)):
+        raise UsageError(f"rasteriser '{name}' is not a harness.rasterisers.Rasteriser class")
+    return found
+
+
+def find_device(rasteriser: str, name: str | None = None) -> Device:
+    """Return the device called `name` of a rasteriser; None: the best there is.
+
+    Raises
+    ------
+    UsageError
+        if the rasteriser, or any device of that name, is unknown
+    NoRasteriser
+        if the device exists by name but does not work on this machine
+    """
+    kind = get(rasteriser)
+    devices = kind.devices()
+    if name is None:
+        if devices:
+            return devices[0]
+        raise NoRasteriser(f"{rasteriser}: no device works here; {kind.remedy()}")
+    for device in devices:
+        if device.name == name:
+            return device
+    if kind.knows(name):
+        raise NoRasteriser(f"{rasteriser}: device '{name}' does not work here; {kind.remedy(name)}")
+    raise unknown("device", name, [device.name for device in devices] or kind.known)

@@ -1,0 +1,216 @@
+"""What every rasteriser can be asked, and how a device is described.
+
+A rasteriser lives in a worker process of its own, because its drivers read their settings from
+the environment once, when they are loaded, and because a driver that crashes must cost one case.
+So nothing here may import a GL library at module level.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError, unknown
+from harness.frame import Frame
+from harness.rasterisers.order import submission
+
+Triangles = NDArray[np.int32]
+Image = NDArray[np.uint8]
+Counters = dict[str, NDArray[np.int64]]
+"""Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
+gives a total."""
+
+
+SAMPLES = (1, 4, 8)
+MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
+ORDERS = ("native", "morton", "shuffled")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a frame is drawn, apart from its triangles; recorded with every case.
+
+    samples : samples a pixel, 1 (no multisampling), 4 or 8
+    work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
+    order : order of submission; "native" is the triangulator's, "morton" along a space-filling
+        curve over the triangles' centres, "shuffled" random with `seed`
+    """
+
+    samples: int = 1
+    work: int = 0
+    order: Literal["native", "morton", "shuffled"] = "native"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.samples not in SAMPLES:
+            raise UsageError(f"{self.samples} samples a pixel: choose 1, 4 or 8")
+        if not 0 <= self.work <= MAX_WORK:
+            raise UsageError(f"work {self.work} is outside 0..{MAX_WORK} iterations")
+        if self.order not in ORDERS:
+            raise unknown("order", self.order, ORDERS)
+
+
+@dataclass(frozen=True)
+class Device:
+    """One thing a rasteriser can run on.
+
+    name : as given to --device, e.g. "llvmpipe", "gpu0"
+    software : True where a CPU does the rasterising
+    environment : variables that must be set before the driver is loaded
+    details : vendor, renderer, version strings as the driver reports them, and the like
+    """
+
+    name: str
+    software: bool
+    environment: Mapping[str, str] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Seconds that a batch of equal draws took, by the wall clock and by the GPU's timer.
+
+    gpu is None where the device has no timer.
+    """
+
+    wall: float
+    gpu: float | None = None
+
+
+class Drawing(ABC):
+    """One triangulation of one frame, uploaded and ready to be drawn again and again."""
+
+    @abstractmethod
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` times, wait until the device has finished, and return the time of all."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free what the drawing holds on the device."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Rasteriser(ABC):
+    """Turns triangles into pixels on one device.
+
+    Class attributes say what it can do: `name`; `counters`, the names `count` returns; `timed`,
+    whether `prepare` works; `pictured`, whether `image` works. Construct it only inside a worker
+    process whose environment has been set to the device's.
+
+    An implementation fills in `_count` and, where it can, `_prepare` and `_image`; they get the
+    triangles checked and in the order of submission.
+    """
+
+    name: ClassVar[str]
+    counters: ClassVar[tuple[str, ...]] = ()
+    timed: ClassVar[bool] = True
+    pictured: ClassVar[bool] = True
+
+    shades: ClassVar[bool] = False
+    """Whether it shades fragments, so that samples a pixel and work a fragment mean something."""
+
+    remark: ClassVar[str] = ""
+    """What a record must say about its figures, if anything."""
+
+    known: ClassVar[tuple[str, ...]] = ("cpu",)
+    """Names of the devices it can run on somewhere, whether or not they work here."""
+
+    device: Device
+
+    @classmethod
+    def knows(cls, name: str) -> bool:
+        """Whether `name` is a device of this rasteriser on some machine."""
+        return name in cls.known
+
+    @classmethod
+    def supports(cls, options: Options) -> bool:
+        """Whether it can draw with `options`."""
+        return cls.shades or (options.samples == 1 and options.work == 0)
+
+    @classmethod
+    def remedy(cls, name: str | None = None) -> str:
+        """Say in a clause how to make the device `name`, or any device, work here."""
+        return f"choose one of: {', '.join(cls.known)}" if name else "see `raster-harness doctor`"
+
+    @classmethod
+    @abstractmethod
+    def devices(cls) -> list[Device]:
+        """List what it can run on here, best first; [] where there is none.
+
+        Loads no driver into the calling process.
+        """
+
+    @abstractmethod
+    def __init__(self, device: Device) -> None:
+        """Open the device.
+
+        Raises
+        ------
+        harness.errors.NoRasteriser
+            if it cannot be opened, or turns out to be another device than was asked for
+        """
+
+    def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        """Count, exactly, what drawing `triangles` (m, 3) over `frame.points` costs.
+
+        Raises
+        ------
+        harness.errors.UsageError
+            if the device cannot draw the frame that large, or with these options
+        ValueError
+            if `triangles` is not an integer (m, 3) array of vertices of the frame
+        """
+        return self._count(frame, submission(frame, triangles, options), options)
+
+    def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        """Upload `triangles` for timing; nothing is counted while it is drawn.
+
+        Raises
+        ------
+        harness.errors.UsageError
+            as for `count`, or if the rasteriser is not timed
+        """
+        if not self.timed:
+            raise UsageError(f"rasteriser {self.name} has no time to measure")
+        return self._prepare(frame, submission(frame, triangles, options), options)
+
+    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        """Draw once and return the picture, (height, width, 4) RGBA, top row first.
+
+        Raises
+        ------
+        harness.errors.UsageError
+            as for `count`, or if the rasteriser is not pictured
+        """
+        if not self.pictured:
+            raise UsageError(f"rasteriser {self.name} has no picture")
+        return self._image(frame, submission(frame, triangles, options), options)
+
+    def close(self) -> None:  # noqa: B027 - most have nothing to close
+        """Close the device."""
+
+    @abstractmethod
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters: ...
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        raise NotImplementedError
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        raise NotImplementedError
+
+
+def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sum (m,) values, one a triangle, to (p,), one a polygon of the frame."""
+    totals = np.zeros(len(frame.offsets) - 1, np.int64)
+    np.add.at(totals, frame.owner(triangles), values)
+    return totals

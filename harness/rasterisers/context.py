@@ -1,0 +1,234 @@
+"""An OpenGL context, and the few calls that moderngl has no name for."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import NoRasteriser, UsageError
+
+SAMPLES_PASSED = 0x8914
+TIME_ELAPSED = 0x88BF
+QUERY_RESULT = 0x8866
+SUBPIXEL_BITS = 0x0D50
+MAX_RENDERBUFFER_SIZE = 0x84E8
+MAX_FRAGMENT_STORAGE_BLOCKS = 0x90DA
+
+STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02, "shading_language": 0x8B8C}
+
+MODERN = 450
+"""From this version on everything the shaders need is in core."""
+
+OLDER_EXTENSIONS = (
+    "GL_ARB_shading_language_420pack",
+    "GL_ARB_shader_storage_buffer_object",
+    "GL_ARB_derivative_control",
+    "GL_ARB_ES3_1_compatibility",
+)
+"""What a context older than that must bring instead."""
+
+COMPUTE_EXTENSIONS = (
+    "GL_ARB_compute_shader",
+    "GL_ARB_shader_image_load_store",
+    "GL_ARB_gpu_shader_int64",
+)
+
+
+class Target:
+    """A framebuffer of one RGBA8 colour buffer, freed when nothing refers to it any more."""
+
+    def __init__(
+        self, owner: Context, width: int, height: int, samples: int, idle: Target | None = None
+    ) -> None:
+        ctx = owner.ctx
+        self._owner = owner
+        self._idle = idle
+        self.alive = True
+        self.buffer = ctx.renderbuffer((width, height), 4, samples=samples if samples > 1 else 0)
+        self.framebuffer = ctx.framebuffer(color_attachments=[self.buffer])
+
+    def __del__(self) -> None:
+        if self._owner.closed or not hasattr(self, "framebuffer"):
+            return
+        # moderngl binds again what was bound before, so the one to go must not be that.
+        if self._idle is not None and self._idle.alive:
+            self._owner.activate()
+            self._idle.framebuffer.use()
+        self.framebuffer.release()
+        self.buffer.release()
+        self.alive = False
+
+
+class Context:
+    """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
+
+    backend : a glcontext context, or an object with its methods
+    """
+
+    _current: ClassVar[Context | None] = None
+
+    def __init__(self, backend: Any) -> None:
+        self.ctx = moderngl.create_context(context=backend)
+        Context._current = self
+        self.closed = False
+        self._backend = backend
+        self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
+        self._idle = Target(self, 1, 1, 1)
+        self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
+        self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
+        self._delete_queries = self._function("glDeleteQueries", None, "int", "pointer")
+        self.begin_query = self._function("glBeginQuery", None, "uint", "uint")
+        self.end_query = self._function("glEndQuery", None, "uint")
+        self.query_result = self._function("glGetQueryObjectui64v", None, "uint", "uint", "pointer")
+        self.flush = self._function("glFlush", None)
+        self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
+        self.max_samples = int(self.ctx.max_samples)
+
+    def _function(self, name: str, result: Any, *kinds: str) -> Any:
+        types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
+        address = self._backend.load(name)
+        if not address:
+            raise NoRasteriser(f"the OpenGL driver has no {name}; install a newer one")
+        return ctypes.CFUNCTYPE(result, *(types[kind] for kind in kinds))(address)
+
+    def activate(self) -> None:
+        """Make this the current context."""
+        if Context._current is not self:
+            self._backend.__enter__()
+            Context._current = self
+
+    def strings(self) -> dict[str, str]:
+        """Return vendor, renderer, version and shading language as the driver reports them."""
+        get_string = self._function("glGetString", ctypes.c_char_p, "uint")
+        return {key: (get_string(name) or b"").decode() for key, name in STRINGS.items()}
+
+    def integer(self, name: int) -> int:
+        """Return one integer of the driver's state."""
+        value = (ctypes.c_int * 4)()
+        self._get_integer(name, value)
+        return int(value[0])
+
+    def require(self, *extensions: str) -> None:
+        """Raise NoRasteriser if the driver lacks any of the extensions."""
+        missing = sorted(set(extensions) - set(self.ctx.extensions))
+        if missing:
+            raise NoRasteriser(f"the OpenGL driver lacks {', '.join(missing)}; install a newer one")
+
+    def header(self, *extensions: str) -> str:
+        """Return the lines that every shader starts with on this context."""
+        modern = self.ctx.version_code >= MODERN
+        needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
+        lines = [f"#extension {name} : require" for name in needed]
+        return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
+
+    def buffer(self, array: NDArray[Any]) -> Any:
+        """Upload an array; an empty one gets four bytes, for OpenGL has no empty buffers."""
+        return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
+
+    def program(self, vertex: str, fragment: str) -> Any:
+        """Build a program of two files in shaders/."""
+        header = self.header()
+        return self.ctx.program(
+            vertex_shader=header + shader(vertex), fragment_shader=header + shader(fragment)
+        )
+
+    def compute(self, *names: str, define: str = "") -> Any:
+        """Build a compute shader of files in shaders/, one after another."""
+        header = self.header(*COMPUTE_EXTENSIONS)
+        if define:
+            header += f"#define {define}\n"
+        return self.ctx.compute_shader(header + "".join(shader(name) for name in names))
+
+    def target(self, width: int, height: int, samples: int = 1) -> Target:
+        """Return a framebuffer, shared with whoever uses one of that size now.
+
+        Raises
+        ------
+        UsageError
+            if the device has none that large or with so many samples
+        """
+        if max(width, height) > self.max_size:
+            raise UsageError(
+                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
+            )
+        if samples > max(self.max_samples, 1):
+            raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
+        key = (width, height, samples)
+        target = self._targets.get(key)
+        if target is None:
+            target = self._targets[key] = Target(self, width, height, samples, self._idle)
+        return target
+
+    @contextmanager
+    def queries(self, number: int) -> Iterator[Queries]:
+        """Give `number` query objects for as long as the block runs."""
+        names = (ctypes.c_uint * number)()
+        self._gen_queries(number, names)
+        try:
+            yield Queries(self, list(names))
+        finally:
+            self._delete_queries(number, names)
+
+    def wait(self) -> None:
+        """Wait until the device has done all that was asked of it.
+
+        A query's result is waited for by every driver; zink's glFinish does not wait for what
+        was flushed before it.
+        """
+        with self.queries(1) as queries:
+            queries.begin(0, TIME_ELAPSED)
+            queries.end(TIME_ELAPSED)
+            self.ctx.finish()
+            queries.result(0)
+
+    def check(self, doing: str) -> None:
+        """Raise RuntimeError if OpenGL has noted an error since the last check."""
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise RuntimeError(f"OpenGL error {error} while {doing}")
+
+    def close(self) -> None:
+        """Free the context and all that is in it."""
+        self.closed = True
+        self.ctx.release()
+        Context._current = None
+
+
+class Queries:
+    """Questions to the driver about what is drawn between `begin` and `end`, answered in 64 bits.
+
+    moderngl's own are 32 bits wide: nanoseconds wrap after 4.29 s.
+    """
+
+    def __init__(self, owner: Context, names: list[int]) -> None:
+        self._owner = owner
+        self._names = names
+
+    def begin(self, number: int, target: int) -> None:
+        """Start query `number`; one of each target may run at a time."""
+        self._owner.begin_query(target, self._names[number])
+
+    def end(self, target: int) -> None:
+        """End the query of that target."""
+        self._owner.end_query(target)
+
+    def result(self, number: int) -> int:
+        """Return the answer; waits until the device has it."""
+        value = ctypes.c_uint64()
+        self._owner.query_result(self._names[number], QUERY_RESULT, ctypes.byref(value))
+        return value.value
+
+
+@cache
+def shader(name: str) -> str:
+    """Return the text of a file in shaders/."""
+    return files("harness.rasterisers").joinpath("shaders", f"{name}.glsl").read_text()

@@ -1,0 +1,125 @@
+"""The devices OpenGL can run on through EGL, and the environment each of them needs.
+
+Mesa reads its settings once, when it is loaded, so each kind of device is probed in a process of
+its own; all of them at once, which takes about half a second.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from harness.rasterisers.base import Device
+
+PROBE = Path(__file__).with_name("probe.py")
+PROBE_SECONDS = 20.0
+INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
+INSTALL_VULKAN = "apt-get install -y libvulkan1 mesa-vulkan-drivers"
+
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software")
+
+ICD_FOLDERS = ("/usr/local/share", "/etc", "/usr/share")
+
+
+def is_software(renderer: str) -> bool:
+    """Whether GL_RENDERER names a rasteriser that runs on a CPU."""
+    return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
+
+
+def matches(name: str, renderer: str) -> bool:
+    """Whether GL_RENDERER is the device that `name` asks for."""
+    lowered = renderer.lower()
+    if name.startswith("gpu"):
+        return not is_software(renderer)
+    return lowered.startswith(name)
+
+
+def lavapipe_icd() -> Path | None:
+    """Return the file that tells the Vulkan loader where lavapipe is, None if not installed."""
+    for folder in ICD_FOLDERS:
+        found = sorted(Path(folder, "vulkan", "icd.d").glob("lvp_icd*.json"))
+        if found:
+            return found[0]
+    return None
+
+
+def recipes() -> list[tuple[str, dict[str, str]]]:
+    """Return each kind of device to look for with its environment; of a kind the first counts."""
+    software = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
+    found: list[tuple[str, dict[str, str]]] = [
+        ("gpu", {}),
+        ("llvmpipe", {**software, "GALLIUM_DRIVER": "llvmpipe"}),
+        ("softpipe", {**software, "GALLIUM_DRIVER": "softpipe"}),
+    ]
+    if icd := lavapipe_icd():
+        # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
+        vulkan = {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd)}
+        found.append(("zink", {**software, "GALLIUM_DRIVER": "zink", **vulkan}))
+        # Mesa versions differ in which of the two they heed.
+        override = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LP_NUM_THREADS": "0"}
+        found.append(("zink", {**override, **vulkan}))
+    return found
+
+
+@cache
+def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
+    """Find the devices that open, best first, and what went wrong with the others."""
+    running = [(kind, environment, _start(kind, environment)) for kind, environment in recipes()]
+    devices: list[Device] = []
+    problems: list[str] = []
+    for kind, environment, process in running:
+        result = _finish(process)
+        if any(device.name == kind for device in devices):
+            continue
+        wanted = [found for found in result["devices"] if matches(kind, found["renderer"])]
+        problems.extend(f"{kind}: {problem}" for problem in result["problems"])
+        problems.extend(
+            f"{kind}: EGL opened '{found['renderer']}' instead"
+            for found in result["devices"]
+            if found not in wanted and kind != "gpu"
+        )
+        for number, found in enumerate(wanted):
+            devices.append(
+                Device(
+                    name=f"gpu{number}" if kind == "gpu" else kind,
+                    software=is_software(found["renderer"]),
+                    environment=environment,
+                    details={key: value for key, value in found.items() if key != "software"},
+                )
+            )
+    return tuple(devices), tuple(problems)
+
+
+def listing() -> dict[str, Any]:
+    """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
+    return _finish(_start("list", {}))
+
+
+def _start(kind: str, environment: dict[str, str]) -> subprocess.Popen[str]:
+    mode = {"gpu": "hardware", "list": "list"}.get(kind, "software")
+    return subprocess.Popen(
+        [sys.executable, "-I", str(PROBE), mode],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _finish(process: subprocess.Popen[str]) -> dict[str, Any]:
+    try:
+        out, complaints = process.communicate(timeout=PROBE_SECONDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return {"devices": [], "problems": [f"no answer within {PROBE_SECONDS:.0f} s"]}
+    if process.returncode:
+        last = complaints.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
+        return {"devices": [], "problems": [f"the driver failed: {last[0]}"]}
+    result: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return result

@@ -1,0 +1,156 @@
+"""OpenGL on an EGL device: counted with atomics in one pass, timed in another."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+import numpy as np
+
+from harness.errors import NoRasteriser
+from harness.frame import Frame
+from harness.rasterisers import context
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Sample,
+    Triangles,
+)
+from harness.rasterisers.context import Context, Target
+from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.mesh import Mesh, batches
+from harness.rasterisers.tally import COUNTED, open_tally
+
+STATISTICS = {
+    "driver_vertices_submitted": 0x82EE,
+    "driver_primitives_submitted": 0x82EF,
+    "driver_vertex_invocations": 0x82F0,
+    "driver_clipping_input": 0x82F6,
+    "driver_clipping_output": 0x82F7,
+    "driver_fragment_invocations": 0x82F4,
+}
+"""What ARB_pipeline_statistics_query reports: the driver's opinion, not a count of quads."""
+
+BLOCK_LANES = 16
+"""Lanes llvmpipe shades at once, a 4x4 block; it reports all of them as invocations."""
+
+
+class OpenGL(GLRasteriser):
+    """OpenGL 3.3 or later with storage buffers in fragment shaders, through EGL, no window."""
+
+    name = "opengl"
+    shades = True
+    counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
+
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
+        if self.context.integer(context.MAX_FRAGMENT_STORAGE_BLOCKS) < 1:
+            raise NoRasteriser(f"{device.name} has no storage buffers in fragment shaders")
+        self._draw = self.context.program("draw.vert", "draw.frag")
+        self._tally = open_tally(self.context)
+        self._statistics = (
+            STATISTICS if "GL_ARB_pipeline_statistics_query" in self.ctx.extensions else {}
+        )
+        self.context.check("building the shaders")
+
+    def close(self) -> None:
+        """Free the programs and the context."""
+        self.context.activate()
+        self._draw.release()
+        self._tally.close()
+        super().close()
+
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        self.context.activate()
+        totals = np.zeros((len(frame.offsets) - 1, len(COUNTED)), np.int64)
+        opinion = dict.fromkeys(["samples_passed", *self._statistics], 0)
+        target = self.context.target(frame.width, frame.height, options.samples)
+        for part in batches(frame, triangles):
+            totals += self._tally.count(target, frame, part)
+            for name, value in self._ask(target, frame, part).items():
+                opinion[name] += value
+        self.context.check("counting")
+        counters = {name: totals[:, k].copy() for k, name in enumerate(COUNTED)}
+        counters |= {name: np.array(value, np.int64) for name, value in opinion.items()}
+        if "llvmpipe" in self.device.details["renderer"] and self._statistics:
+            counters["driver_blocks"] = counters["driver_fragment_invocations"] // BLOCK_LANES
+        return counters
+
+    def _ask(self, target: Target, frame: Frame, triangles: Triangles) -> dict[str, int]:
+        """Draw once, without counting: storage writes change what a driver may skip."""
+        targets = {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
+        with (
+            Mesh(self.context, self._draw, target, frame, triangles) as mesh,
+            self.context.queries(len(targets)) as queries,
+        ):
+            mesh.bind()
+            for number, kind in enumerate(targets.values()):
+                queries.begin(number, kind)
+            mesh.draw()
+            for kind in targets.values():
+                queries.end(kind)
+            return {name: queries.result(number) for number, name in enumerate(targets)}
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        self.context.activate()
+        target = self.context.target(frame.width, frame.height, options.samples)
+        mesh = Mesh(self.context, self._draw, target, frame, triangles)
+        return _Timed(self.context, mesh, options.work, self.device.software)
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        self.context.activate()
+        target = self.context.target(frame.width, frame.height, options.samples)
+        target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
+        with Mesh(self.context, self._draw, target, frame, triangles) as mesh:
+            mesh.program["work"] = options.work
+            mesh.bind()
+            mesh.draw()
+        source = target
+        if options.samples > 1:
+            source = self.context.target(frame.width, frame.height)
+            self.ctx.copy_framebuffer(source.framebuffer, target.framebuffer)
+        pixels = np.frombuffer(source.framebuffer.read(components=4), np.uint8)
+        self.context.check("reading the picture")
+        return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
+
+
+class _Timed(Drawing):
+    def __init__(self, owner: Context, mesh: Mesh, work: int, software: bool) -> None:
+        self.context = owner
+        self.mesh = mesh
+        self.work = work
+        self.software = software
+
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` times.
+
+        A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
+        software rasteriser gets one call each and a flush: it collects a frame before it draws,
+        and would leave out tiles of one draw that a later one covers. Each call has a timer of
+        its own, for llvmpipe's knows only the last flush.
+        """
+        calls, instances = (repeats, 1) if self.software else (1, repeats)
+        self.context.activate()
+        self.mesh.program["work"] = self.work
+        self.mesh.bind()
+        self.context.wait()
+        with self.context.queries(calls) as timers:
+            start = time.perf_counter()
+            for call in range(calls):
+                timers.begin(call, context.TIME_ELAPSED)
+                self.mesh.draw(instances)
+                timers.end(context.TIME_ELAPSED)
+                self.context.flush()
+            self.context.ctx.finish()
+            # zink's glFinish does not wait for what was flushed before it; a result does.
+            elapsed = timers.result(calls - 1)
+            wall = time.perf_counter() - start
+            elapsed += sum(timers.result(call) for call in range(calls - 1))
+        self.context.check("timing")
+        return Sample(wall=wall, gpu=elapsed * 1e-9)
+
+    def close(self) -> None:
+        self.mesh.close()

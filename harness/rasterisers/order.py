@@ -1,0 +1,69 @@
+"""The order in which triangles are submitted, the same for every rasteriser.
+
+Caches and early tests of a rasteriser depend on it, so it is a recorded factor of a case.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame
+
+Triangles = NDArray[np.int32]
+
+_SPREAD = (
+    (16, 0x0000FFFF0000FFFF),
+    (8, 0x00FF00FF00FF00FF),
+    (4, 0x0F0F0F0F0F0F0F0F),
+    (2, 0x3333333333333333),
+    (1, 0x5555555555555555),
+)
+
+
+class Order(Protocol):
+    """The part of a case's options that decides on the order."""
+
+    @property
+    def order(self) -> str:
+        """One of native, morton, shuffled."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the shuffle."""
+
+
+def submission(frame: Frame, triangles: Triangles, options: Order) -> Triangles:
+    """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
+
+    Raises
+    ------
+    ValueError
+        if `triangles` is not an integer (m, 3) array of vertices of the frame
+    """
+    array = np.asarray(triangles)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
+    if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
+        raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
+    if options.order == "morton":
+        array = array[np.argsort(_morton(frame, array), kind="stable")]
+    elif options.order == "shuffled":
+        array = np.random.default_rng(options.seed).permutation(array)
+    return np.ascontiguousarray(array, np.int32)
+
+
+def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
+    """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
+    centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
+    x, y = np.maximum(centre, 0).astype(np.uint64).T
+    return _spread(x) | (_spread(y) << np.uint64(1))
+
+
+def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Put a zero bit between any two of the low 32 bits."""
+    for shift, mask in _SPREAD:
+        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
+    return value

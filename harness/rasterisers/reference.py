@@ -1,0 +1,107 @@
+"""The CPU rasteriser that every other one is checked against: exact, and needs no driver."""
+
+from __future__ import annotations
+
+import time
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.frame import Frame
+from harness.rasterisers import spans
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Rasteriser,
+    Sample,
+    Triangles,
+    per_polygon,
+)
+from harness.rasterisers.palette import colours
+
+CPU = Device(name="cpu", software=True)
+
+
+def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArray[np.int64]]:
+    """Predict, from coordinates alone, what each triangle costs; every value is (m,).
+
+    fragments : pixels whose centre the triangle covers
+    quads : 2x2 blocks with such a pixel
+    helper_lanes : lanes of these quads that cover nothing
+    blocks : 4x4 blocks with such a pixel
+    bbox_tests : pixel centres in the bounding box
+    """
+    counts = spans.count_triangles(points, triangles)
+    fragments, quads = counts[:, spans.FRAGMENTS], counts[:, spans.QUADS]
+    return {
+        "fragments": fragments,
+        "quads": quads,
+        "helper_lanes": 4 * quads - fragments,
+        "blocks": counts[:, spans.BLOCKS],
+        "bbox_tests": counts[:, spans.BBOX_TESTS],
+    }
+
+
+class Reference(Rasteriser):
+    """Scan conversion in Numba, row by row, on one core."""
+
+    name = "reference"
+    counters: ClassVar[tuple[str, ...]] = (
+        "fragments",
+        "quads",
+        "helper_lanes",
+        "blocks",
+        "bbox_tests",
+    )
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        """The CPU, on every machine."""
+        return [CPU]
+
+    def __init__(self, device: Device = CPU) -> None:
+        self.device = device
+
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        _one_sample(options)
+        predicted = predict(frame.points, triangles)
+        return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        _one_sample(options)
+        return _Filling(frame, triangles)
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        _one_sample(options)
+        with _Filling(frame, triangles) as filling:
+            filling.sample(1)
+            picture = filling.picture[::-1]
+            return np.ascontiguousarray(picture).view(np.uint8).reshape(*picture.shape, 4)
+
+
+class _Filling(Drawing):
+    def __init__(self, frame: Frame, triangles: Triangles) -> None:
+        self.points = frame.points
+        self.triangles = triangles
+        self.colours = colours(frame.owner(triangles))
+        self.picture = np.zeros((frame.height, frame.width), np.uint32)
+        spans.fill(self.points, self.triangles[:0], self.colours, self.picture)  # compiles
+
+    def sample(self, repeats: int) -> Sample:
+        start = time.perf_counter()
+        for _ in range(repeats):
+            spans.fill(self.points, self.triangles, self.colours, self.picture)
+        return Sample(wall=time.perf_counter() - start)
+
+    def close(self) -> None:
+        self.picture = np.empty((0, 0), np.uint32)
+
+
+def _one_sample(options: Options) -> None:
+    if options.samples != 1:
+        raise UsageError("reference has one sample a pixel; use opengl for multisampling")

@@ -1,0 +1,37 @@
+// Counts fragments, quads and helper lanes of each polygon.
+//
+// Derivatives are differences between the lanes of a 2x2 quad, so those of a flag "I am a helper"
+// tell each lane what its three neighbours are. The first covered lane of a quad counts it.
+
+flat in uint owner;
+flat in vec4 colour;
+
+layout(std430, binding = 0) buffer Counts {
+    uint counts[];  // fragments, quads, helper lanes of polygon 0, of polygon 1, ...
+};
+
+out vec4 fragment;
+
+void main() {
+    float helper = gl_HelperInvocation ? 1.0 : 0.0;
+    bool right = (int(gl_FragCoord.x) & 1) == 1;
+    bool top = (int(gl_FragCoord.y) & 1) == 1;
+    float beside = helper + (right ? -1.0 : 1.0) * dFdxFine(helper);
+    float beyond = helper + (top ? -1.0 : 1.0) * dFdyFine(helper);
+    float across = beside + (top ? -1.0 : 1.0) * dFdyFine(beside);
+
+    // Lanes in the order bottom left, bottom right, top left, top right.
+    bool first = true;
+    if (right && !top) first = beside > 0.5;
+    if (top && !right) first = beyond > 0.5 && across > 0.5;
+    if (top && right) first = beside > 0.5 && beyond > 0.5 && across > 0.5;
+
+    fragment = colour;
+    if (!gl_HelperInvocation) {
+        atomicAdd(counts[3u * owner], 1u);
+        if (first) {
+            atomicAdd(counts[3u * owner + 1u], 1u);
+            atomicAdd(counts[3u * owner + 2u], uint(beside + beyond + across + 0.5));
+        }
+    }
+}

@@ -1,0 +1,153 @@
+"""The table of a run, for a terminal and as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from harness.metrics import METRICS
+from harness.pairs import Ratio, paired_ratio
+from harness.store import Record
+
+BASE = "ear-clipping"
+"""What ratios are given against: the triangulator most programs use today."""
+
+
+COLUMNS = {
+    "helper_lanes": ("helpers", "{:,.0f}"),
+    "bbox_tests": ("tests", "{:,.0f}"),
+    "overshading": ("lanes/px", "{:.3f}"),
+    "draw_ms": ("draw ms", "{:.3f}"),
+}
+"""Metrics of the table, each with its heading and format; 80 characters hold them all."""
+
+WORDS = {"faster": "faster", "slower": "slower", "no difference shown": "no diff."}
+
+
+def group_of(record: Record) -> tuple[Any, ...]:
+    """Return what the records that may be compared with each other have in common."""
+    options = tuple(sorted((record.get("options") or {}).items()))
+    names = ("scene", "rasteriser", "device", "resolution", "rotation")
+    return (*(record.get(name) for name in names), options)
+
+
+def groups(records: Sequence[Record]) -> list[list[Record]]:
+    """Split records into those measured alike but for the triangulator."""
+    ordered = sorted(records, key=lambda record: repr(group_of(record)))
+    return [list(members) for _, members in groupby(ordered, key=group_of)]
+
+
+def time_ratio(record: Record, base: Record | None) -> Ratio | None:
+    """Return the paired ratio of two records' times, None where they are not comparable."""
+    if base is None or record.get("polygons") != base.get("polygons"):
+        return None
+    times, base_times = record.get("time"), base.get("time")
+    if not times or not base_times or times["reference_s"] != base_times["reference_s"]:
+        return None
+    return paired_ratio(times["samples_s"], base_times["samples_s"])
+
+
+def print_summary(records: Sequence[Record], console: Console) -> None:
+    """Print one table for each group, fastest triangulator first, then what went wrong."""
+    for members in groups(records):
+        good = [record for record in members if record["status"] == "ok"]
+        if good:
+            console.print(_table(good))
+        for record in members:
+            if record["status"] != "ok" or record.get("reason"):
+                console.print(_note(record))
+
+
+def _table(records: list[Record]) -> Table:
+    first = records[0]
+    title = (
+        f"{first['scene']}, {first['resolution']} px: {first['rasteriser']} on {first['device']}"
+    )
+    if first["rotation"]:
+        title += f", turned by {first['rotation']:g} degrees"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    table.add_column("triangulator", no_wrap=True)
+    shown = [name for name in COLUMNS if any(METRICS[name](record) for record in records)]
+    for name in shown:
+        table.add_column(COLUMNS[name][0], justify="right", no_wrap=True)
+    table.add_column(f"time vs {BASE}", no_wrap=True)
+    complete = max(record["polygons"] for record in records)
+    base = next((record for record in records if record["triangulator"] == BASE), None)
+    for record in sorted(records, key=lambda record: _rank(record, complete)):
+        cells = [_number(METRICS[name](record), COLUMNS[name][1]) for name in shown]
+        table.add_row(
+            record["triangulator"],
+            *cells,
+            _against(record, base, complete),
+            style="" if record["polygons"] == complete else "dim",
+        )
+    return table
+
+
+def _rank(record: Record, complete: int) -> tuple[bool, float, str]:
+    """Complete triangulations first, then by time, or by quads where nothing was timed."""
+    cost = METRICS["draw_ms"](record)
+    if cost is None:
+        cost = METRICS["quads"](record) or METRICS["bbox_tests"](record) or 0.0
+    return record["polygons"] != complete, cost, record["triangulator"]
+
+
+def _against(record: Record, base: Record | None, complete: int) -> Text:
+    if record is base:
+        return Text("-")
+    if record["polygons"] != complete:
+        return Text(f"({record['polygons']} of {complete} polygons)")
+    ratio = time_ratio(record, base)
+    if ratio is None:
+        return Text("")
+    colour = {"faster": "green", "slower": "red"}.get(ratio.verdict, "")
+    half = (ratio.high - ratio.low) / 2
+    return Text(f"{ratio.value:.3f} ±{half:.3f} {WORDS[ratio.verdict]}", style=colour)
+
+
+def _note(record: Record) -> Text:
+    verb = "" if record["status"] == "ok" else f" {record['status']}"
+    return Text(f"{record['triangulator']} on {record['device']}{verb}: {record['reason']}")
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else form.format(value)
+
+
+def write_csv(records: Sequence[Record], file: Path) -> None:
+    """Write one row a case: its identity, its counters and every metric, as `file`."""
+    import pandas as pd
+
+    rows = []
+    for members in groups(records):
+        base = next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
+        rows += [_row(record, base) for record in members]
+    pd.DataFrame(rows).to_csv(file, index=False)
+
+
+def _row(record: Record, base: Record | None) -> dict[str, Any]:
+    names = ("key", "scene", "triangulator", "rasteriser", "device", "resolution", "rotation")
+    row: dict[str, Any] = {name: record.get(name) for name in names}
+    row |= {name: record.get(name) for name in ("status", "reason", "polygons", "conforming")}
+    row |= dict(record.get("counters") or {})
+    row |= {name: metric(record) for name, metric in METRICS.items() if name not in row}
+    low, high = (record.get("time") or {}).get("ci95_s", (None, None))
+    row |= {
+        "draw_low_ms": None if low is None else low * 1e3,
+        "draw_high_ms": None if high is None else high * 1e3,
+    }
+    ratio = time_ratio(record, base) if record["status"] == "ok" else None
+    if ratio is not None:
+        row |= {
+            "time_ratio": ratio.value,
+            "time_ratio_low": ratio.low,
+            "time_ratio_high": ratio.high,
+            "verdict": ratio.verdict,
+        }
+    return row

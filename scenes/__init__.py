@@ -1,0 +1,12 @@
+"""Where polygons come from: named scenes and any file a user has.
+
+>>> from scenes import load
+>>> city = load("city", buildings=200)
+>>> len(city.polygons), city.units
+(200, 'm')
+"""
+
+from scenes.registry import load, names
+from scenes.scene import Scene, SceneError, UnknownScene
+
+__all__ = ["Scene", "SceneError", "UnknownScene", "load", "names"]

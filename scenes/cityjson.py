@@ -1,0 +1,131 @@
+"""CityJSON: roof and ground surfaces of city models, seen from above."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import shapely
+from numpy.typing import NDArray
+
+from scenes.files import Raw, Source
+from scenes.scene import Note, SceneError
+
+_WANTED = ("RoofSurface", "GroundSurface")
+_FAULTS = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)
+
+
+def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
+    """Surfaces of all city objects, as polygons in plan.
+
+    `layer` is RoofSurface or GroundSurface; both are read by default. Where a model has no
+    semantics, a surface that faces up is a roof and one that faces down is ground. Of an object
+    with several levels of detail the highest is taken. The table has the object's identifier and
+    type, the kind of surface, and its height.
+    """
+    model = _model(source)
+    if source.layer not in (None, *_WANTED):
+        raise SceneError(
+            f"{source.path} has no layer {source.layer!r}; give {' or '.join(_WANTED)}"
+        )
+    wanted = _WANTED if source.layer is None else (source.layer,)
+    try:
+        vertices = _vertices(model)
+        objects = dict(model["CityObjects"])
+    except _FAULTS as error:
+        raise SceneError(f"{source.path} is not sound CityJSON: {_reason(error)}") from error
+    geometries: list[Any] = []
+    labels: list[str] = []
+    rows: list[dict[str, Any]] = []
+    dropped: list[Note] = []
+    for identifier, thing in objects.items():
+        try:
+            for number, (kind, polygon, height) in enumerate(_surfaces(thing, vertices)):
+                if kind in wanted:
+                    geometries.append(polygon)
+                    labels.append(f"{identifier} surface {number}")
+                    kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
+                    rows.append({**kinds, "height": height})
+        except _FAULTS as error:
+            dropped.append((str(identifier), f"is not a sound city object: {_reason(error)}"))
+    crs = _crs(model)
+    yield Raw(geometries, labels, pd.DataFrame(rows), crs, "m", dropped)
+
+
+def _model(source: Source) -> dict[str, Any]:
+    try:
+        model = json.loads(source.path.read_bytes())
+    except (ValueError, RecursionError, OSError) as error:
+        raise SceneError(f"{source.path} is not readable JSON: {error}") from error
+    if not isinstance(model, dict) or model.get("type") != "CityJSON":
+        raise SceneError(f"{source.path} is JSON, but its type is not CityJSON")
+    return model
+
+
+def _reason(error: Exception) -> str:
+    return f"no {error}" if isinstance(error, KeyError) else str(error)
+
+
+def _crs(model: dict[str, Any]) -> str | None:
+    metadata = model.get("metadata")
+    name = metadata.get("referenceSystem") if isinstance(metadata, dict) else None
+    code = str(name).replace("::", ":").replace("/", ":").rpartition(":")[2]
+    return f"EPSG:{code}" if code.isdigit() else None
+
+
+def _vertices(model: dict[str, Any]) -> NDArray[np.float64]:
+    vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
+    if "transform" in model:
+        transform = model["transform"]
+        vertices = vertices * np.array(transform["scale"], dtype=float) + transform["translate"]
+    return vertices
+
+
+def _surfaces(
+    thing: dict[str, Any], vertices: NDArray[np.float64]
+) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
+    """Kind, plan and mean height of each surface of a city object's most detailed geometry."""
+    shapes = [g for g in thing.get("geometry", []) if "boundaries" in g]
+    if not shapes:
+        return
+    shape = max(shapes, key=lambda g: str(g.get("lod", "")))
+    depth = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1}.get(shape["type"])
+    depth = 2 if depth is None and "Solid" in shape["type"] else depth
+    if depth is None:
+        return
+    semantics = shape.get("semantics") or {}
+    kinds = [s.get("type") for s in semantics.get("surfaces", [])]
+    values = _flat(semantics.get("values"), depth)
+    for number, rings in enumerate(_flat(shape["boundaries"], depth)):
+        points = [vertices[_indices(ring, len(vertices))] for ring in rings]
+        kind = (
+            kinds[values[number]] if number < len(values) and values[number] is not None else None
+        )
+        if not kinds:
+            kind = _by_slope(points[0])
+        plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
+        yield kind, plan, float(points[0][:, 2].mean())
+
+
+def _indices(ring: Any, count: int) -> NDArray[np.int64]:
+    indices = np.array(ring, dtype=np.int64)
+    if len(indices) < 3 or indices.min() < 0 or indices.max() >= count:
+        raise ValueError("a ring has fewer than 3 vertices, or one that does not exist")
+    return indices
+
+
+def _flat(nested: Any, depth: int) -> list[Any]:
+    """The surfaces of shells (depth 1) of solids (depth 2), in one list."""
+    for _ in range(depth):
+        nested = [inner for outer in nested or [] for inner in outer or []]
+    return list(nested or [])
+
+
+def _by_slope(ring: NDArray[np.float64]) -> str:
+    """Roof or ground by the direction of the normal's vertical part, by Newell's method."""
+    after = np.roll(ring, -1, axis=0)
+    up = np.sum((ring[:, 0] - after[:, 0]) * (ring[:, 1] + after[:, 1]))
+    return "RoofSurface" if up > 0 else "GroundSurface"

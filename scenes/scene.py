@@ -1,0 +1,70 @@
+"""What a scene is, and the errors that loading one may raise."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Note = tuple[str, str]
+"""(which, reason): one geometry of the source, and what was done to it and why."""
+
+
+class SceneError(Exception):
+    """A scene could not be loaded; the message is one line: what, where, what to do."""
+
+
+class UnknownScene(SceneError):  # noqa: N818 - the name other programs import
+    """No scene has this name; the message suggests the nearest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A named source of polygons in its own units.
+
+    `polygons` are valid, two-dimensional and oriented (exterior counter-clockwise with y up,
+    interiors clockwise); holes are allowed. `dropped` names every geometry of the source that is
+    not among them and `repaired` every one that was changed to make it valid. `attributes`, where
+    the source has any, is a table with one row a polygon.
+    """
+
+    name: str
+    polygons: list[shapely.Polygon]
+    units: str
+    description: str = ""
+    licence: str = ""
+    credit: str = ""
+    parameters: dict[str, Any] = field(default_factory=dict)
+    dropped: list[Note] = field(default_factory=list)
+    repaired: list[Note] = field(default_factory=list)
+    attributes: pd.DataFrame | None = None
+
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}, {len(self.polygons)} polygons, {self.units})"
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256, in hexadecimal, of all coordinates and ring boundaries, in order."""
+        if not self.polygons:
+            return hashlib.sha256(b"").hexdigest()
+        _, coordinates, (rings, polygons) = shapely.to_ragged_array(np.asarray(self.polygons))
+        digest = hashlib.sha256()
+        # + 0.0 turns -0.0 into 0.0: equal coordinates must give equal bytes
+        digest.update((coordinates + 0.0).astype("<f8").tobytes())
+        digest.update(np.asarray(rings).astype("<i8").tobytes())
+        digest.update(np.asarray(polygons).astype("<i8").tobytes())
+        return digest.hexdigest()
+
+    def head(self, limit: int) -> Scene:
+        """The scene cut down to its first `limit` polygons (all of them if it has fewer)."""
+        if limit < 1:
+            raise SceneError(f"limit={limit} leaves no polygon of {self.name}: give 1 or more")
+        attributes = None if self.attributes is None else self.attributes.iloc[:limit]
+        return replace(self, polygons=self.polygons[:limit], attributes=attributes)

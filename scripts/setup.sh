@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# Makes .venv from the two lock files and sees that OpenGL works without a screen.
+# Both steps leave a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
+# Mesa 25.1 dropped OSMesa, so it is a device where present and never required.
+optional_packages=(libosmesa6)
+
+say() { printf 'setup: %s\n' "$*"; }
+fail() { printf 'setup: %s\n' "$1" >&2; exit "${2:-2}"; }
+is_root() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
+
+apt_updated=
+apt_install() {
+    if [ -z "$apt_updated" ]; then
+        apt-get update -q >/dev/null || say "apt-get update failed; trying with the lists at hand"
+        apt_updated=yes
+    fi
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >/dev/null
+}
+
+find_python() {
+    local name
+    for name in "${PYTHON:-}" python3 python3.13 python3.12 python3.11; do
+        [ -n "$name" ] || continue
+        if "$name" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null; then
+            echo "$name"
+            return
+        fi
+    done
+    fail "no Python 3.11 to 3.13 found; install one, or name it: make PYTHON=/path/to/python3 ..."
+}
+
+make_venv() {
+    local python package
+    python=$(find_python)
+    if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
+        package=$("$python" -c 'import sys; print("python3.%d-venv" % sys.version_info[1])')
+        is_root || fail "$python lacks venv; run: sudo apt-get install -y $package"
+        say "installing $package"
+        apt_install "$package"
+    fi
+    [ -x .venv/bin/python ] || { say "creating .venv with $("$python" --version)"; "$python" -m venv .venv; }
+    say "installing the pinned packages (about a minute)"
+    # The list is complete and hashed, so pip need not resolve; it also lets PyOpenGL be newer
+    # than pyrender's own pin.
+    .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes \
+        -r requirements.lock -r requirements-data.lock 2> >(grep -v '^WARNING: Location' >&2)
+    cat requirements.lock requirements-data.lock > .venv/installed.lock
+}
+
+gl_works() {
+    .venv/bin/python - <<'PY' >/dev/null 2>&1
+import ctypes, moderngl
+moderngl.create_context(standalone=True, backend="egl", require=330)
+ctypes.CDLL("libGLU.so.1")
+PY
+}
+
+find_gl() {
+    if ! gl_works; then
+        is_root || fail "no OpenGL driver found; run: sudo apt-get install -y ${gl_packages[*]}" 3
+        say "installing Mesa: ${gl_packages[*]}"
+        apt_install "${gl_packages[@]}" || fail "apt-get install ${gl_packages[*]} failed" 3
+        apt_install "${optional_packages[@]}" || say "without ${optional_packages[*]}: no osmesa device"
+        gl_works || fail "OpenGL still does not work; see: .venv/bin/python -m harness doctor" 3
+    fi
+    touch .venv/gl-works
+}
+
+cat requirements.lock requirements-data.lock | cmp -s - .venv/installed.lock || make_venv
+[ -e .venv/gl-works ] || find_gl

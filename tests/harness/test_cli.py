@@ -1,0 +1,187 @@
+"""The command line as a user meets it: exit codes, one clear line, no traceback."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import main
+from tests.conftest import ROOT
+
+MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
+
+
+@pytest.fixture
+def harness(monkeypatch, capsys, tmp_path):
+    """Run the command line in this process, in an empty folder; returns (exit code, out, err)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["harness", *arguments])
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        return int(end.value.code or 0), captured.out, captured.err
+
+    return call
+
+
+def assert_one_line(err: str, *parts: str) -> None:
+    lines = [line for line in err.strip().splitlines() if line.startswith("error:")]
+    assert len(lines) == 1
+    assert "Traceback" not in err
+    for part in parts:
+        assert part in lines[0]
+
+
+def write(name: str, content: str) -> str:
+    Path(name).write_text(content)
+    return name
+
+
+def features(*rings: list[list[float]]) -> str:
+    return json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "properties": {},
+                    "geometry": {"type": "Polygon", "coordinates": [ring]},
+                }
+                for ring in rings
+            ],
+        }
+    )
+
+
+NAN = float("nan")
+SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
+BOWTIE = [[3, 0], [4, 1], [4, 0], [3, 1], [3, 0]]
+
+
+def test_a_run_measures_and_prints_a_table(harness, block):
+    code, out, _ = harness("run", "--scene", str(block), "--out", "results", *MOCK)
+    assert code == 0
+    assert "optimal:half-perimeter" in out
+    assert "time vs ear-clipping" in out
+    files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
+    assert {"run.json", "cases.jsonl", "summary.csv"} <= files
+    assert "plots/predicted-vs-measured.png" in files
+
+
+def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
+    run = ("run", "--scene", str(block), *MOCK)
+    assert harness(*run, "--out", "results")[0] == 0
+    code, _, err = harness(*run, "--out", "results")
+    assert code == 2
+    assert_one_line(err, "results already holds a run", "--resume")
+    before = Path("results/cases.jsonl").read_text()
+    assert harness("run", "--resume", "results", "--quiet")[0] == 0
+    assert Path("results/cases.jsonl").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--scene", "citty"], ["citty", "city"]),
+        (["--scene", "missing.geojson"], ["missing.geojson"]),
+        (["--scene", "city:bildings=3"], ["bildings", "buildings"]),
+        (["--scene", "city", "--triangulators", "delauney"], ["delauney", "delaunay"]),
+        (["--scene", "city", "--triangulators", "optimal:half"], ["half", "half-perimeter"]),
+        (["--scene", "city", "--rasterisers", "opngl"], ["opngl", "opengl"]),
+        (["--scene", "city", "--device", "lvmpipe"], ["lvmpipe", "llvmpipe"]),
+        (["--scene", "city", "--resolution", "big"], ["--resolution", "big"]),
+        (["--scene", "city", "--resolution", "2"], ["resolution 2"]),
+        (["--scene", "city", "--samples", "3"], ["samples", "3"]),
+        ([], ["--scene"]),
+        (["--resume", "nowhere"], ["nowhere"]),
+        (["--scene", "city", "--out", "/proc/none"], ["/proc/none"]),
+        (["--scene", "city", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(harness, arguments, parts):
+    code, _, err = harness("run", *arguments)
+    assert code == 2
+    assert_one_line(err, *parts)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "parts"),
+    [
+        ("empty.geojson", features(), ["empty.geojson"]),
+        (
+            "nan.geojson",
+            features([[float("nan"), 0], [1, 0], [1, 1], [float("nan"), 0]]),
+            ["nan.geojson"],
+        ),
+        ("not.geojson", "this is no GeoJSON", ["not.geojson"]),
+        (
+            "point.geojson",
+            '{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {},'
+            ' "geometry": {"type": "Point", "coordinates": [1, 2]}}]}',
+            ["point.geojson"],
+        ),
+    ],
+)
+def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, content, parts):
+    write(name, content)
+    code, _, err = harness("run", "--scene", name, *MOCK)
+    assert code == 2
+    assert_one_line(err, *parts)
+
+
+def test_one_bad_polygon_among_many_is_counted_and_named(harness):
+    write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
+    code, _, err = harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK)
+    assert code == 0
+    assert "warning: mixed" in err
+    facts = json.loads(Path("results/run.json").read_text())
+    noted = facts["scene"]["dropped"] + facts["scene"]["repaired"]
+    assert len(noted) == 1
+    assert "1" in noted[0][0]
+
+
+def test_nothing_measured_is_exit_code_4(harness):
+    hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
+    geometry = {"type": "Polygon", "coordinates": hole}
+    feature = {"type": "Feature", "properties": {}, "geometry": geometry}
+    write("hole.geojson", json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    code, out, err = harness("run", "--scene", "hole.geojson", "--triangulators", "fan", *MOCK)
+    assert code == 4
+    assert "skipped" in out
+    assert_one_line(err, "nothing was measured")
+
+
+@pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])
+def test_lists_name_what_there_is(harness, kind):
+    code, out, _ = harness("list", kind)
+    assert code == 0
+    expected = {
+        "scenes": "city",
+        "triangulators": "ear-clipping",
+        "rasterisers": "opengl",
+        "criteria": "half-perimeter",
+        "metrics": "helper_lanes",
+    }
+    assert expected[kind] in out
+
+
+def test_an_unknown_kind_of_list_suggests_the_nearest(harness):
+    code, _, err = harness("list", "scene")
+    assert code == 2
+    assert_one_line(err, "scenes")
+
+
+def test_help_and_version_work_as_a_module():
+    for option, part in (("--help", "run"), ("--version", "raster-harness")):
+        done = subprocess.run(
+            [sys.executable, "-m", "harness", option], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        assert part in done.stdout

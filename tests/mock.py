@@ -1,0 +1,124 @@
+"""A rasteriser with scripted costs, so that scheduling is tested without waiting.
+
+Its time is a clock of its own, which drawing alone moves; its counters follow from the triangles.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Options,
+    Rasteriser,
+    Sample,
+    Triangles,
+)
+
+
+@dataclass
+class Clock:
+    """Seconds that pass only when something is drawn; `speed` may change on the way."""
+
+    now: float = 0.0
+    speed: Callable[[float], float] = lambda now: 1.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def spend(self, seconds: float) -> float:
+        taken = seconds * self.speed(self.now)
+        self.now += taken
+        return taken
+
+
+@dataclass
+class ScriptedDrawing:
+    """Takes `cost` seconds a draw, give or take `noise` of it; notes every call in `log`."""
+
+    name: str
+    cost: float
+    clock: Clock
+    noise: float = 0.0
+    log: list[str] = field(default_factory=list)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        self._random = random.Random(f"{self.name}{self.seed}")
+
+    def sample(self, repeats: int) -> Sample:
+        self.log.append(self.name)
+        factor = max(0.01, self._random.gauss(1.0, self.noise))
+        return Sample(wall=self.clock.spend(self.cost * repeats * factor))
+
+
+class MockDrawing(Drawing):
+    """Costs a microsecond a triangle; draws nothing."""
+
+    def __init__(self, triangles: Triangles) -> None:
+        self._cost = 1e-6 * (1 + len(triangles))
+
+    def sample(self, repeats: int) -> Sample:
+        return Sample(wall=self._cost * repeats)
+
+    def close(self) -> None:
+        pass
+
+
+class MockRasteriser(Rasteriser):
+    """Counts twice a triangle's area as fragments, so any full triangulation gives the same.
+
+    What it does wrong is chosen by the environment variable MOCK_FAULT.
+    """
+
+    name = "mock"
+    known = ("scripted",)
+    counters = ("fragments", "quads", "helper_lanes")
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        return [Device("scripted", software=True)]
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        _fault("count", len(triangles))
+        corners = frame.points[triangles].astype(np.int64)
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        polygons = len(frame.offsets) - 1
+        owner = frame.owner(triangles)
+        fragments = np.zeros(polygons, np.int64)
+        np.add.at(fragments, owner, doubled)
+        quads = fragments + np.bincount(owner, minlength=polygons)
+        return {"fragments": fragments, "quads": quads, "helper_lanes": 4 * quads - fragments}
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        _fault("time", len(triangles))
+        return MockDrawing(triangles)
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
+        return np.zeros((frame.height, frame.width, 4), np.uint8)
+
+
+def _fault(stage: str, triangles: int) -> None:
+    """Fail as told: MOCK_FAULT is "<stage>:<kind>", for an odd number of triangles (but one)."""
+    wanted, _, kind = os.environ.get("MOCK_FAULT", "").partition(":")
+    if wanted != stage or triangles % 2 == 0 or triangles == 1:
+        return
+    if kind == "crash":
+        os.abort()
+    if kind == "hang":
+        time.sleep(3600)
+    raise RuntimeError("scripted failure")

@@ -1,0 +1,99 @@
+"""Frames made by hand, and the real devices the rasterisers are tested on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from harness.frame import Frame, View
+from harness.rasterisers import Options, Rasteriser, find_device, get
+
+Coordinates = list[list[int]]
+MakeFrame = Callable[..., tuple[Frame, np.ndarray]]
+
+
+def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
+    """Make a frame in which each triangle, three rows of `points` in 1/256 px, is a polygon."""
+    points = np.asarray(points, np.int32).reshape(-1, 2)
+    offsets = np.arange(0, len(points) + 1, 3, dtype=np.int64)
+    frame = Frame(
+        width=size,
+        height=size,
+        scale=1.0,
+        view=View(size),
+        polygons=(),
+        source=np.arange(len(offsets) - 1),
+        points=points,
+        offsets=offsets,
+    )
+    return frame, np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+
+
+def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Frame, np.ndarray]:
+    """Triangles small and large, with corners on multiples of `grid`/256 px.
+
+    With a grid of 128 half of the corners are pixel centres, and edges run through more of them.
+    """
+    rng = np.random.default_rng(seed)
+    reach = np.array([4, 16, size // 4, size])[rng.integers(0, 4, number)]
+    low = rng.integers(1, np.maximum(size - 1 - reach, 2)[:, None], (number, 2))
+    steps = rng.integers(0, reach[:, None, None] * 256 // grid + 1, (number, 3, 2))
+    corners = low[:, None] * 256 + steps * grid
+    return loose_triangles(np.clip(corners, 256, (size - 1) * 256), size)
+
+
+@pytest.fixture(scope="session")
+def loose() -> MakeFrame:
+    return loose_triangles
+
+
+@pytest.fixture(scope="session")
+def scattered() -> MakeFrame:
+    return random_triangles
+
+
+@pytest.fixture(scope="session")
+def reference() -> Rasteriser:
+    return get("reference")(find_device("reference"))
+
+
+@pytest.fixture(scope="session")
+def native() -> Options:
+    return Options()
+
+
+@pytest.fixture(scope="session")
+def opened() -> Iterator[Callable[[str], Rasteriser]]:
+    """Open a rasteriser on llvmpipe in this process, each once."""
+    device = find_device("opengl", "llvmpipe")
+    before = {key: os.environ.get(key) for key in device.environment}
+    os.environ.update(device.environment)
+    rasterisers: dict[str, Rasteriser] = {}
+
+    def open_(name: str) -> Rasteriser:
+        if name not in rasterisers:
+            rasterisers[name] = get(name)(device)
+        rasterisers[name].context.activate()
+        return rasterisers[name]
+
+    yield open_
+    for rasteriser in rasterisers.values():
+        rasteriser.context.activate()
+        rasteriser.close()
+    for key, value in before.items():
+        if value is None:
+            del os.environ[key]
+        else:
+            os.environ[key] = value
+
+
+@pytest.fixture
+def llvmpipe(opened: Callable[[str], Rasteriser]) -> Iterator[Rasteriser]:
+    """OpenGL on llvmpipe; no OpenGL error may be pending before or after."""
+    rasteriser = opened("opengl")
+    assert rasteriser.ctx.error == "GL_NO_ERROR"
+    yield rasteriser
+    assert rasteriser.ctx.error == "GL_NO_ERROR"

@@ -1,0 +1,183 @@
+"""OpenGL on llvmpipe against the reference: equal, integer for integer."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness.errors import NoRasteriser, UsageError
+from harness.rasterisers import Device, Options, get
+from harness.rasterisers.mesh import batches
+from harness.rasterisers.opengl import STATISTICS
+from harness.rasterisers.tally import COUNTED
+
+
+@pytest.mark.parametrize("size", [64, 250, 1024])
+@pytest.mark.parametrize("grid", [1, 128])
+def test_counters_equal_the_reference_for_every_polygon(
+    llvmpipe, reference, native, scattered, size, grid
+):
+    frame, triangles = scattered(seed=size + grid, size=size, number=150, grid=grid)
+    drawn = llvmpipe.count(frame, triangles, native)
+    exact = reference.count(frame, triangles, native)
+    for name in COUNTED:
+        assert np.array_equal(drawn[name], exact[name]), name
+    assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
+    assert drawn["samples_passed"] == exact["fragments"].sum()
+    assert drawn["driver_blocks"] == exact["blocks"].sum()
+
+
+half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
+anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
+def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, native, loose, corners):
+    frame, triangles = loose(corners, 32)
+    drawn = llvmpipe.count(frame, triangles, native)
+    exact = reference.count(frame, triangles, native)
+    assert [drawn[name].tolist() for name in COUNTED] == [exact[name].tolist() for name in COUNTED]
+
+
+def test_layers_that_hide_each_other_are_all_counted(llvmpipe, reference, native, loose):
+    layer = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
+    frame, triangles = loose(layer * 20, 256)
+    drawn = llvmpipe.count(frame, triangles, native)
+    exact = reference.count(frame, triangles, native)
+    for name in COUNTED:
+        assert np.array_equal(drawn[name], exact[name]), name
+
+
+def test_image_equals_the_references(llvmpipe, reference, scattered):
+    frame, triangles = scattered(seed=9, size=300, number=60, grid=64)
+    for options in (Options(), Options(order="shuffled", seed=2), Options(order="morton")):
+        drawn = llvmpipe.image(frame, triangles, options)
+        assert np.array_equal(drawn, reference.image(frame, triangles, options))
+
+
+def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe, native, loose):
+    frame, triangles = loose([[300, 300], [15000, 900], [2000, 14000]], 64)
+    one = llvmpipe.count(frame, triangles, native)
+    four = llvmpipe.count(frame, triangles, Options(samples=4))
+    assert four["fragments"][0] > one["fragments"][0]
+    assert 4 * four["quads"][0] == four["fragments"][0] + four["helper_lanes"][0]
+    area = llvmpipe.image(frame, triangles, Options(samples=4))[..., 3].sum() / 255
+    assert area == pytest.approx(four["samples_passed"] / 4, rel=0.01)
+
+
+def test_too_many_samples_name_what_the_device_has(llvmpipe, scattered):
+    frame, triangles = scattered(seed=9, size=64, number=2, grid=64)
+    with pytest.raises(UsageError, match="the device has 4"):
+        llvmpipe.count(frame, triangles, Options(samples=8))
+
+
+def test_fragment_work_costs_time_and_changes_no_pixel(llvmpipe, native, scattered):
+    frame, triangles = scattered(seed=10, size=256, number=30, grid=64)
+    hard = Options(work=200)
+    assert np.array_equal(
+        llvmpipe.image(frame, triangles, native), llvmpipe.image(frame, triangles, hard)
+    )
+    with (
+        llvmpipe.prepare(frame, triangles, native) as light,
+        llvmpipe.prepare(frame, triangles, hard) as heavy,
+    ):
+        light.sample(1), heavy.sample(1)
+        easy = min(light.sample(2).wall for _ in range(3))
+        assert min(heavy.sample(2).wall for _ in range(3)) > 2 * easy
+
+
+def test_time_grows_with_repeats_though_each_draw_hides_the_last(llvmpipe, native, scattered):
+    frame, triangles = scattered(seed=11, size=512, number=100, grid=1)
+    with llvmpipe.prepare(frame, triangles, native) as drawing:
+        drawing.sample(1)
+        once = min(drawing.sample(1).wall for _ in range(5))
+        tenfold = min(drawing.sample(10).wall for _ in range(3))
+    assert tenfold > 5 * once
+
+
+def test_a_gpu_draws_its_repeats_as_instances(llvmpipe, native, loose):
+    """What only a GPU does, on llvmpipe: instances take their share of time, and no error."""
+    frame, triangles = loose([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 30, 256)
+    with llvmpipe.prepare(frame, triangles, native) as drawing:
+        drawing.software = False
+        drawing.sample(1)
+        once = min(drawing.sample(1).wall for _ in range(5))
+        assert min(drawing.sample(10).wall for _ in range(3)) > 4 * once
+
+
+def test_a_timer_that_sees_only_the_last_tile_does_not_pass_for_sane(llvmpipe, native, loose):
+    """Many flushed draws must not let llvmpipe's timer look right by counting all but the last."""
+    frame, triangles = loose([[0, 0], [512 * 256, 0], [0, 512 * 256]], 512)
+    with llvmpipe.prepare(frame, triangles, native) as drawing:
+        drawing.sample(1)
+        sample = drawing.sample(20)
+    assert sample.gpu < 0.5 * sample.wall
+
+
+def test_two_rasterisers_share_a_process(opened, reference, native, scattered):
+    """Each makes its own context current, also while the other's drawings are alive."""
+    frame, triangles = scattered(seed=13, size=128, number=30, grid=1)
+    exact = reference.count(frame, triangles, native)
+    with (
+        opened("opengl").prepare(frame, triangles, native) as drawn,
+        opened("bounding-box").prepare(frame, triangles, native) as walked,
+    ):
+        for _ in range(3):
+            assert drawn.sample(1).wall > 0
+            assert walked.sample(1).wall > 0
+        counted = opened("opengl").count(frame, triangles, native)
+        tested = opened("bounding-box").count(frame, triangles, native)
+    assert np.array_equal(counted["fragments"], exact["fragments"])
+    assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
+
+
+def test_the_driver_reports_what_was_submitted(llvmpipe, native, scattered):
+    frame, triangles = scattered(seed=12, size=64, number=20, grid=1)
+    counters = llvmpipe.count(frame, triangles, native)
+    assert set(STATISTICS) <= set(counters)
+    assert counters["driver_vertices_submitted"] == 60
+    assert counters["driver_primitives_submitted"] == 20
+
+
+def test_no_triangles_cost_nothing(llvmpipe, native, loose):
+    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], 16)
+    nothing = np.empty((0, 3), np.int32)
+    counters = llvmpipe.count(frame, nothing, native)
+    assert all(not values.any() for values in counters.values())
+    assert not llvmpipe.image(frame, nothing, native).any()
+    with llvmpipe.prepare(frame, nothing, native) as drawing:
+        assert drawing.sample(2).wall >= 0
+
+
+def test_batches_cannot_overflow_32_bits(loose):
+    layer = [[256, 256], [16383 * 256, 256], [256, 16383 * 256]]
+    frame, triangles = loose(layer * 40, 16384)
+    parts = batches(frame, triangles)
+    assert np.array_equal(np.concatenate(parts), triangles)
+    assert max(len(part) for part in parts) * 16384**2 < 2**32
+    assert len(parts) > 1
+
+
+def test_a_frame_larger_than_the_device_is_refused(llvmpipe, native, scattered):
+    frame, triangles = scattered(seed=1, size=64, number=2, grid=1)
+    huge = type(frame)(**{**vars(frame), "width": 40000, "height": 40000})
+    with pytest.raises(UsageError, match="40000x40000 px is more than"):
+        llvmpipe.count(huge, triangles, native)
+
+
+def test_another_renderer_than_asked_for_is_refused(llvmpipe):
+    details = llvmpipe.device.details
+    with pytest.raises(NoRasteriser, match="asked for gpu0, but OpenGL opened 'llvmpipe"):
+        get("opengl")(Device("gpu0", software=False, environment={}, details=details))
+
+
+def test_a_device_whose_environment_is_not_set_is_refused():
+    device = Device("llvmpipe", True, {"HARNESS_TEST_VARIABLE": "1"}, {"egl_index": 0})
+    assert "HARNESS_TEST_VARIABLE" not in os.environ
+    with pytest.raises(NoRasteriser, match="HARNESS_TEST_VARIABLE=1 before its driver loads"):
+        get("opengl")(device)

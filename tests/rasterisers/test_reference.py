@@ -1,0 +1,142 @@
+"""The reference rasteriser against a second implementation, pixel by pixel in Python integers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.errors import UsageError
+from harness.rasterisers import Options
+from harness.rasterisers.palette import colours
+from harness.rasterisers.reference import predict
+
+SIZE = 16
+
+
+def covered(corners) -> np.ndarray:
+    """Evaluate the edge functions of one triangle at every pixel centre, (SIZE, SIZE) bool."""
+    a, b, c = [(int(x), int(y)) for x, y in corners]
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if area == 0:
+        return np.zeros((SIZE, SIZE), bool)
+    ring = [a, b, c] if area > 0 else [a, c, b]
+
+    def inside(x, y):
+        for k in range(3):
+            (x0, y0), (x1, y1) = ring[k], ring[(k + 1) % 3]
+            dx, dy = x1 - x0, y1 - y0
+            side = dx * (256 * y + 128 - y0) - dy * (256 * x + 128 - x0)
+            if side < 0 or (side == 0 and not (dy < 0 or (dy == 0 and dx > 0))):
+                return False
+        return True
+
+    return np.array([[inside(x, y) for x in range(SIZE)] for y in range(SIZE)])
+
+
+def blocks_touched(mask: np.ndarray, side: int) -> int:
+    return int(mask.reshape(SIZE // side, side, SIZE // side, side).any(axis=(1, 3)).sum())
+
+
+corner = st.tuples(*[st.integers(0, SIZE * 256)] * 2)
+half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.lists(corner | half_pixel, min_size=3, max_size=3))
+def test_every_count_equals_a_pixel_by_pixel_evaluation(corners):
+    mask = covered(corners)
+    points = np.array(corners, np.int32)
+    counts = predict(points, np.array([[0, 1, 2]], np.int32))
+    assert counts["fragments"][0] == mask.sum()
+    assert counts["quads"][0] == blocks_touched(mask, 2)
+    assert counts["blocks"][0] == blocks_touched(mask, 4)
+    assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
+    centres = 256 * np.arange(SIZE) + 128
+    within = (points.min(axis=0) <= centres[:, None]) & (centres[:, None] <= points.max(axis=0))
+    assert counts["bbox_tests"][0] == within.sum(axis=0).prod()
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.lists(half_pixel, min_size=4, max_size=4, unique=True))
+def test_triangles_that_share_an_edge_share_no_pixel_and_leave_no_gap(corners):
+    a, b, c, d = corners
+    turn_c = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    turn_d = (b[0] - a[0]) * (d[1] - a[1]) - (b[1] - a[1]) * (d[0] - a[0])
+    if turn_c * turn_d >= 0:
+        return  # both on one side of a-b: they overlap
+    points = np.array(corners, np.int32)
+    pair = predict(points, np.array([[0, 1, 2], [0, 1, 3]], np.int32))["fragments"].sum()
+    union = np.logical_or(covered([a, b, c]), covered([a, b, d])).sum()
+    assert pair == union
+
+
+def test_a_square_on_pixel_edges_is_drawn_exactly(reference, native, loose):
+    side = 5 * 256
+    frame, triangles = loose([[256, 256], [256 + side, 256], [256, 256 + side]], SIZE)
+    counters = reference.count(frame, triangles, native)
+    # Rows of 4, 3, 2, 1 whole pixels and the diagonal's, whose centres the right edge leaves out.
+    assert counters["fragments"].tolist() == [4 + 3 + 2 + 1]
+    assert counters["bbox_tests"].tolist() == [25]
+
+
+def test_counts_are_per_polygon_and_do_not_depend_on_order(reference, scattered):
+    frame, triangles = scattered(seed=3, size=64, number=50, grid=1)
+    native = reference.count(frame, triangles, Options())
+    assert native["fragments"].shape == (50,)
+    for order in ("morton", "shuffled"):
+        other = reference.count(frame, triangles, Options(order=order, seed=5))
+        for name, values in native.items():
+            assert np.array_equal(values, other[name]), name
+
+
+def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference, native, loose):
+    frame, triangles = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+    picture = reference.image(frame, triangles, native)
+    assert picture.shape == (SIZE, SIZE, 4)
+    mask = covered(frame.points)[::-1]
+    colour = colours(np.zeros(1, np.int32)).view(np.uint8)
+    assert (picture[mask] == colour).all()
+    assert not picture[~mask].any()
+
+
+def test_no_triangles_cost_nothing(reference, native, loose):
+    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+    nothing = np.empty((0, 3), np.int32)
+    assert all(
+        values.tolist() == [0] for values in reference.count(frame, nothing, native).values()
+    )
+    assert not reference.image(frame, nothing, native).any()
+
+
+def test_time_grows_with_repeats(reference, native, scattered):
+    frame, triangles = scattered(seed=4, size=512, number=200, grid=1)
+    with reference.prepare(frame, triangles, native) as drawing:
+        drawing.sample(1)
+        once = min(drawing.sample(1).wall for _ in range(5))
+        tenfold = min(drawing.sample(10).wall for _ in range(5))
+    assert 4 * once < tenfold
+
+
+def test_multisampling_is_refused_in_one_line(reference, scattered):
+    frame, triangles = scattered(seed=4, size=64, number=2, grid=1)
+    with pytest.raises(UsageError, match="one sample a pixel"):
+        reference.count(frame, triangles, Options(samples=4))
+
+
+@pytest.mark.parametrize(
+    ("triangles", "message"),
+    [
+        (np.zeros((2, 4), np.int32), r"\(m, 3\)"),
+        (np.zeros((2, 3)), r"integer"),
+        (np.array([[0, 1, 3]]), r"outside 0\.\.2"),
+        (np.array([[0, 1, -1]]), r"outside 0\.\.2"),
+    ],
+)
+def test_what_is_not_a_triangulation_of_the_frame_is_refused(
+    reference, native, loose, triangles, message
+):
+    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], SIZE)
+    with pytest.raises(ValueError, match=message):
+        reference.count(frame, triangles, native)

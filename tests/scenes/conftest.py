@@ -1,0 +1,56 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+
+SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
+BOW_TIE = [[0, 0], [6, 8], [6, 0], [0, 8], [0, 0]]
+
+
+def shared_polygons(name: str) -> list[shapely.Polygon]:
+    """Polygons of a data file beside the repository; the test is skipped where it is absent."""
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"{path} is absent")
+    rows = json.loads(path.read_text())
+    return [shapely.Polygon(row["rings"][0], row["rings"][1:]) for row in rows]
+
+
+def feature(coordinates: Any, kind: str = "Polygon", **properties: Any) -> dict[str, Any]:
+    geometry = None if coordinates is None else {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+@pytest.fixture
+def geojson(tmp_path: Path) -> Callable[..., str]:
+    """Write features to a planar GeoJSON file and return its path."""
+
+    def write(*features: dict[str, Any], name: str = "some.geojson", planar: bool = True) -> str:
+        collection: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
+        if planar:
+            collection["crs"] = {"type": "name", "properties": {"name": "EPSG:3857"}}
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(collection))
+        return str(path)
+
+    return write
+
+
+def assert_sound(polygons: list[shapely.Polygon]) -> None:
+    """What a scene promises of every polygon."""
+    array = np.asarray(polygons)
+    assert len(array) > 0
+    assert shapely.is_valid(array).all()
+    assert not shapely.has_z(array).any()
+    assert (shapely.area(array) > 0).all()
+    for polygon in polygons:
+        assert isinstance(polygon, shapely.Polygon)
+        assert polygon.exterior.is_ccw
+        assert not any(ring.is_ccw for ring in polygon.interiors)

@@ -1,0 +1,226 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+from scenes import SceneError, load
+from scenes.files import read_chunks
+from tests.scenes.conftest import BOW_TIE, SQUARE, assert_sound, feature
+
+POLYGONS = [
+    shapely.box(0, 0, 10, 10),
+    shapely.Polygon([(20, 0), (30, 0), (30, 9)]),
+    shapely.Polygon(shapely.box(0, 20, 9, 29).exterior, [shapely.box(3, 23, 6, 26).exterior]),
+]
+
+
+def write(path: Path, geometries=POLYGONS, layer=None, crs="EPSG:3067", **options) -> str:
+    names = np.array([f"house {i}" for i in range(len(geometries))], dtype=object)
+    height = np.arange(len(geometries)) * 3.5
+    pyogrio.raw.write(
+        path,
+        shapely.to_wkb(np.asarray(geometries)),
+        [names, height],
+        ["name", "height"],
+        geometry_type=options.pop("geometry_type", "Polygon"),
+        crs=crs,
+        layer=layer,
+        **options,
+    )
+    return str(path)
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".gpkg", ".shp", ".fgb", ".gml", ".geojsonl"])
+def test_formats_of_gdal(tmp_path, suffix):
+    crs = "EPSG:4326" if suffix == ".geojsonl" else "EPSG:3067"
+    scene = load(write(tmp_path / f"houses{suffix}", crs=crs), project=False)
+    assert_sound(scene.polygons)
+    assert sorted(p.area for p in scene.polygons) == pytest.approx([45, 72, 100])
+    assert sorted(scene.attributes["height"]) == [0.0, 3.5, 7.0]
+    by_name = dict(zip(scene.attributes["name"], scene.polygons, strict=True))
+    assert by_name["house 2"].equals(POLYGONS[2])
+
+
+def test_openstreetmap(tmp_path):
+    """GDAL writes no OSM files, so this one is in OSM's own XML; the PBF shares its code path."""
+    nodes = [(24.9, 60.1), (24.901, 60.1), (24.901, 60.101), (24.9, 60.101)]
+    lines = [
+        f'<node id="{i}" lat="{y}" lon="{x}" version="1"/>' for i, (x, y) in enumerate(nodes, 1)
+    ]
+    refs = "".join(f'<nd ref="{i}"/>' for i in (1, 2, 3, 4, 1))
+    way = f'<way id="7" version="1">{refs}<tag k="building" v="yes"/></way>'
+    path = tmp_path / "town.osm"
+    path.write_text(f'<osm version="0.6">{"".join(lines)}{way}</osm>')
+    scene = load(path)
+    assert scene.units == "m"
+    assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
+
+
+def test_geographic_coordinates_become_metres(geojson):
+    # a square kilometre at 60 degrees north, by the lengths of a degree on WGS 84
+    east, north = 1000 / 55_800, 1000 / 111_412
+    ring = [[25, 60], [25 + east, 60], [25 + east, 60 + north], [25, 60 + north], [25, 60]]
+    scene = load(geojson(feature([ring]), planar=False))
+    assert scene.units == "m"
+    assert scene.polygons[0].area == pytest.approx(1e6, rel=0.002)
+    assert np.abs(shapely.get_coordinates(scene.polygons)).max() < 800
+
+
+def test_planar_coordinates_without_a_reference_system_stay(geojson):
+    ring = [[x + 386_000, y + 6_672_000] for x, y in SQUARE]
+    scene = load(geojson(feature([ring]), planar=False))
+    assert scene.polygons[0].bounds == (386_000, 6_672_000, 386_010, 6_672_010)
+
+
+def test_every_geometry_left_out_or_changed_is_named(geojson):
+    scene = load(
+        geojson(
+            feature([SQUARE], name="good"),
+            feature([BOW_TIE], name="bow tie"),
+            feature(None, name="nothing"),
+            feature([1, 2], "Point"),
+            feature([[[0, 0], [5, 5], [9, 9], [0, 0]]], name="flat"),
+            feature(
+                [[SQUARE], [[[40, 0], [50, 0], [50, 10], [40, 0]]]], "MultiPolygon", name="two"
+            ),
+        )
+    )
+    assert_sound(scene.polygons)
+    assert len(scene.polygons) == 1 + 2 + 2
+    assert list(scene.attributes["name"]) == ["good", "bow tie", "bow tie", "two", "two"]
+    dropped = dict(scene.dropped)
+    assert dropped["feature 2"] == "empty geometry"
+    assert dropped["feature 3"] == "is a Point, not a polygon"
+    assert "feature 4" in dropped
+    assert len(scene.dropped) == 3
+    assert scene.repaired == [
+        ("feature 1", "self-intersects at 3.0 4.0; repaired into 2 polygon(s)")
+    ]
+
+
+def test_nan_is_dropped_and_a_file_of_nothing_else_refused(tmp_path):
+    text = '{"type":"FeatureCollection","features":[%s]}'
+    one = '{"type":"Feature","properties":{},"geometry":{"type":"Polygon","coordinates":[[%s]]}}'
+    good, bad = one % "[0,0],[1,0],[1,1],[0,0]", one % "[0,0],[1,NaN],[1,1],[0,0]"
+    (tmp_path / "some.geojson").write_text(text % f"{good},{bad}")
+    scene = load(tmp_path / "some.geojson")
+    assert len(scene.polygons) == 1
+    assert scene.dropped == [("feature 1", "has a NaN or infinite coordinate")]
+    (tmp_path / "all.geojson").write_text(text % bad)
+    with pytest.raises(SceneError, match=r"no usable polygon: feature 0 has a NaN"):
+        load(tmp_path / "all.geojson")
+
+
+def test_heights_are_dropped(geojson):
+    ring = [[x, y, 5.0] for x, y in SQUARE]
+    assert_sound(load(geojson(feature([ring]))).polygons)
+
+
+def test_unclosed_ring_is_closed_and_noted(geojson):
+    scene = load(geojson(feature([SQUARE[:-1]])))
+    assert scene.polygons[0].area == 100
+    assert scene.repaired == [("feature 0", "has a ring that is not closed; closed")]
+
+
+def test_layers_and_conditions(tmp_path):
+    path = write(tmp_path / "town.gpkg", POLYGONS[:1], "houses")
+    write(Path(path), POLYGONS[1:], "parks", append=True)
+    assert len(load(path).polygons) == 1
+    assert len(load(path, layer="parks").polygons) == 2
+    assert len(load(f"{path}:layer=parks,where=height > 1").polygons) == 1
+    with pytest.raises(SceneError, match="did you mean parks"):
+        load(path, layer="park")
+    with pytest.raises(SceneError, match="condition 'colour = 3' is not valid"):
+        load(path, where="colour = 3")
+    with pytest.raises(SceneError, match="no polygon for where=height > 99"):
+        load(path, where="height > 99")
+
+
+def test_first_layer_that_can_hold_polygons_is_taken(tmp_path):
+    path = tmp_path / "mixed.gpkg"
+    write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point")
+    write(path, POLYGONS, "houses", append=True)
+    assert len(load(path).polygons) == 3
+
+
+def test_limit(tmp_path):
+    path = write(tmp_path / "houses.gpkg")
+    scene = load(path, limit=2)
+    assert len(scene.polygons) == len(scene.attributes) == 2
+    with pytest.raises(SceneError, match="limit=0"):
+        load(path, limit=0)
+
+
+def test_chunks_together_are_the_file(tmp_path):
+    boxes = [shapely.box(i, 0, i + 0.5, 1) for i in range(25)]
+    path = write(tmp_path / "many.gpkg", boxes, crs="EPSG:4326")
+    chunks = list(read_chunks(path, size=10))
+    assert [len(c.cleaned.polygons) for c in chunks] == [10, 10, 5]
+    assert all(c.units == "m" for c in chunks)
+    together = [p for c in chunks for p in c.cleaned.polygons]
+    # neighbours in different chunks keep their distance: one projection serves all
+    assert together[9].distance(together[10]) == pytest.approx(
+        together[10].distance(together[11]), rel=0.02
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["a folder with spaces/häuser ü 建物.geojson", "it's #1 %20.geojson"]
+)
+def test_odd_paths(geojson, name):
+    assert len(load(geojson(feature([SQUARE]), name=name)).polygons) == 1
+
+
+class TestErrors:
+    """One line each, that names the file."""
+
+    def refused(self, path) -> str:
+        with pytest.raises(SceneError) as caught:
+            load(path)
+        message = str(caught.value)
+        assert "\n" not in message
+        assert Path(str(path)).name in message
+        return message
+
+    def test_missing(self, tmp_path):
+        assert "there is no file" in self.refused(tmp_path / "none.geojson")
+
+    def test_empty(self, tmp_path):
+        (tmp_path / "empty.gpkg").write_bytes(b"")
+        assert "is empty" in self.refused(tmp_path / "empty.gpkg")
+
+    def test_folder(self, tmp_path):
+        assert "is a folder" in self.refused(tmp_path)
+
+    def test_no_polygon(self, geojson):
+        assert "is a Point" in self.refused(geojson(feature([1, 2], "Point")))
+        assert "holds no polygon" in self.refused(geojson(name="no.geojson"))
+
+    def test_no_geometry(self, tmp_path):
+        (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+        assert "no geometry" in self.refused(tmp_path / "table.csv")
+
+    @pytest.mark.parametrize(
+        "suffix", [".geojson", ".gpkg", ".shp", ".fgb", ".pbf", ".txt", ".xyz"]
+    )
+    def test_rubbish(self, tmp_path, suffix):
+        path = tmp_path / f"rubbish{suffix}"
+        path.write_bytes(bytes(range(256)) * 8)
+        self.refused(path)
+
+    @pytest.mark.parametrize("suffix", [".geojson", ".gpkg", ".shp", ".fgb"])
+    def test_truncated(self, tmp_path, suffix):
+        path = Path(write(tmp_path / f"whole{suffix}"))
+        cut = tmp_path / f"cut{suffix}"
+        for sidecar in path.parent.glob("whole.*"):
+            shutil.copy(sidecar, cut.with_suffix(sidecar.suffix))
+        data = path.read_bytes()
+        cut.write_bytes(data[: len(data) // 3])
+        self.refused(cut)
+
+    def test_nul_in_path(self):
+        with pytest.raises(SceneError, match="NUL"):
+            load("a\0b.geojson")
