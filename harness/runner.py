@@ -207,8 +207,7 @@ class Runner:
         with self.reporter.stage(f"timing: {group.target.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 group.target,
-                frame,
-                drawn,
+                {name: (frame, triangles) for name, triangles in drawn.items()},
                 group.options,
                 settings,
                 self.plan.seed,

@@ -126,10 +126,13 @@ def _solve(design: Design, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
     weighted = design / seconds[:, None]
     scale = np.abs(weighted).max(axis=0)
     scaled = weighted / scale
+
+    def relative_errors(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(scaled @ coefficients - 1.0)
+
     result = least_squares(
-        lambda c: scaled @ c - 1.0,
+        relative_errors,
         np.full(design.shape[1], 0.1),
-        jac=lambda c: scaled,  # noqa: ARG005 - linear: the same everywhere
         bounds=(0.0, np.inf),
         loss="soft_l1",
         f_scale=0.05,
