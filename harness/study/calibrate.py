@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from harness.bench import Bench, Target
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import SUBPIXEL, Frame, View, make_frame
+from harness.measure import bare_frame
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration
 from harness.study.design import Design, choose_polygons
 from harness.timing import Settings
 from scenes import Scene
+from triangulators import vertices
 from triangulators.criteria import predict
 
 Draw = tuple[Frame, NDArray[np.int32]]
@@ -55,7 +57,7 @@ def calibrate(
     seed: int = 0,
 ) -> tuple[calibration.Fit, Validation]:
     """Fit the model on designed draws of `target` and test it on polygons of `scene`."""
-    designed = calibration.designed_draws(seed)
+    designed = designed_draws(bench, resolution, seed)
     seconds = time_draws(target, bench, designed, settings, options, reporter, "designed draws")
     fit = calibration.fit(design_of(designed), seconds, seed)
     held_out, polygons = held_out_draws(bench, scene, resolution, seed)
@@ -68,6 +70,20 @@ def calibrate(
         draws=len(held_out),
     )
     return fit, validation
+
+
+def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
+    """Return the draws of the designed polygons, each cut in several ways."""
+    draws = []
+    shapes = calibration.designed_polygons(resolution, seed)
+    for name in calibration.CUTS:
+        results = bench.triangulate(name, [polygon for polygon, _ in shapes], seed).parts
+        for (polygon, copies), part in zip(shapes, results, strict=True):
+            if part is not None:
+                points = np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32)
+                frame = bare_frame(resolution, points)
+                draws.append((frame, np.tile(part, (copies, 1))))
+    return draws
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
