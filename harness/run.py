@@ -159,6 +159,11 @@ def find_targets(plan: Plan) -> list[Target]:
     known: set[str] = set()
     for name in plan.rasterisers:
         kind = rasterisers.get(name)
+        if not any(kind.supports(options) for options in plan.options):
+            raise UsageError(
+                f"{name} has neither multisampling nor fragment work: use opengl for "
+                "--samples and --work, or add the plain case, e.g. --work 0,8"
+            )
         wanted: list[str | None] = [device for device in plan.devices if kind.knows(device)]
         known.update(device for device in plan.devices if kind.knows(device))
         targets += [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import records
+from harness import rasterisers, records
 from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
@@ -78,7 +78,8 @@ class Runner:
     def _groups(self, view: View) -> list[Group]:
         groups = []
         for target in self.targets:
-            for options in self.plan.options:
+            kind = rasterisers.get(target.rasteriser)
+            for options in filter(kind.supports, self.plan.options):
                 cases = {
                     name: self._case(view, name, target, options)
                     for name in self.plan.triangulators
@@ -206,8 +207,7 @@ class Runner:
         with self.reporter.stage(f"timing: {group.target.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 group.target,
-                frame,
-                drawn,
+                {name: (frame, triangles) for name, triangles in drawn.items()},
                 group.options,
                 settings,
                 self.plan.seed,
