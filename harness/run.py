@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import OpenWorker, Runner, Target
 from harness.store import Record, Store, read_run
+from harness.triangulation import is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
@@ -84,12 +86,21 @@ def with_full_names(plan: Plan) -> Plan:
         if a name is unknown, or given twice
     """
     try:
-        names = tuple(full_name(name) for name in plan.triangulators)
+        names = tuple(name if _is_foreign(name) else full_name(name) for name in plan.triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
     return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+
+
+def _is_foreign(name: str) -> bool:
+    """Whether `name` is "module:function" of an existing module, which only a worker imports."""
+    module, colon, _ = name.partition(":")
+    try:
+        return bool(colon) and not is_builtin(name) and find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
 
 
 def load_scene(plan: Plan, reporter: Reporter) -> Scene:

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from harness import measure, records
@@ -21,15 +22,25 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Device
 from harness.store import Record, Store
 from harness.timing import Times
-from harness.triangulation import FrameTriangulation, triangulate_polygons
+from harness.triangulation import FrameTriangulation, is_builtin, triangulate_polygons
 from harness.worker import Executor, TaskFailed
 from scenes import Scene
-from triangulators import parse
 
 BASELINE = "delaunay"
 """Its fragments say what each polygon covers on a device: it leaves no vertex out."""
 
-OpenWorker = Callable[[str, Mapping[str, str]], Executor]
+MEMORY_SHARE = 0.75
+"""Of the memory that is free, what a triangulator that others wrote may take."""
+
+
+class OpenWorker(Protocol):
+    """Makes the processes of a run."""
+
+    def __call__(
+        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+    ) -> Executor:
+        """Return an executor called `name`; see `harness.worker.Worker`."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -117,10 +128,19 @@ class Runner:
             options=self.plan.options,
         )
 
-    def _worker(self, name: str, environment: Mapping[str, str] | None = None) -> Executor:
+    def _worker(
+        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+    ) -> Executor:
         if name not in self._workers:
-            self._workers[name] = self.open_worker(name, environment or {})
+            self._workers[name] = self.open_worker(name, environment, memory_bytes)
         return self._workers[name]
+
+    def _triangulating_worker(self, name: str) -> Executor:
+        if is_builtin(name):
+            return self._worker("triangulators", {})
+        # What others wrote may crash or devour memory: it gets a process that nothing else needs.
+        free = psutil.virtual_memory().available
+        return self._worker(f"triangulator {name}", {}, int(MEMORY_SHARE * free))
 
     def _triangulate(
         self, names: list[str], frame: Frame, pending: list[dict[str, Case]]
@@ -130,11 +150,8 @@ class Runner:
         wanted = names if BASELINE in names else [BASELINE, *names]
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for name in wanted:
-                # What others wrote may crash: it gets a process that nothing else needs.
-                own = not parse(name).entry.builtin
-                worker = self._worker(f"triangulator {name}" if own else "triangulators")
                 try:
-                    result = worker.call(
+                    result = self._triangulating_worker(name).call(
                         triangulate_polygons,
                         name,
                         frame.polygons,
@@ -309,14 +326,19 @@ class Runner:
         tick: Callable[[float], None] | None = None,
     ) -> Any:
         worker = self._worker(target.label, target.device.environment)
-        return worker.call(
-            function,
-            target.rasteriser,
-            target.device,
-            *arguments,
-            timeout_s=timeout_s or self.plan.timeout_s,
-            tick=tick,
-        )
+        try:
+            return worker.call(
+                function,
+                target.rasteriser,
+                target.device,
+                *arguments,
+                timeout_s=timeout_s or self.plan.timeout_s,
+                tick=tick,
+            )
+        except TaskFailed:
+            # A context that was lost stays lost: what comes next gets a fresh process.
+            self._workers.pop(target.label).close()
+            raise
 
     def _write(self, record: Record) -> None:
         self.store.append(record)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
-from triangulators import Skipped, triangulate
+from triangulators import Skipped, registry, triangulate
 from triangulators.verify import verify
 
 
@@ -35,6 +35,11 @@ class FrameTriangulation:
     def conforming(self) -> bool:
         """True where no polygon's triangulation has a T-junction."""
         return not any(self.t_junctions)
+
+
+def is_builtin(name: str) -> bool:
+    """Whether the triangulator `name` is one of the product's own; imports nothing of others."""
+    return name.partition(":")[0] in registry.BUILTIN
 
 
 def triangulate_polygons(name: str, polygons: Sequence[Polygon], seed: int) -> FrameTriangulation:

@@ -128,13 +128,15 @@ def _valid_pieces(part: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
-    """The same polygons, a vertex that follows itself kept once.
+    """The same polygons, a vertex that follows itself kept once and empty holes left out.
 
     Not `shapely.remove_repeated_points`, which also merges vertices whose distance underflows.
     """
     if len(polygons) == 0:
         return polygons
     kind, coordinates, (rings, owners) = shapely.to_ragged_array(polygons)
+    if (np.diff(rings) == 0).any():
+        return _without_repeats(np.array([_without_empty_holes(p) for p in polygons]))
     repeat = np.zeros(len(coordinates), dtype=bool)
     repeat[1:] = (coordinates[1:] == coordinates[:-1]).all(axis=1)
     repeat[rings[:-1]] = False
@@ -142,6 +144,11 @@ def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
         return polygons
     kept = np.concatenate([[0], np.cumsum(~repeat)])
     return shapely.from_ragged_array(kind, coordinates[~repeat], (kept[rings], owners))
+
+
+def _without_empty_holes(polygon: shapely.Polygon) -> shapely.Polygon:
+    holes = [hole for hole in polygon.interiors if not hole.is_empty]
+    return shapely.Polygon(polygon.exterior, holes)
 
 
 def _fault(part: shapely.Polygon) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -60,7 +61,7 @@ def _resolved(rings: list[Any], rule: Rule) -> Any:
     """Rings that cross, resolved: parity of cover, or cover by what runs as the largest does."""
     sound = shapely.make_valid(np.array(rings, dtype=object))
     if rule == "evenodd":
-        return shapely.symmetric_difference_all(sound)
+        return functools.reduce(shapely.symmetric_difference, sound)
     along, against = _by_direction(rings)
     filled_area = shapely.union_all(shapely.make_valid(np.array(along, dtype=object)))
     if not against:

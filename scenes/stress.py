@@ -81,10 +81,11 @@ def sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
 
 
 def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """A band wound inwards, six turns."""
-    t = np.linspace(0, 12 * np.pi, n // 2)
-    outer = _SIDE / 2 * (1 - t / (13.5 * np.pi))
-    width = _SIDE / 2 / 6.75 * 0.6
+    """A band wound inwards, six turns, or fewer if there are fewer than 12 vertices for each."""
+    turns = max(1, min(6, n // 24))
+    t = np.linspace(0, 2 * np.pi * turns, n // 2)
+    outer = _SIDE / 2 * (1 - t / (2 * np.pi * (turns + 0.75)))
+    width = 0.6 * _SIDE / 2 / (turns + 0.75)
     arms = np.column_stack([np.cos(t), np.sin(t)])
     return np.concatenate([outer[:, None] * arms, ((outer - width)[:, None] * arms)[::-1]])
 

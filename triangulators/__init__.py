@@ -6,6 +6,7 @@ corners = vertices(polygon)[triangles]                       # (m, 3, 2) float64
 """
 
 from triangulators import criteria
+from triangulators.batch import Ragged, Triangulations, triangulate_many
 from triangulators.errors import (
     InvalidPolygon,
     Skipped,
@@ -18,8 +19,10 @@ from triangulators.registry import find, full_name, names, parse, triangulate
 
 __all__ = [
     "InvalidPolygon",
+    "Ragged",
     "Skipped",
     "TriangulationError",
+    "Triangulations",
     "Unavailable",
     "UnknownName",
     "criteria",
@@ -28,5 +31,6 @@ __all__ = [
     "names",
     "parse",
     "triangulate",
+    "triangulate_many",
     "vertices",
 ]

@@ -44,6 +44,28 @@ def _best_apex(
     return best
 
 
+@njit(cache=True, fastmath=_FAST)
+def _mark_inward(
+    x: np.ndarray, y: np.ndarray, sides: np.ndarray, i: int, flat: float, inward: np.ndarray
+) -> None:
+    """Mark the j > i for which the segment i-j starts into the polygon's angles at i and at j.
+
+    sides: (3, n), the vector from each corner to the next, and 1 where the corner is convex. An
+    angle contains d if d is left of both its sides, or of either where it is reflex. A segment too
+    close to a side to tell is marked.
+    """
+    n = len(x)
+    ux, uy, convex = sides[0], sides[1], sides[2]
+    out_x, out_y, in_x, in_y = ux[i], uy[i], ux[i - 1], uy[i - 1]
+    for j in range(i + 2, n):
+        dx, dy = x[j] - x[i], y[j] - y[i]
+        a, b = out_x * dy - out_y * dx, in_x * dy - in_y * dx
+        here = min(a, b) if convex[i] > 0.0 else max(a, b)
+        c, d = uy[j] * dx - ux[j] * dy, uy[j - 1] * dx - ux[j - 1] * dy
+        there = min(c, d) if convex[j] > 0.0 else max(c, d)
+        inward[j] = min(here, there) > -abs(flat)
+
+
 @njit(cache=True, nogil=True)
 def fill_box_table(
     table: np.ndarray,
@@ -58,11 +80,24 @@ def fill_box_table(
     as turning left if its doubled area exceeds `flat`.
     """
     n = len(x)
+    sides = np.empty((3, n))
+    for i in range(n):
+        after = i + 1 if i + 1 < n else 0
+        sides[0, i], sides[1, i] = x[after] - x[i], y[after] - y[i]
+    for i in range(n):
+        sides[2, i] = sides[0, i - 1] * sides[1, i] - sides[1, i - 1] * sides[0, i] > flat
+    inward = np.empty(n, dtype=np.bool_)
     for i in range(n - 1, -1, -1):
+        _mark_inward(x, y, sides, i, flat, inward)
+        if i == 0:
+            inward[n - 1] = True  # the side that closes the polygon
         table[i, i] = 0.0
         if i + 1 < n:
             table[i, i + 1] = table[i + 1, i] = 0.0
         for j in range(i + 2, n):
+            if not inward[j]:
+                table[i, j] = table[j, i] = NONE
+                continue
             inner = slice(i + 1, j)
             best = _best_apex(
                 table[i, inner],

@@ -67,7 +67,7 @@ def _best_any(
 
 
 @njit(cache=True, nogil=True)
-def _fill(
+def fill_pairs(
     x: np.ndarray,
     y: np.ndarray,
     start: np.ndarray,
@@ -117,7 +117,7 @@ def _fill(
 
 
 @njit(cache=True, nogil=True)
-def _trace(
+def trace_pairs(
     x: np.ndarray,
     y: np.ndarray,
     start: np.ndarray,
@@ -129,7 +129,7 @@ def _trace(
     sign: float,
     maximum: bool,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) behind what `_fill` found."""
+    """Return the triangles (n - 2, 3) behind what `fill_pairs` found."""
     row_cost, first, apex, column = filled
     n = len(x)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -174,9 +174,17 @@ def sparse_optimum(
     start, target: its `visible_pairs`, all of them.
     """
     x, y = np.ascontiguousarray(points.T)
-    filled = _fill(x, y, start, target, *cost)
-    weights = cost.weights
-    if cost.is_box:  # as `_fill` counts: the rest is in the pairs, or the same for all
-        weights = np.zeros_like(weights)
-        weights[HALF_PERIMETER], weights[BBOX_AREA] = cost.box[0], cost.box[1]
-    return _trace(x, y, start, target, filled, weights, *cost[1:5])
+    filled = fill_pairs(x, y, start, target, *cost)
+    return trace_pairs(x, y, start, target, filled, apex_weights(cost), *cost[1:5])
+
+
+def apex_weights(cost: Cost) -> np.ndarray:
+    """Return the weights that `trace_pairs` needs to see costs as `fill_pairs` counted them.
+
+    For a box the edges are counted with the pairs, and what is the same for all is left out.
+    """
+    if not cost.is_box:
+        return cost.weights
+    weights = np.zeros_like(cost.weights)
+    weights[HALF_PERIMETER], weights[BBOX_AREA] = cost.box[0], cost.box[1]
+    return weights

@@ -14,11 +14,12 @@ def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
 
     triangles: (m, 3), of `count` points, all wound the same way.
     """
-    return _neighbours(np.ascontiguousarray(triangles, dtype=np.int32), count)
+    return neighbours_of(np.ascontiguousarray(triangles, dtype=np.int32), count)
 
 
 @njit(cache=True, nogil=True)
-def _neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
+def neighbours_of(triangles: np.ndarray, count: int) -> np.ndarray:
+    """Do the work of `neighbours`, for int32 triangles."""
     # Half-edges are chained by their tail; the twin of a-b is looked for among those that leave b.
     half_edges = 3 * len(triangles)
     chain = np.empty(half_edges, dtype=np.int32)
@@ -58,8 +59,7 @@ def grow(
     ahead = np.empty((3 * most + 3, 2), dtype=np.int32)  # (triangle, the one it was reached from)
     ahead[0, 0], ahead[0, 1] = root, -1
     first, last, size = 0, 1, 0
-    seen = set([root])
-    seen.clear()
+    seen = np.zeros(len(across), dtype=np.bool_)
     while first < last and size < most:
         if depth_first:
             last -= 1
@@ -67,9 +67,9 @@ def grow(
         else:
             row, parent = ahead[first, 0], ahead[first, 1]
             first += 1
-        if row in seen:
+        if seen[row]:
             continue
-        seen.add(row)
+        seen[row] = True
         rows[size] = row
         size += 1
         if parent >= 0:
@@ -82,7 +82,7 @@ def grow(
             tree[row, e] = tree[parent, f] = True
         for step in range(3):
             other = across[row, (step + turn) % 3]
-            if other >= 0 and other not in seen:
+            if other >= 0 and not seen[other]:
                 ahead[last, 0], ahead[last, 1] = other, row
                 last += 1
     return size
@@ -151,6 +151,21 @@ def unfold(
 
 
 @njit(cache=True, nogil=True)
+def _twins(triangles: np.ndarray, across: np.ndarray, half_edges: np.ndarray) -> np.ndarray:
+    """Return the half-edge on the other side of each of `half_edges`, or -1."""
+    result = np.full(len(half_edges), -1, dtype=np.int32)
+    for index in range(len(half_edges)):
+        row, e = half_edges[index] // 3, half_edges[index] % 3
+        other = across[row, e]
+        if other >= 0:
+            f = 0
+            while triangles[other, f] != triangles[row, (e + 1) % 3]:
+                f += 1
+            result[index] = 3 * other + f
+    return result
+
+
+@njit(cache=True, nogil=True)
 def fold_back(
     triangles: np.ndarray,
     across: np.ndarray,
@@ -161,7 +176,7 @@ def fold_back(
 ) -> None:
     """Replace the triangles `rows` by `better` (positions in `cycle`), neighbours included."""
     size = len(cycle)
-    inner = _neighbours(better, size)
+    inner = neighbours_of(better, size)
     row_at = np.empty(size, dtype=np.int32)
     edge_at = np.empty(size, dtype=np.int32)
     for index in range(len(rows)):
@@ -169,21 +184,11 @@ def fold_back(
             position = better[index, e]
             if inner[index, e] < 0:
                 row_at[position], edge_at[position] = index, e
-    # What lies beyond each outline edge: outside rows stay; across a cut lies another position.
-    by_half_edge = {outline[0]: 0}
+    # Beyond an outline edge lies a triangle outside or, across a cut, another outline edge.
+    position_of = np.full(across.size, -1, dtype=np.int32)
     for position in range(size):
-        by_half_edge[outline[position]] = position
-    beyond = np.empty(size, dtype=np.int32)
-    twin = np.full(size, -1, dtype=np.int32)
-    for position in range(size):
-        row, e = outline[position] // 3, outline[position] % 3
-        beyond[position] = across[row, e]
-        if beyond[position] >= 0:
-            f = 0
-            while triangles[beyond[position], f] != triangles[row, (e + 1) % 3]:
-                f += 1
-            half_edge = np.int32(3 * beyond[position] + f)
-            twin[position] = by_half_edge.get(half_edge, -1 - half_edge)
+        position_of[outline[position]] = position
+    beyond = _twins(triangles, across, outline)
     for index in range(len(rows)):
         for e in range(3):
             triangles[rows[index], e] = cycle[better[index, e]]
@@ -193,9 +198,8 @@ def fold_back(
         row, e = rows[row_at[position]], edge_at[position]
         if beyond[position] < 0:
             across[row, e] = -1
-        elif twin[position] >= 0:
-            across[row, e] = rows[row_at[twin[position]]]
+        elif position_of[beyond[position]] >= 0:
+            across[row, e] = rows[row_at[position_of[beyond[position]]]]
         else:
-            across[row, e] = beyond[position]
-            half_edge = -1 - twin[position]
-            across[half_edge // 3, half_edge % 3] = row
+            across[row, e] = beyond[position] // 3
+            across[beyond[position] // 3, beyond[position] % 3] = row

@@ -13,6 +13,17 @@ from triangulators.predicates import turn
 
 
 @njit(cache=True, nogil=True)
+def _find_sides(triangles: np.ndarray, row_of: np.ndarray, edge_of: np.ndarray) -> None:
+    """Find, for each corner, the triangle and its edge that is the side to the next corner."""
+    n = len(row_of)
+    for row in range(len(triangles)):
+        for e in range(3):
+            corner = triangles[row, e]
+            if triangles[row, (e + 1) % 3] == (corner + 1) % n:
+                row_of[corner], edge_of[corner] = row, e
+
+
+@njit(cache=True, nogil=True)
 def visible_pairs(
     points: np.ndarray, triangles: np.ndarray, across: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -28,11 +39,7 @@ def visible_pairs(
     target = np.empty(max(4 * n, 16), dtype=np.int32)
     first_row = np.empty(n, dtype=np.int32)
     first_edge = np.empty(n, dtype=np.int32)
-    for row in range(len(triangles)):
-        for e in range(3):
-            if triangles[row, (e + 1) % 3] == (triangles[row, e] + 1) % n:
-                first_row[triangles[row, e]] = row
-                first_edge[triangles[row, e]] = e
+    _find_sides(triangles, first_row, first_edge)
     # Work to do, last first: (row beyond an edge, right end, left end, right and left of the view),
     # or a corner to report, written (-1, corner, ...).
     stack = np.empty((3 * n + 16, 5), dtype=np.int32)
@@ -100,7 +107,6 @@ def _look(
             e += 1
         apex = triangles[row, (e + 2) % 3]
         over_right, over_left = across[row, (e + 1) % 3], across[row, (e + 2) % 3]
-        # The triangle is entered through left-right; its edges are left-right, right-apex, apex-left.
         hidden_right = turn(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and turn(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)

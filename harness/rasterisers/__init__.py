@@ -37,6 +37,10 @@ GROUP = "raster_harness.rasterisers"
 
 BUILT_IN = {
     "opengl": "harness.rasterisers.opengl:OpenGL",
+    "osmesa": "harness.rasterisers.osmesa:OSMesa",
+    "bounding-box": "harness.rasterisers.compute:BoundingBox",
+    "scanline": "harness.rasterisers.compute:Scanline",
+    "binning": "harness.rasterisers.binning:Binning",
     "reference": "harness.rasterisers.reference:Reference",
 }
 

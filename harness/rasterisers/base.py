@@ -27,6 +27,7 @@ gives a total."""
 
 
 SAMPLES = (1, 4, 8)
+MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
 ORDERS = ("native", "morton", "shuffled")
 
 
@@ -48,8 +49,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.samples not in SAMPLES:
             raise UsageError(f"{self.samples} samples a pixel: choose 1, 4 or 8")
-        if self.work < 0:
-            raise UsageError(f"work {self.work} is negative")
+        if not 0 <= self.work <= MAX_WORK:
+            raise UsageError(f"work {self.work} is outside 0..{MAX_WORK} iterations")
         if self.order not in ORDERS:
             raise unknown("order", self.order, ORDERS)
 
@@ -106,8 +107,8 @@ class Rasteriser(ABC):
     whether `prepare` works; `pictured`, whether `image` works. Construct it only inside a worker
     process whose environment has been set to the device's.
 
-    An implementation fills in `_count`, `_prepare` and `_image`; they get the triangles checked
-    and in the order of submission.
+    An implementation fills in `_count` and, where it can, `_prepare` and `_image`; they get the
+    triangles checked and in the order of submission.
     """
 
     name: ClassVar[str]
@@ -161,11 +162,27 @@ class Rasteriser(ABC):
         return self._count(frame, submission(frame, triangles, options), options)
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        """Upload `triangles` for timing; nothing is counted while it is drawn."""
+        """Upload `triangles` for timing; nothing is counted while it is drawn.
+
+        Raises
+        ------
+        harness.errors.UsageError
+            as for `count`, or if the rasteriser is not timed
+        """
+        if not self.timed:
+            raise UsageError(f"rasteriser {self.name} has no time to measure")
         return self._prepare(frame, submission(frame, triangles, options), options)
 
     def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        """Draw once and return the picture, (height, width, 4) RGBA, top row first."""
+        """Draw once and return the picture, (height, width, 4) RGBA, top row first.
+
+        Raises
+        ------
+        harness.errors.UsageError
+            as for `count`, or if the rasteriser is not pictured
+        """
+        if not self.pictured:
+            raise UsageError(f"rasteriser {self.name} has no picture")
         return self._image(frame, submission(frame, triangles, options), options)
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close
@@ -174,11 +191,11 @@ class Rasteriser(ABC):
     @abstractmethod
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters: ...
 
-    @abstractmethod
-    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing: ...
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        raise NotImplementedError
 
-    @abstractmethod
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image: ...
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        raise NotImplementedError
 
 
 def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 
@@ -34,23 +36,32 @@ OLDER_EXTENSIONS = (
 )
 """What a context older than that must bring instead."""
 
+COMPUTE_EXTENSIONS = (
+    "GL_ARB_compute_shader",
+    "GL_ARB_shader_image_load_store",
+    "GL_ARB_gpu_shader_int64",
+)
+
 
 class Target:
     """A framebuffer of one RGBA8 colour buffer, freed when nothing refers to it any more."""
 
     def __init__(
-        self, ctx: Any, width: int, height: int, samples: int, idle: Target | None = None
+        self, owner: Context, width: int, height: int, samples: int, idle: Target | None = None
     ) -> None:
+        ctx = owner.ctx
+        self._owner = owner
         self._idle = idle
         self.alive = True
         self.buffer = ctx.renderbuffer((width, height), 4, samples=samples if samples > 1 else 0)
         self.framebuffer = ctx.framebuffer(color_attachments=[self.buffer])
 
     def __del__(self) -> None:
-        if not hasattr(self, "framebuffer"):
+        if self._owner.closed or not hasattr(self, "framebuffer"):
             return
         # moderngl binds again what was bound before, so the one to go must not be that.
         if self._idle is not None and self._idle.alive:
+            self._owner.activate()
             self._idle.framebuffer.use()
         self.framebuffer.release()
         self.buffer.release()
@@ -58,16 +69,20 @@ class Target:
 
 
 class Context:
-    """One OpenGL context, current in this process.
+    """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
 
     backend : a glcontext context, or an object with its methods
     """
 
+    _current: ClassVar[Context | None] = None
+
     def __init__(self, backend: Any) -> None:
         self.ctx = moderngl.create_context(context=backend)
-        self._load = backend.load
+        Context._current = self
+        self.closed = False
+        self._backend = backend
         self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
-        self._idle = Target(self.ctx, 1, 1, 1)
+        self._idle = Target(self, 1, 1, 1)
         self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
         self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
         self._delete_queries = self._function("glDeleteQueries", None, "int", "pointer")
@@ -82,10 +97,16 @@ class Context:
 
     def _function(self, name: str, result: Any, *kinds: str) -> Any:
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
-        address = self._load(name)
+        address = self._backend.load(name)
         if not address:
             raise NoRasteriser(f"the OpenGL driver has no {name}; install a newer one")
         return ctypes.CFUNCTYPE(result, *(types[kind] for kind in kinds))(address)
+
+    def activate(self) -> None:
+        """Make this the current context."""
+        if Context._current is not self:
+            self._backend.__enter__()
+            Context._current = self
 
     def strings(self) -> dict[str, str]:
         """Return vendor, renderer, version and shading language as the driver reports them."""
@@ -104,12 +125,16 @@ class Context:
         if missing:
             raise NoRasteriser(f"the OpenGL driver lacks {', '.join(missing)}; install a newer one")
 
-    def header(self) -> str:
+    def header(self, *extensions: str) -> str:
         """Return the lines that every shader starts with on this context."""
-        if self.ctx.version_code >= MODERN:
-            return "#version 450 core\n"
-        lines = [f"#extension {name} : require" for name in OLDER_EXTENSIONS]
-        return "\n".join(["#version 330 core", *lines, ""])
+        modern = self.ctx.version_code >= MODERN
+        needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
+        lines = [f"#extension {name} : require" for name in needed]
+        return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
+
+    def buffer(self, array: NDArray[Any]) -> Any:
+        """Upload an array; an empty one gets four bytes, for OpenGL has no empty buffers."""
+        return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
     def program(self, vertex: str, fragment: str) -> Any:
         """Build a program of two files in shaders/."""
@@ -117,6 +142,13 @@ class Context:
         return self.ctx.program(
             vertex_shader=header + shader(vertex), fragment_shader=header + shader(fragment)
         )
+
+    def compute(self, *names: str, define: str = "") -> Any:
+        """Build a compute shader of files in shaders/, one after another."""
+        header = self.header(*COMPUTE_EXTENSIONS)
+        if define:
+            header += f"#define {define}\n"
+        return self.ctx.compute_shader(header + "".join(shader(name) for name in names))
 
     def target(self, width: int, height: int, samples: int = 1) -> Target:
         """Return a framebuffer, shared with whoever uses one of that size now.
@@ -135,7 +167,7 @@ class Context:
         key = (width, height, samples)
         target = self._targets.get(key)
         if target is None:
-            target = self._targets[key] = Target(self.ctx, width, height, samples, self._idle)
+            target = self._targets[key] = Target(self, width, height, samples, self._idle)
         return target
 
     @contextmanager
@@ -158,6 +190,15 @@ class Context:
         finally:
             self._delete_queries(number, names)
 
+    def wait(self) -> None:
+        """Wait until the device has done all that was asked of it.
+
+        A query's result is waited for by every driver; zink's glFinish does not wait for what
+        was flushed before it.
+        """
+        with self.queries({"elapsed": TIME_ELAPSED}):
+            self.ctx.finish()
+
     def check(self, doing: str) -> None:
         """Raise RuntimeError if OpenGL has noted an error since the last check."""
         error = self.ctx.error
@@ -165,8 +206,10 @@ class Context:
             raise RuntimeError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
-        """Free the context."""
+        """Free the context and all that is in it."""
+        self.closed = True
         self.ctx.release()
+        Context._current = None
 
 
 @cache

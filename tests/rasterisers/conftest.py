@@ -66,13 +66,23 @@ def native() -> Options:
 
 
 @pytest.fixture(scope="session")
-def _llvmpipe_context() -> Iterator[Rasteriser]:
+def opened() -> Iterator[Callable[[str], Rasteriser]]:
+    """Open a rasteriser on llvmpipe in this process, each once."""
     device = find_device("opengl", "llvmpipe")
     before = {key: os.environ.get(key) for key in device.environment}
     os.environ.update(device.environment)
-    rasteriser = get("opengl")(device)
-    yield rasteriser
-    rasteriser.close()
+    rasterisers: dict[str, Rasteriser] = {}
+
+    def open_(name: str) -> Rasteriser:
+        if name not in rasterisers:
+            rasterisers[name] = get(name)(device)
+        rasterisers[name].context.activate()
+        return rasterisers[name]
+
+    yield open_
+    for rasteriser in rasterisers.values():
+        rasteriser.context.activate()
+        rasteriser.close()
     for key, value in before.items():
         if value is None:
             del os.environ[key]
@@ -81,8 +91,9 @@ def _llvmpipe_context() -> Iterator[Rasteriser]:
 
 
 @pytest.fixture
-def llvmpipe(_llvmpipe_context: Rasteriser) -> Iterator[Rasteriser]:
-    """OpenGL on llvmpipe, in this process; no OpenGL error may be pending before or after."""
-    assert _llvmpipe_context.ctx.error == "GL_NO_ERROR"
-    yield _llvmpipe_context
-    assert _llvmpipe_context.ctx.error == "GL_NO_ERROR"
+def llvmpipe(opened: Callable[[str], Rasteriser]) -> Iterator[Rasteriser]:
+    """OpenGL on llvmpipe; no OpenGL error may be pending before or after."""
+    rasteriser = opened("opengl")
+    assert rasteriser.ctx.error == "GL_NO_ERROR"
+    yield rasteriser
+    assert rasteriser.ctx.error == "GL_NO_ERROR"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
@@ -43,6 +43,7 @@ corner = st.tuples(*[st.integers(0, SIZE * 256)] * 2)
 half_pixel = st.tuples(*[st.integers(0, SIZE * 2).map(lambda v: v * 128)] * 2)
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.lists(corner | half_pixel, min_size=3, max_size=3))
 def test_every_count_equals_a_pixel_by_pixel_evaluation(corners):
     mask = covered(corners)
@@ -57,6 +58,7 @@ def test_every_count_equals_a_pixel_by_pixel_evaluation(corners):
     assert counts["bbox_tests"][0] == within.sum(axis=0).prod()
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.lists(half_pixel, min_size=4, max_size=4, unique=True))
 def test_triangles_that_share_an_edge_share_no_pixel_and_leave_no_gap(corners):
     a, b, c, d = corners

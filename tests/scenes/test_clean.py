@@ -56,3 +56,9 @@ def test_huge_and_tiny_coordinates():
     cleaned = clean([huge, tiny, beyond])
     assert [p.area for p in cleaned.polygons] == [huge.area, tiny.area]
     assert cleaned.dropped == [("feature 2", "area overflows: coordinates too large")]
+
+
+def test_empty_holes_are_left_out():
+    (out,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
+    assert len(out.interiors) == 0
+    assert out.area == 8

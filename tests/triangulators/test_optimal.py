@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import shapely
-from triangulator_cases import all_triangulations, brute_cost, random_simple, star
 
+from tests.triangulators.cases import all_triangulations, brute_cost, random_simple, star
 from triangulators import Skipped, names, triangulate, vertices
 from triangulators.criteria import predict
 from triangulators.registry import find

@@ -1,0 +1,177 @@
+"""Software rasterisers in compute shaders: one pays for the bounding box, one for rows and spans.
+
+`bounding-box` tests each pixel centre in a triangle's bounding box, as tinyrenderer, the analyser
+of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do.
+It is where the paper's overdraw criterion is exact. `scanline` finds each row's span by division.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.frame import SUBPIXEL, Frame
+from harness.rasterisers import context
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Sample,
+    Triangles,
+)
+from harness.rasterisers.context import Context
+from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.mesh import Upload, batches
+
+MAX_GROUPS = 65535
+"""Workgroups a dispatch may have in one dimension, on every device."""
+
+LANES = 32
+"""Invocations of a workgroup."""
+
+JOB_PIXELS = 16384 * LANES
+"""Most pixels of one workgroup: llvmpipe ends a loop, in silence, after 65,535 rounds."""
+
+
+class BoundingBox(GLRasteriser):
+    """One workgroup a triangle, more for a huge one; its lanes share the bounding box's pixels."""
+
+    name = "bounding-box"
+    counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
+    source: ClassVar[str] = "bounding_box.comp"
+
+    def __init__(self, device: Device) -> None:
+        super().__init__(device)
+        self.context.require(*context.COMPUTE_EXTENSIONS)
+        self._draw = self.context.compute("triangle", self.source)
+        self._tally = self.context.compute("triangle", self.source, define="COUNT")
+        self.context.check("building the shaders")
+
+    def close(self) -> None:
+        """Free the programs and the context."""
+        self.context.activate()
+        for program in (self._draw, self._tally):
+            program.release()
+        super().close()
+
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        self.context.activate()
+        self._check(frame, options)
+        totals = np.zeros((len(frame.offsets) - 1, len(self.counters)), np.int64)
+        for part in batches(frame, triangles):
+            counts = self.context.buffer(np.zeros(totals.size, np.uint32))
+            counts.bind_to_storage_buffer(4)
+            jobs = _Jobs(self.context, frame, part)
+            jobs.run(self._tally)
+            self.ctx.memory_barrier()
+            totals += np.frombuffer(counts.read(), np.uint32)[: totals.size].reshape(totals.shape)
+            jobs.close()
+            counts.release()
+        self.context.check("counting")
+        return {name: totals[:, k].copy() for k, name in enumerate(self.counters)}
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        self.context.activate()
+        self._check(frame, options)
+        return _Dispatched(self.context, self._draw, frame, triangles)
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        self.context.activate()
+        self._check(frame, options)
+        with _Dispatched(self.context, self._draw, frame, triangles) as drawing:
+            drawing.sample(1)
+            pixels = np.frombuffer(drawing.picture.read(), np.uint8)
+        self.context.check("reading the picture")
+        return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
+
+    def _check(self, frame: Frame, options: Options) -> None:
+        if options.samples != 1 or options.work:
+            raise UsageError(f"{self.name} has neither multisampling nor fragment work; use opengl")
+        if max(frame.width, frame.height) > self.context.max_size:
+            raise UsageError(
+                f"{frame.width}x{frame.height} px is more than the device's {self.context.max_size}"
+            )
+
+
+class Scanline(BoundingBox):
+    """One workgroup a triangle, more for a huge one; its lanes share the rows."""
+
+    name = "scanline"
+    counters: ClassVar[tuple[str, ...]] = ("rows", "hits")
+    source: ClassVar[str] = "scanline.comp"
+
+
+class _Dispatched(Drawing):
+    def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
+        self.context = owner
+        self.program = program
+        self.jobs = _Jobs(owner, frame, triangles)
+        self.picture = owner.ctx.texture((frame.width, frame.height), 1, dtype="u4")
+        self.picture.write(np.zeros((frame.height, frame.width), np.uint32))
+
+    def sample(self, repeats: int) -> Sample:
+        """Dispatch `repeats` times; each waits for the one before."""
+        self.context.activate()
+        self.picture.bind_to_image(0, read=False, write=True)
+        self.context.wait()
+        start = time.perf_counter()
+        with self.context.queries({"elapsed": context.TIME_ELAPSED}) as answers:
+            for _ in range(repeats):
+                self.jobs.run(self.program)
+                self.context.ctx.memory_barrier()
+            self.context.ctx.finish()
+        wall = time.perf_counter() - start
+        self.context.check("timing")
+        return Sample(wall=wall, gpu=answers["elapsed"] * 1e-9)
+
+    def close(self) -> None:
+        self.jobs.close()
+        self.picture.release()
+
+
+class _Jobs:
+    """Triangles on the device, cut by rows into jobs of at most JOB_PIXELS."""
+
+    def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
+        jobs = split_rows(frame, triangles)
+        self.number = len(jobs)
+        self.upload = Upload(owner, frame, triangles)
+        self.jobs = owner.buffer(jobs)
+
+    def run(self, program: Any) -> None:
+        """Start one workgroup a job."""
+        if not self.number:
+            return
+        upload = self.upload
+        buffers = (upload.points, upload.polygons, upload.indices, self.jobs)
+        for binding, buffer in enumerate(buffers):
+            buffer.bind_to_storage_buffer(binding)
+        program["number"] = self.number
+        columns = min(self.number, MAX_GROUPS)
+        program.run(columns, -(-self.number // columns))
+
+    def close(self) -> None:
+        """Free the buffers."""
+        self.upload.close()
+        self.jobs.release()
+
+
+def split_rows(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:
+    """Cut triangles into jobs (k, 4): triangle, first row, last row, 0, in pixels."""
+    corners = frame.points[triangles]
+    first = (corners.min(axis=1) + SUBPIXEL // 2 - 1) // SUBPIXEL
+    last = (corners.max(axis=1) - SUBPIXEL // 2) // SUBPIXEL
+    width, height = np.maximum(last - first + 1, 0).T
+    rows = np.maximum(JOB_PIXELS // np.maximum(width, 1), LANES)
+    pieces = -(-height // rows)
+    triangle = np.repeat(np.arange(len(triangles)), pieces)
+    piece = np.arange(len(triangle)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    start = first[triangle, 1] + piece * rows[triangle]
+    stop = np.minimum(start + rows[triangle] - 1, last[triangle, 1])
+    return np.stack([triangle, start, stop, np.zeros_like(start)], axis=1).astype(np.int32)

@@ -1,0 +1,84 @@
+"""A frame's triangles on the device."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import SUBPIXEL, Frame
+from harness.rasterisers.base import Triangles
+from harness.rasterisers.context import Context, Target
+
+
+class Upload:
+    """A frame's points and triangles in buffers of the device.
+
+    points : (n,) ivec2, in 1/256 px; polygons : (n,) uint, the number of each point's polygon;
+    indices : (3 m,) int
+    """
+
+    def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
+        self.owner = owner
+        self.size = (frame.width, frame.height)
+        self.triangles = len(triangles)
+        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
+        self.points = owner.buffer(np.ascontiguousarray(frame.points, np.int32))
+        self.polygons = owner.buffer(np.repeat(numbers, np.diff(frame.offsets)))
+        self.indices = owner.buffer(triangles)
+
+    def close(self) -> None:
+        """Free the buffers."""
+        self.owner.activate()
+        for buffer in (self.points, self.polygons, self.indices):
+            buffer.release()
+
+
+class Mesh:
+    """Triangles on the device, bound to a program and a framebuffer."""
+
+    def __init__(
+        self, owner: Context, program: Any, target: Target, frame: Frame, tris: Triangles
+    ) -> None:
+        self.program = program
+        self.target = target
+        self.upload = Upload(owner, frame, tris)
+        content = [(self.upload.points, "2i", "position"), (self.upload.polygons, "1u", "polygon")]
+        self.vertices = owner.ctx.vertex_array(program, content, self.upload.indices)
+
+    def draw(self, instances: int) -> None:
+        """Submit the triangles, `instances` times in one call."""
+        self.bind()
+        self.vertices.render(vertices=3 * self.upload.triangles, instances=instances)
+
+    def bind(self) -> None:
+        """Make the framebuffer and the viewport current."""
+        framebuffer = self.target.framebuffer
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, *self.upload.size)
+        self.program["size"] = tuple(SUBPIXEL * side for side in self.upload.size)
+
+    def close(self) -> None:
+        """Free the buffers."""
+        self.upload.close()
+        self.vertices.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def batches(frame: Frame, triangles: Triangles) -> list[Triangles]:
+    """Split `triangles` so that no batch can count past the 32 bits of a counter on the device.
+
+    A triangle touches at most the quads of its bounding box.
+    """
+    corners = frame.points[triangles].astype(np.int64)
+    sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
+    lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
+    if not len(lanes) or lanes[-1] < 2**32:
+        return [triangles]
+    return np.split(triangles, np.flatnonzero(np.diff(lanes // 2**31)) + 1)

@@ -1,0 +1,25 @@
+// Tests each pixel centre in the triangle's bounding box, as software rasterisers on GPUs do.
+
+void main() {
+    if (job() >= number) return;
+    Triangle t = load(jobs[job()]);
+    ivec2 box = max(t.last - t.first + 1, ivec2(0));
+    uint tests = 0u;
+    uint hits = 0u;
+    for (int i = int(gl_LocalInvocationIndex); i < box.x * box.y; i += 32) {
+        ivec2 pixel = t.first + ivec2(i % box.x, i / box.x);
+        tests++;
+        if (t.solid && at(t.edges[0], pixel.x, pixel.y) >= 0L
+                    && at(t.edges[1], pixel.x, pixel.y) >= 0L
+                    && at(t.edges[2], pixel.x, pixel.y) >= 0L) {
+            hits++;
+#ifndef COUNT
+            imageStore(picture, pixel, uvec4(colour(t.polygon)));
+#endif
+        }
+    }
+#ifdef COUNT
+    atomicAdd(counts[2u * t.polygon], tests);
+    atomicAdd(counts[2u * t.polygon + 1u], hits);
+#endif
+}

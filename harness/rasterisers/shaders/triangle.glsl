@@ -1,0 +1,84 @@
+// One workgroup a job, some rows of a triangle; edge functions in exact 64-bit integers.
+
+layout(local_size_x = 32) in;
+
+layout(std430, binding = 0) readonly buffer Points { ivec2 points[]; };  // in 1/256 px
+layout(std430, binding = 1) readonly buffer Polygons { uint polygons[]; };  // of each point
+layout(std430, binding = 2) readonly buffer Indices { int indices[]; };
+layout(std430, binding = 3) readonly buffer Jobs { ivec4 jobs[]; };  // triangle, rows from..to
+
+#ifdef COUNT
+layout(std430, binding = 4) buffer Counts {
+    uint counts[];  // two numbers of polygon 0, two of polygon 1, ...
+};
+#else
+layout(binding = 0, r32ui) writeonly uniform uimage2D picture;
+#endif
+
+uniform int number;  // of jobs
+
+// constant + per_row * y - per_column * x is an edge function at the centre of pixel (x, y), less
+// 1 where the top-left rule leaves the edge itself out: inside is what is not negative.
+struct Edge {
+    int64_t constant;
+    int64_t per_row;
+    int64_t per_column;
+};
+
+int job() {
+    return int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x);
+}
+
+Edge edge(ivec2 from, ivec2 to) {
+    int dx = to.x - from.x;
+    int dy = to.y - from.y;
+    bool closed = dy < 0 || (dy == 0 && dx > 0);
+    int64_t constant = int64_t(dx) * int64_t(128 - from.y) - int64_t(dy) * int64_t(128 - from.x);
+    return Edge(constant - int64_t(closed ? 0 : 1), int64_t(dx) * 256L, int64_t(dy) * 256L);
+}
+
+// A triangle made counter-clockwise; not solid if it has no area.
+struct Triangle {
+    ivec2 first;  // pixel of the bounding box
+    ivec2 last;
+    uint polygon;
+    bool solid;
+    Edge edges[3];
+};
+
+int64_t at(Edge e, int x, int y) {
+    return e.constant + e.per_row * int64_t(y) - e.per_column * int64_t(x);
+}
+
+// Twice the signed area, in 1/65536 px^2.
+int64_t area(ivec2 a, ivec2 b, ivec2 c) {
+    return int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
+}
+
+// First and last pixel whose centre lies in the closed interval; coordinates are not negative.
+ivec2 first_pixel(ivec2 low) { return (low + 127) >> 8; }
+ivec2 last_pixel(ivec2 high) { return (high - 128) >> 8; }
+
+Triangle load(ivec4 job) {
+    int start = 3 * job.x;
+    ivec2 a = points[indices[start]];
+    ivec2 b = points[indices[start + 1]];
+    ivec2 c = points[indices[start + 2]];
+    Triangle t;
+    t.polygon = polygons[indices[start]];
+    t.first = ivec2(first_pixel(min(a, min(b, c))).x, job.y);
+    t.last = ivec2(last_pixel(max(a, max(b, c))).x, job.z);
+    int64_t doubled = area(a, b, c);
+    t.solid = doubled != 0L;
+    if (doubled < 0L) {
+        ivec2 swapped = b;
+        b = c;
+        c = swapped;
+    }
+    t.edges = Edge[3](edge(a, b), edge(b, c), edge(c, a));
+    return t;
+}
+
+uint colour(uint polygon) {
+    return (((polygon + 1u) * 2654435761u) >> 8) | 0xFF404040u;
+}

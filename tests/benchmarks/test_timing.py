@@ -1,0 +1,95 @@
+"""How often the timing is wrong, on llvmpipe: it must not see what is not there, nor miss what is.
+
+Long, and worth nothing on a busy machine: `make bench`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from harness import measure, rasterisers
+from harness.frame import Frame, View, make_frame
+from harness.pairs import Ratio, paired_ratio
+from harness.rasterisers.base import Device, Options
+from harness.timing import Settings
+from harness.triangulation import triangulate_polygons
+from harness.worker import Worker
+from scenes import load
+
+COMPARISONS_SAME = 200
+COMPARISONS_SLOWER = 100
+
+DEFAULT = Settings()
+SHORT = Settings(budget_s=0.5)
+"""An error rate does not depend on the budget; 200 comparisons should not take half an hour."""
+
+
+@pytest.fixture(scope="module")
+def llvmpipe() -> Iterator[tuple[Device, Worker]]:
+    device = rasterisers.find_device("opengl", "llvmpipe")
+    with Worker("llvmpipe", device.environment) as worker:
+        yield device, worker
+
+
+@pytest.fixture(scope="module")
+def city() -> tuple[Frame, NDArray[np.int32]]:
+    frame = make_frame(load("city:buildings=100").polygons, View(512))
+    result = triangulate_polygons("delaunay", frame.polygons, seed=0)
+    return replace(frame, polygons=()), frame.join(result.parts)
+
+
+def compare(
+    llvmpipe: tuple[Device, Worker],
+    frame: Frame,
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    options: Options,
+    seed: int,
+    settings: Settings = DEFAULT,
+) -> Ratio:
+    device, worker = llvmpipe
+    test = worker.call(measure.open_device, "opengl", device).timer
+    pair = {"first": first, "second": second}
+    group = worker.call(
+        measure.time_group, "opengl", device, frame, pair, options, settings, test, seed
+    )
+    return paired_ratio(group["first"].samples_s, group["second"].samples_s)
+
+
+def test_a_triangulation_does_not_differ_from_itself(llvmpipe, city):
+    frame, triangles = city
+    ratios = [
+        compare(llvmpipe, frame, triangles, triangles, Options(), seed, SHORT)
+        for seed in range(COMPARISONS_SAME)
+    ]
+    flagged = [ratio for ratio in ratios if ratio.verdict != "no difference shown"]
+    rounds = np.median([ratio.rounds for ratio in ratios])
+    print(f"\nA/A: {len(flagged)} of {COMPARISONS_SAME} flagged, median {rounds:.0f} rounds")
+    assert len(flagged) <= 0.08 * COMPARISONS_SAME
+
+
+def test_three_percent_more_fragment_work_is_found(llvmpipe):
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0.12], [1, 0.12]]) * 480 * 256 + 4096
+    frame = measure.bare_frame(512, square.astype(np.int32))
+    plain = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
+    more = np.vstack([plain, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
+    device, worker = llvmpipe
+    options = Options(work=8)
+    fragments = [
+        int(worker.call(measure.count, "opengl", device, frame, part, options)["fragments"].sum())
+        for part in (plain, more)
+    ]
+    extra = fragments[1] / fragments[0] - 1
+    assert extra <= 0.0301
+    ratios = [
+        compare(llvmpipe, frame, more, plain, options, seed) for seed in range(COMPARISONS_SLOWER)
+    ]
+    found = sum(ratio.verdict == "slower" for ratio in ratios)
+    typical = np.median([ratio.value for ratio in ratios])
+    print(f"\n{extra:.1%} more fragments: {found} of {COMPARISONS_SLOWER} found, {typical:.3f}")
+    assert found >= 0.9 * COMPARISONS_SLOWER

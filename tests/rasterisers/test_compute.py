@@ -1,0 +1,162 @@
+"""Compute-shader rasterisers on llvmpipe: tests as predicted, pixels as the reference's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness.errors import UsageError
+from harness.rasterisers import Options, Rasteriser
+from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+
+
+@pytest.fixture(params=["bounding-box", "scanline"])
+def walker(request, opened) -> Iterator[Rasteriser]:
+    rasteriser = opened(request.param)
+    yield rasteriser
+    assert rasteriser.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.fixture
+def bounding_box(opened) -> Iterator[Rasteriser]:
+    rasteriser = opened("bounding-box")
+    yield rasteriser
+    assert rasteriser.ctx.error == "GL_NO_ERROR"
+
+
+def centres_in_boxes(frame, triangles) -> np.ndarray:
+    """Count pixel centres in each bounding box from the coordinates in px, (m,)."""
+    corners = frame.points[triangles] / 256
+    low = np.ceil(corners.min(axis=1) - 0.5)
+    high = np.floor(corners.max(axis=1) - 0.5)
+    return np.maximum(high - low + 1, 0).prod(axis=1).astype(np.int64)
+
+
+@pytest.mark.parametrize("size", [64, 250, 1024])
+@pytest.mark.parametrize("grid", [1, 128])
+def test_it_tests_each_pixel_of_the_bounding_box_once(
+    bounding_box, reference, native, scattered, size, grid
+):
+    frame, triangles = scattered(seed=size, size=size, number=120, grid=grid)
+    counters = bounding_box.count(frame, triangles, native)
+    assert np.array_equal(counters["bbox_tests"], centres_in_boxes(frame, triangles))
+    exact = reference.count(frame, triangles, native)
+    assert np.array_equal(counters["bbox_tests"], exact["bbox_tests"])
+    assert np.array_equal(counters["hits"], exact["fragments"])
+
+
+def test_a_box_of_4096_px_is_tested_in_full(bounding_box, native, loose):
+    corners = [[0, 0], [4096 * 256, 0], [0, 4096 * 256]]
+    frame, triangles = loose(corners, 4096)
+    assert bounding_box.count(frame, triangles, native)["bbox_tests"].tolist() == [4096**2]
+
+
+def test_a_dispatch_may_have_more_triangles_than_one_dimension_holds(bounding_box, native, loose):
+    corner = [[256, 256], [768, 256], [256, 768]]
+    frame, triangles = loose(corner * 70_000, 8)
+    assert bounding_box.count(frame, triangles, native)["bbox_tests"].tolist() == [4] * 70_000
+
+
+half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
+anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
+
+
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
+)
+@given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
+def test_any_triangle_is_hit_as_by_the_reference(walker, reference, native, loose, corners):
+    frame, triangles = loose(corners, 32)
+    drawn = walker.count(frame, triangles, native)["hits"]
+    assert drawn.tolist() == reference.count(frame, triangles, native)["fragments"].tolist()
+
+
+@pytest.mark.parametrize("grid", [1, 128])
+def test_image_covers_the_references_pixels(walker, reference, native, scattered, grid):
+    frame, triangles = scattered(seed=9, size=300, number=60, grid=grid)
+    drawn = walker.image(frame, triangles, native)
+    expected = reference.image(frame, triangles, native)
+    assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
+
+
+def test_image_of_one_layer_equals_the_references(walker, reference, native, loose):
+    tiles = [
+        [[x + 300, y + 300], [x + 7600, y + 1100], [x + 900, y + 7800]]
+        for x in range(0, 32 * 256, 8192)
+        for y in range(0, 32 * 256, 8192)
+    ]
+    frame, triangles = loose(np.array(tiles), 64)
+    assert np.array_equal(
+        walker.image(frame, triangles, native), reference.image(frame, triangles, native)
+    )
+
+
+def test_time_follows_the_bounding_box_and_not_the_area(bounding_box, native, loose):
+    """Both triangles have the same box; one covers half of it, the other next to nothing."""
+    size, far = 512, 511 * 256
+    half, _ = loose([[256, 256], [far, 256], [256, far]], size)
+    sliver, triangles = loose([[256, 256], [far, far], [far - 256, far]], size)
+    with (
+        bounding_box.prepare(half, triangles, native) as full,
+        bounding_box.prepare(sliver, triangles, native) as thin,
+    ):
+        full.sample(1), thin.sample(1)
+        ratio = min(full.sample(2).wall for _ in range(4)) / min(
+            thin.sample(2).wall for _ in range(4)
+        )
+    assert 0.5 < ratio < 2.5
+
+
+def test_scanline_is_much_faster_on_a_large_empty_box(opened, native, loose):
+    frame, triangles = loose([[256, 256], [511 * 256, 511 * 256], [510 * 256, 511 * 256]], 512)
+    seconds = {}
+    for name in ("bounding-box", "scanline"):
+        with opened(name).prepare(frame, triangles, native) as drawing:
+            drawing.sample(1)
+            seconds[name] = min(drawing.sample(2).wall for _ in range(4))
+    assert seconds["scanline"] < 0.5 * seconds["bounding-box"]
+
+
+def test_scanline_counts_the_rows_of_the_box(opened, native, loose):
+    frame, triangles = loose([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
+    assert opened("scanline").count(frame, triangles, native)["rows"].tolist() == [19]
+
+
+def test_no_triangles_cost_nothing(walker, native, loose):
+    frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], 16)
+    nothing = np.empty((0, 3), np.int32)
+    assert all(not values.any() for values in walker.count(frame, nothing, native).values())
+    assert not walker.image(frame, nothing, native).any()
+
+
+def test_multisampling_and_work_are_refused(walker, scattered):
+    frame, triangles = scattered(seed=1, size=64, number=2, grid=1)
+    for options in (Options(samples=4), Options(work=3)):
+        with pytest.raises(UsageError, match="neither multisampling nor fragment work"):
+            walker.count(frame, triangles, options)
+
+
+@given(
+    st.lists(st.tuples(*[st.integers(0, 16384 * 256)] * 2), min_size=3, max_size=9).filter(
+        lambda corners: len(corners) % 3 == 0
+    )
+)
+def test_jobs_cover_each_row_once_and_are_small(loose, corners):
+    frame, triangles = loose(corners, 16384)
+    jobs = split_rows(frame, triangles)
+    boxes = frame.points[triangles]
+    first = np.ceil(boxes.min(axis=1) / 256 - 0.5).astype(int)
+    last = np.floor(boxes.max(axis=1) / 256 - 0.5).astype(int)
+    for number, (low, high) in enumerate(zip(first, last, strict=True)):
+        mine = jobs[jobs[:, 0] == number]
+        rows = [row for _, start, stop, _ in mine for row in range(start, stop + 1)]
+        assert rows == list(range(low[1], high[1] + 1))
+        width = max(high[0] - low[0] + 1, 1)
+        assert all(
+            (stop - start + 1) * width <= max(JOB_PIXELS, LANES * width)
+            for _, start, stop, _ in mine
+        )

@@ -1,0 +1,65 @@
+"""Coverage: equal for every conforming triangulation, wrong in places with a T-junction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapely import Polygon
+
+from harness.frame import View, make_frame
+from triangulators import triangulate
+
+# A long roof with vertex 1 in the middle of its side 0-2.
+ROOF = Polygon([(0, 0), (40, 3), (80, 6), (78, 30), (3, 25)])
+WITH_T_JUNCTION = np.array([[0, 2, 3], [0, 3, 4]], np.int32)
+CONFORMING = [
+    np.array([[1, 2, 3], [1, 3, 4], [1, 4, 0]], np.int32),
+    np.array([[0, 1, 3], [1, 2, 3], [0, 3, 4]], np.int32),
+]
+ANGLES = range(0, 180, 10)
+
+
+def fragments(rasteriser, frame, triangles, options) -> int:
+    return int(rasteriser.count(frame, triangles, options)["fragments"].sum())
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_conforming_triangulations_cover_the_same_pixels(llvmpipe, native, angle):
+    frame = make_frame([ROOF], View(1024, angle))
+    first, second = (fragments(llvmpipe, frame, triangles, native) for triangles in CONFORMING)
+    assert first == second
+
+
+def test_a_t_junction_shows_as_a_coverage_error_under_rotation(llvmpipe, reference, native):
+    """Snapping moves vertex 1 off the side that should hold it: a gap or an overlap opens."""
+    errors = []
+    for angle in ANGLES:
+        frame = make_frame([ROOF], View(1024, angle))
+        whole = fragments(llvmpipe, frame, CONFORMING[0], native)
+        torn = fragments(llvmpipe, frame, WITH_T_JUNCTION, native)
+        assert torn - whole == fragments(reference, frame, WITH_T_JUNCTION, native) - fragments(
+            reference, frame, CONFORMING[0], native
+        )
+        errors.append(torn - whole)
+    assert sum(error != 0 for error in errors) >= 3
+    # A sliver of at most 1/256 px by the length of the side.
+    assert max(abs(error) for error in errors) <= 1024 / 128
+
+
+def test_triangulators_agree_on_every_polygons_fragments(llvmpipe, native):
+    rng = np.random.default_rng(8)
+    polygons = []
+    for row in range(4):
+        angles = np.sort(rng.uniform(0, 2 * np.pi, 12))
+        radius = rng.uniform(3, 9, 12)
+        star = np.stack([np.cos(angles), np.sin(angles)], axis=1) * radius[:, None]
+        polygons.append(Polygon(star + np.array([20 * row, 0])))
+    frame = make_frame(polygons, View(512, 17))
+    counts = [
+        llvmpipe.count(
+            frame, frame.join([triangulate(polygon, name) for polygon in frame.polygons]), native
+        )["fragments"]
+        for name in ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
+    ]
+    for other in counts[1:]:
+        assert np.array_equal(counts[0], other)

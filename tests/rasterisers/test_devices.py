@@ -1,0 +1,82 @@
+"""Other devices than llvmpipe, each in a process of its own.
+
+Where one is not installed, the error that says how to install it is tested instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.errors import NoRasteriser
+from harness.rasterisers import Options, find_device, get
+from harness.rasterisers.agreement import disagreements
+from harness.rasterisers.tally import COUNTED
+
+from .remote import counted_elsewhere
+
+
+def missing(rasteriser: str, device: str) -> bool:
+    """Whether the device is not installed; then the error must say what to run."""
+    if device in [found.name for found in get(rasteriser).devices()]:
+        return False
+    with pytest.raises(NoRasteriser, match="apt-get install -y"):
+        find_device(rasteriser, device)
+    return True
+
+
+@pytest.mark.parametrize(("rasteriser", "device"), [("opengl", "zink"), ("osmesa", "osmesa")])
+def test_counters_equal_the_reference_for_every_polygon(rasteriser, device, reference, scattered):
+    if missing(rasteriser, device):
+        return
+    cases = [
+        scattered(seed=size + grid, size=size, number=100, grid=grid)
+        for size in (64, 250, 1024)
+        for grid in (1, 128)
+    ]
+    for (frame, triangles), drawn in zip(
+        cases, counted_elsewhere(rasteriser, device, cases, Options()), strict=True
+    ):
+        exact = reference.count(frame, triangles, Options())
+        assert disagreements(frame, drawn, exact) == []
+        assert drawn["samples_passed"] == exact["fragments"].sum()
+
+
+def test_zink_tests_the_bounding_box_as_predicted(reference, scattered):
+    if missing("bounding-box", "zink"):
+        return
+    cases = [scattered(seed=5, size=300, number=50, grid=grid) for grid in (1, 128)]
+    for (frame, triangles), drawn in zip(
+        cases, counted_elsewhere("bounding-box", "zink", cases, Options()), strict=True
+    ):
+        exact = reference.count(frame, triangles, Options())
+        assert np.array_equal(drawn["bbox_tests"], exact["bbox_tests"])
+        assert np.array_equal(drawn["hits"], exact["fragments"])
+
+
+def test_softpipe_counts_consistently_and_what_differs_is_named(reference, scattered):
+    """Softpipe rounds edges in floating point: some pixels on an edge fall to the other side."""
+    case = scattered(seed=6, size=128, number=60, grid=128)
+    (drawn,) = counted_elsewhere("opengl", "softpipe", [case], Options())
+    assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
+    frame, triangles = case
+    exact = reference.count(frame, triangles, Options())
+    assert abs(drawn["fragments"] - exact["fragments"]).sum() < 0.01 * exact["fragments"].sum()
+    for found in disagreements(frame, drawn, exact):
+        assert found.counter in COUNTED
+        assert drawn[found.counter][found.polygon] == found.drawn != found.expected
+        assert f"polygon {found.polygon}: {found.drawn} instead of {found.expected}" in str(found)
+
+
+def test_a_device_in_the_wrong_environment_is_refused():
+    device = find_device("opengl", "softpipe")
+    with pytest.raises(NoRasteriser, match=r"softpipe needs GALLIUM_DRIVER=softpipe before"):
+        get("opengl")(device)
+
+
+def test_disagreements_name_counter_and_polygon(loose):
+    frame, _ = loose([[0, 0], [512, 0], [0, 512]] * 3, 8)
+    expected = {"fragments": np.array([1, 2, 3]), "blocks": np.array([1, 1, 1])}
+    drawn = {"fragments": np.array([1, 5, 4]), "samples_passed": np.array(10)}
+    (found,) = disagreements(frame, drawn, expected)
+    assert str(found) == "fragments differ in 2 of 3 polygons; polygon 1: 5 instead of 2"

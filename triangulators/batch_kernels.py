@@ -1,0 +1,181 @@
+"""Compiled parts of `batch`: what is done for each polygon, on all threads."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from triangulators.cost import BBOX_AREA, HALF_PERIMETER, total_cost
+from triangulators.dense import fill_box_table, trace_box_table
+from triangulators.predicates import turn
+from triangulators.sparse import fill_pairs, trace_pairs
+from triangulators.unfold import fold_back, grow, neighbours_of, unfold
+from triangulators.visibility import visible_pairs
+
+SMALL = 64  # corners up to which the table is used
+_CUTS = 4  # choices of cuts tried on a polygon with holes
+
+
+@njit(cache=True, nogil=True)
+def on_pixel_grid(points: np.ndarray) -> bool:
+    """Whether all coordinates are multiples of 1/256 below 2^14."""
+    for value in points.ravel():
+        if value * 256.0 != np.rint(value * 256.0) or abs(value) >= 16384.0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def one_ring(
+    points: np.ndarray,
+    box: np.ndarray,
+    table: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    triangles: np.ndarray,
+) -> bool:
+    """Triangulate one ring of either winding into `triangles` (n - 2, 3); False if it failed."""
+    n = len(points)
+    area = 0.0
+    for k in range(n):
+        after = points[k + 1] if k + 1 < n else points[0]
+        area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
+        area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
+    for k in range(n):
+        source = k if area > 0.0 else n - 1 - k
+        x[k], y[k] = points[source, 0], points[source, 1]
+    flat = 0.0
+    if not on_pixel_grid(points):
+        span = max(x[:n].max() - x[:n].min(), y[:n].max() - y[:n].min())
+        flat = 8.0 * 2.0**-53 * span * span
+    fill_box_table(table, x[:n], y[:n], box, flat)
+    if trace_box_table(table, x[:n], y[:n], box, flat, triangles) != n - 2:
+        return False
+    if area <= 0.0:
+        for row in range(n - 2):
+            for e in range(3):
+                triangles[row, e] = n - 1 - triangles[row, e]
+    return True
+
+
+@njit(cache=True, parallel=True)
+def rings_in_parallel(
+    coordinates: np.ndarray,
+    begins: np.ndarray,
+    wanted: np.ndarray,
+    box: np.ndarray,
+    starts: np.ndarray,
+    triangles: np.ndarray,
+    chunks: int,
+) -> np.ndarray:
+    """Do `one_ring` for each wanted polygon; return which succeeded."""
+    done = np.zeros(len(wanted), dtype=np.bool_)
+    for chunk in prange(chunks):
+        table = np.empty((SMALL, SMALL))
+        x, y = np.empty(SMALL), np.empty(SMALL)
+        for index in range(chunk * len(wanted) // chunks, (chunk + 1) * len(wanted) // chunks):
+            if wanted[index]:
+                done[index] = one_ring(
+                    coordinates[begins[index] : begins[index + 1]],
+                    box,
+                    table,
+                    x,
+                    y,
+                    triangles[starts[index] : starts[index + 1]],
+                )
+    return done
+
+
+@njit(cache=True, nogil=True)
+def _is_triangulation(
+    points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, across: np.ndarray
+) -> bool:
+    """Whether all triangles turn left and what they do not share is the rings' edges, once each."""
+    n = len(points)
+    following = np.arange(1, n + 1)
+    start = 0
+    for end in ends:
+        following[end - 1] = start
+        start = end
+    edges = 0
+    for row in range(len(triangles)):
+        if turn(points, triangles[row, 0], triangles[row, 1], triangles[row, 2]) <= 0.0:
+            return False
+        for e in range(3):
+            if across[row, e] < 0:
+                edges += 1
+                a, b = triangles[row, e], triangles[row, (e + 1) % 3]
+                if following[a] != b and following[b] != a:
+                    return False
+    return edges == n and len(triangles) == n + 2 * (len(ends) - 1) - 2
+
+
+@njit(cache=True, nogil=True)
+def _optimum_of_piece(points: np.ndarray, local: np.ndarray, cost: Any) -> np.ndarray:
+    """The optimum of a simple polygon (n, 2), given a triangulation of it; `cost` is a box."""
+    weights, function, box = cost
+    n = len(points)
+    x, y = points[:, 0].copy(), points[:, 1].copy()
+    if n <= SMALL and on_pixel_grid(points):
+        table = np.empty((n, n))
+        better = np.empty((n - 2, 3), dtype=np.int32)
+        fill_box_table(table, x, y, box, 0.0)
+        trace_box_table(table, x, y, box, 0.0, better)
+        return better
+    start, target = visible_pairs(points, local, neighbours_of(local, n), n * n)
+    filled = fill_pairs(x, y, start, target, weights, function, False, 1.0, False, box, True)
+    inner = np.zeros_like(weights)
+    inner[HALF_PERIMETER], inner[BBOX_AREA] = box[0], box[1]
+    return trace_pairs(x, y, start, target, filled, inner, function, False, 1.0, False)
+
+
+@njit(cache=True, nogil=True)
+def _improve(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, cost: Any) -> bool:
+    """Improve one triangulation in place over a few cuts; False if it is none to begin with."""
+    size = len(triangles)
+    across = neighbours_of(triangles, len(points))
+    if size == 0 or not _is_triangulation(points, ends, triangles, across):
+        return False
+    tree = np.zeros(across.shape, dtype=np.bool_)
+    rows = np.empty(size, dtype=np.int32)
+    least = np.inf
+    for attempt in range(_CUTS if len(ends) > 1 else 1):
+        root = attempt * size // _CUTS
+        tree[:] = False
+        grow(across, root, size, attempt % 2 == 0, attempt % 3, tree, rows)
+        cycle, local, outline = unfold(triangles, across, tree, root, size)
+        better = _optimum_of_piece(points[cycle], local, cost)
+        fold_back(triangles, across, rows, cycle, outline, better)
+        total = total_cost(points, triangles, cost[0], cost[1], False, 1.0, False)
+        if attempt > 0 and total >= least - 1e-12 * abs(least):
+            break  # other cuts gained nothing: most likely it is the optimum
+        least = total
+    return True
+
+
+@njit(cache=True, parallel=True)
+def improve_in_parallel(
+    coordinates: np.ndarray,
+    ring_ends: np.ndarray,
+    owners: np.ndarray,
+    which: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    box: np.ndarray,
+    triangles: np.ndarray,
+    bounds: np.ndarray,
+) -> np.ndarray:
+    """Improve triangulations in place; return which of them were valid and have been improved.
+
+    which: (q,) polygons, `owners` (p + 1,) the ends of their rings in `ring_ends`; bounds (q + 1,):
+    where each one's triangles are in `triangles`.
+    """
+    done = np.zeros(len(which), dtype=np.bool_)
+    for task in prange(len(which)):
+        index = which[task]
+        first = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
+        ends = ring_ends[owners[index] : owners[index + 1]] - first
+        points = coordinates[first : first + ends[-1]]
+        own = triangles[bounds[task] : bounds[task + 1]]
+        done[task] = _improve(points, ends, own, (weights, function, box))
+    return done
