@@ -105,10 +105,10 @@ def _comparable(base: Record, head: Record) -> tuple[Status, str]:
     hashes = base.get("scene_hash"), head.get("scene_hash")
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
-    polygons = base.get("polygons"), head.get("polygons")
-    if None not in polygons and polygons[0] != polygons[1]:
-        status: Status = "fewer-polygons" if polygons[1] < polygons[0] else "more-polygons"
-        return status, f"{polygons[0]} then, {polygons[1]} now; {_reason(head)}".rstrip("; ")
+    before, after = base.get("polygons"), head.get("polygons")
+    if before is not None and after is not None and before != after:
+        status: Status = "fewer-polygons" if after < before else "more-polygons"
+        return status, f"{before} then, {after} now; {_reason(head)}".rstrip("; ")
     return "compared", ""
 
 

@@ -26,9 +26,7 @@ def exact_figures(record: Record) -> dict[str, float]:
 def _predictions(record: Record) -> dict[str, float]:
     """Return what the criteria predict, in the names of the registry or as `predicted_...`."""
     predicted = record.get("predicted") or {}
-    return {
-        f"predicted_{name}": value for name, value in predicted.items() if name not in METRICS
-    }
+    return {f"predicted_{name}": value for name, value in predicted.items() if name not in METRICS}
 
 
 def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
@@ -44,7 +42,9 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
     exact: Exact = "equal"
     if not _equal(base, head):
         worse_up = {"lower": True, "higher": False}.get(better)
-        exact = "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
+        exact = (
+            "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
+        )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
     return CounterChange(

@@ -50,7 +50,7 @@ def _packages(facts: Mapping[str, Any]) -> list[str]:
 
 def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
     """Write {"timing": {"precision": 1}} as {"timing.precision": 1}."""
-    flat = {}
+    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
             flat |= {f"{name}.{inner}": deeper for inner, deeper in _flat(value).items()}

@@ -151,9 +151,15 @@ def _from_table(table: Mapping[str, Any]) -> Settings:
         elif key == "normalise" and value in NORMALISE:
             settings = replace(settings, normalise=value)
         elif key in switches and isinstance(value, bool):
-            settings = replace(settings, **{key.replace("-", "_"): value})
+            settings = _switched(settings, key, value)
         elif key in ("gate", "threshold", "normalise", *switches):
             raise UsageError(f"{key} = {value!r} cannot be used")
         else:
             raise unknown("setting", key, ("gate", "threshold", "normalise", *switches))
     return settings
+
+
+def _switched(settings: Settings, key: str, value: bool) -> Settings:
+    if key == "require-all":
+        return replace(settings, require_all=value)
+    return replace(settings, allow_inconclusive=value)

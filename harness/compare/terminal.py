@@ -1,0 +1,62 @@
+"""The comparison as tables for a terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from harness.compare.model import Comparison
+from harness.compare.rows import (
+    TOTALS_HEADING,
+    Group,
+    affected_totals,
+    groups,
+    run_lines,
+    total_cells,
+)
+from harness.compare.wording import headline
+
+STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
+VERDICT_STYLES = {"regression": "bold red", "good": "bold green"}
+
+
+def print_comparison(comparison: Comparison, console: Console) -> None:
+    """Print the verdict, the totals of counters, a table of each group, and what else differs."""
+    style = VERDICT_STYLES.get(comparison.verdict, "bold yellow")
+    console.print(Text(headline(comparison), style=style), soft_wrap=True)
+    for line in run_lines(comparison):
+        console.print(Text(line, style="dim"), soft_wrap=True)
+    differing = affected_totals(comparison)
+    if differing:
+        table = _table("counters that differ", TOTALS_HEADING)
+        for total in differing:
+            table.add_row(*total_cells(total))
+        console.print(table)
+    for group in groups(comparison):
+        _print_group(group, console)
+    for line in (*comparison.changes, *comparison.notes):
+        console.print(Text(line, style="dim"), soft_wrap=True)
+
+
+def _print_group(group: Group, console: Console) -> None:
+    table = _table(group.title, group.heading)
+    for row in group.rows:
+        table.add_row(*(Text(cell) for cell in row.cells), style=STYLES[row.kind])
+    console.print(table)
+    if group.drift:
+        console.print(Text(group.drift, style="dim"), soft_wrap=True)
+
+
+def _table(title: str, heading: tuple[str, ...]) -> Table:
+    table = Table(
+        title=Text(title),
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+        header_style="bold",
+    )
+    for number, name in enumerate(heading):
+        words = number in (0, len(heading) - 1)
+        table.add_column(name, justify="left" if words else "right", overflow="fold")
+    return table
