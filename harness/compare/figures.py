@@ -119,4 +119,4 @@ def _finish(axes: Axes, cases: Sequence[CaseChange], label: str) -> None:
     axes.set_yticks(range(len(cases)), labels)
     axes.set_ylim(len(cases) - 0.5, -0.5)
     axes.set_xlabel(label)
-    axes.figure.legend(loc="outside upper center", ncols=4)
+    axes.figure.legend(loc="outside upper center", ncols=4, frameon=False)

@@ -15,6 +15,11 @@ PLOTS = (
     ("counters", "Counters that differ", counter_figure),
 )
 
+TOTALS = (
+    ("Counters over all compared cases", True),
+    ("Predictions and a driver's own counts", False),
+)
+
 
 def to_html(comparison: Comparison) -> str:
     """Return a page with verdict, plots and tables; no script, no font, no address."""
@@ -38,5 +43,8 @@ def to_html(comparison: Comparison) -> str:
         runs=run_lines(comparison),
         groups=groups(comparison),
         totals_heading=TOTALS_HEADING,
-        totals=[total_cells(total) for total in affected_totals(comparison)],
+        totals=[
+            (title, [total_cells(t) for t in affected_totals(comparison, counted=counted)])
+            for title, counted in TOTALS
+        ],
     )

@@ -32,8 +32,10 @@ def to_markdown(comparison: Comparison, limit: int = LIMIT) -> str:
     verdict, _, rest = headline(comparison).partition(": ")
     text = f"**{escape(verdict)}:** {escape(rest)}\n"
     tables = groups(comparison)
-    blocks = [_totals(comparison), *(_affected(group) for group in tables)]
+    blocks = [_totals(comparison, counted=True), *(_affected(group) for group in tables)]
     blocks += [_folded(f"All cases: {group.title}", _table(group)) for group in tables]
+    opinions = _totals(comparison, counted=False)
+    blocks.append(opinions and _folded("Predictions and a driver's own counts", opinions))
     blocks.append(_folded("Runs, machines and settings", _facts(comparison)))
     for position, block in enumerate(blocks):
         if len(text) + len(block) > limit - 200:
@@ -50,11 +52,11 @@ def escape(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>|~#@!$])", r"\\\1", text).replace("\\@", "@\u200b")
 
 
-def _totals(comparison: Comparison) -> str:
-    totals = affected_totals(comparison)
+def _totals(comparison: Comparison, *, counted: bool) -> str:
+    totals = affected_totals(comparison, counted=counted)
     if not totals:
         return ""
-    return _rows(TOTALS_HEADING, (total_cells(total) for total in totals))
+    return _rows(TOTALS_HEADING, (0,), (map(escape, total_cells(total)) for total in totals))
 
 
 def _affected(group: Group) -> str:
@@ -67,7 +69,7 @@ def _affected(group: Group) -> str:
 
 def _table(group: Group, rows: Sequence[Row] | None = None) -> str:
     chosen = group.rows if rows is None else rows
-    text = _rows(group.heading, (_emphasised(row) for row in chosen))
+    text = _rows(group.heading, (0, len(group.heading) - 1), (_emphasised(row) for row in chosen))
     return f"{text}\n{escape(group.drift)}\n" if group.drift else text
 
 
@@ -77,9 +79,8 @@ def _emphasised(row: Row) -> tuple[str, ...]:
     return (*cells[:-1], f"**{cells[-1]}**") if row.kind == "bad" else cells
 
 
-def _rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Write a table; cells in `rows` are escaped already."""
-    words = (0, len(heading) - 1)
+def _rows(heading: Sequence[str], words: Sequence[int], rows: Iterable[Iterable[str]]) -> str:
+    """Write a table, columns `words` aligned left; cells in `rows` are escaped already."""
     rule = ["---" if n in words else "--:" for n in range(len(heading))]
     lines = [heading, rule, *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

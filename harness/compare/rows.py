@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from harness.compare.model import MISSING, CaseChange, Comparison, CounterChange, Drift, Total
+from harness.compare.settings import is_gated
 from harness.compare.wording import (
     FIRST,
     case_verdict,
-    counter_text,
     figure,
     percent,
     time_text,
@@ -42,19 +42,22 @@ class Group:
     drift: str
 
 
-def groups(comparison: Comparison) -> list[Group]:
-    """Return the cases as one table for each scene, view, rasteriser and device."""
+def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
+    """Return the cases as one table for each scene, view, rasteriser and device.
+
+    counters : most counters to show, so that a narrow terminal can show the rest
+    """
     titles = dict.fromkeys(case.name.where for case in comparison.cases)
     drifts = {drift.where: drift for drift in comparison.drifts}
-    return [_group(comparison, title, drifts.get(title)) for title in titles]
+    return [_group(comparison, title, drifts.get(title), counters) for title in titles]
 
 
-def _group(comparison: Comparison, title: str, drift: Drift | None) -> Group:
+def _group(comparison: Comparison, title: str, drift: Drift | None, counters: int) -> Group:
     cases = [case for case in comparison.cases if case.name.where == title]
-    shown = [name for name in FIRST if any(_find(case, name) for case in cases)]
+    shown = [name for name in FIRST if any(_find(case, name) for case in cases)][:counters]
     timed = any(case.time is not None for case in cases)
     heading = ("triangulator", *(name.replace("_", " ") for name in shown))
-    heading += ("time HEAD/BASE",) * timed + ("verdict",)
+    heading += ("time vs BASE",) * timed + ("verdict",)
     ordered = sorted(cases, key=lambda case: ORDER.index(kind(comparison, case)))
     return Group(
         title,
@@ -66,14 +69,21 @@ def _group(comparison: Comparison, title: str, drift: Drift | None) -> Group:
 
 def _row(comparison: Comparison, case: CaseChange, shown: list[str], timed: bool) -> Row:
     counters = [_find(case, name) for name in shown]
-    cells = [case.name.triangulator]
-    cells += ["" if change is None else counter_text(change) for change in counters]
+    cells = [case.name.triangulator, *(_counter_cell(change) for change in counters)]
     cells += [time_text(case.time)] * timed
     verdict = case_verdict(comparison, case)
     reason = case.reason or (case.time.reason if case.time is not None else "")
     cells.append(f"{verdict}: {reason}" if reason and verdict != "unchanged" else verdict)
     found = kind(comparison, case)
     return Row(tuple(cells), found, found != "plain" or _differs(case))
+
+
+def _counter_cell(change: CounterChange | None) -> str:
+    """Write HEAD's value and, where it differs from BASE's, the growth."""
+    if change is None:
+        return ""
+    growth = "" if change.change in (0, None) else f" ({percent(change.change or 0)})"
+    return f"{figure(change.head)}{growth}"
 
 
 ORDER = ("bad", "unsure", "good", "plain")
@@ -108,9 +118,16 @@ def drift_text(drift: Drift) -> str:
     return f"{text}: {drift.outcome}"
 
 
-def affected_totals(comparison: Comparison) -> list[Total]:
-    """Return the totals of figures that differ in some case."""
-    return [total for total in comparison.totals if total.affected]
+def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
+    """Return the totals of figures that differ in some case.
+
+    counted : those that say what drawing costs; otherwise predictions and a driver's opinions
+    """
+    return [
+        total
+        for total in comparison.totals
+        if total.affected and is_gated(total.metric, {}) == counted
+    ]
 
 
 def total_cells(total: Total) -> tuple[str, ...]:

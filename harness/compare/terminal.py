@@ -27,20 +27,21 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
     console.print(Text(headline(comparison), style=style), soft_wrap=True)
     for line in run_lines(comparison):
         console.print(Text(line, style="dim"), soft_wrap=True)
-    differing = affected_totals(comparison)
+    differing = affected_totals(comparison, counted=True)
     if differing:
-        table = _table("counters that differ", TOTALS_HEADING)
+        table = _table("counters that differ", TOTALS_HEADING, words=(0,))
         for total in differing:
             table.add_row(*total_cells(total))
         console.print(table)
-    for group in groups(comparison):
+    for group in groups(comparison, counters=1):
         _print_group(group, console)
     for line in (*comparison.changes, *comparison.notes):
         console.print(Text(line, style="dim"), soft_wrap=True)
 
 
 def _print_group(group: Group, console: Console) -> None:
-    table = _table(group.title, group.heading)
+    last = len(group.heading) - 1
+    table = _table(group.title, group.heading, words=(0, last))
     for row in group.rows:
         table.add_row(*(Text(cell) for cell in row.cells), style=STYLES[row.kind])
     console.print(table)
@@ -48,7 +49,7 @@ def _print_group(group: Group, console: Console) -> None:
         console.print(Text(group.drift, style="dim"), soft_wrap=True)
 
 
-def _table(title: str, heading: tuple[str, ...]) -> Table:
+def _table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) -> Table:
     table = Table(
         title=Text(title),
         title_justify="left",
@@ -57,6 +58,10 @@ def _table(title: str, heading: tuple[str, ...]) -> Table:
         header_style="bold",
     )
     for number, name in enumerate(heading):
-        words = number in (0, len(heading) - 1)
-        table.add_column(name, justify="left" if words else "right", overflow="fold")
+        table.add_column(
+            name,
+            justify="left" if number in words else "right",
+            no_wrap=number < len(heading) - 1,
+            overflow="fold",
+        )
     return table

@@ -13,7 +13,6 @@ from harness.compare.model import (
     Status,
     TimeChange,
 )
-from harness.metrics import METRICS
 
 FIRST = ("quads", "bbox_tests", "helper_lanes")
 """Counters that stand for the cost best, the best first."""
@@ -56,21 +55,22 @@ def counter_text(change: CounterChange) -> str:
 
 def figure(value: float) -> str:
     """Write a number with as many digits as matter."""
-    return f"{value:,.0f}" if float(value).is_integer() else f"{value:,.4g}"
+    whole = float(value).is_integer() or abs(value) >= 1000
+    return f"{value:,.0f}" if whole else f"{value:,.4g}"
 
 
 def time_text(change: TimeChange | None) -> str:
-    """Write `1.084 [1.051, 1.112]`, the ratio of times with its interval."""
+    """Write `1.084 [1.05, 1.11]`, the ratio of times with its interval."""
     if change is None or change.ratio is None:
         return ""
-    return f"{change.ratio:.3f} [{change.low:.3f}, {change.high:.3f}]"
+    return f"{change.ratio:.3f} [{change.low:.2f}, {change.high:.2f}]"
 
 
 def case_verdict(comparison: Comparison, case: CaseChange) -> str:
     """Say in a few words what became of a case."""
     if case.status != "compared":
         return STATUS_TEXT[case.status]
-    regressed = [METRICS[change.metric].name for change in case.regressions()]
+    regressed = [change.metric.replace("_", " ") for change in case.regressions()]
     if case.time is not None and case.time.outcome == "regressed":
         regressed.append("time" if comparison.settings.gates_time else "time, not gated")
     if regressed:
