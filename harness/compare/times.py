@@ -272,9 +272,18 @@ def _log_ratio(base: Samples, head: Samples, axis: int = -1) -> Any:
     return np.log(top / bottom)
 
 
+def low_quantile(samples_s: Sequence[Any]) -> float | None:
+    """Return the low quantile of a record's samples in seconds, None where there are none."""
+    samples = _positive(samples_s)
+    return float(np.quantile(samples, QUANTILE)) if len(samples) else None
+
+
 def _samples(time: dict[str, Any], name: str) -> Samples:
-    """Return a time's samples; what is no positive number is left out."""
-    values = time.get(name) or []
+    return _positive(time.get(name) or [])
+
+
+def _positive(values: Sequence[Any]) -> Samples:
+    """Return (n,) samples; what is no positive number is left out."""
     numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
     return numbers[np.isfinite(numbers) & (numbers > 0)]
 
