@@ -27,7 +27,9 @@ from harness.timing import (
 )
 
 SELF_TEST_PX = 1024
-SELF_TEST_LAYERS = 64
+SELF_TEST_LAYERS = 256
+SELF_TEST_S = 10e-3
+"""A draw this long, in seconds, shows whether two timers agree."""
 
 
 @dataclass(frozen=True)
@@ -117,14 +119,19 @@ def _opened(name: str, device: Device) -> Rasteriser:
 
 
 def _test_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Time many full layers of the viewport: a draw no timer can overlook."""
+    """Time full layers of the viewport, so many that no timer can overlook them."""
     far = SELF_TEST_PX * SUBPIXEL
     square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
     frame = bare_frame(SELF_TEST_PX, square)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    triangles = np.tile(layer, (SELF_TEST_LAYERS, 1))
-    with rasteriser.prepare(frame, triangles, Options()) as drawing:
-        return self_test(drawing)
+    layers = 1
+    while True:
+        triangles = np.tile(layer, (layers, 1))
+        with rasteriser.prepare(frame, triangles, Options()) as drawing:
+            drawing.sample(1)  # what is compiled or allocated at the first draw
+            if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
+                return self_test(drawing)
+        layers *= 4
 
 
 def _corner_triangle(resolution: int) -> NDArray[np.int32]:

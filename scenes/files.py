@@ -55,11 +55,17 @@ class Raw:
 
 @dataclass(frozen=True)
 class Chunk:
-    """A part of a file: valid polygons, their attributes, and notes on the rest."""
+    """A part of a file: valid polygons, their attributes, and notes on the rest.
+
+    `crs` is the file's reference system. If the polygons were projected from longitude and
+    latitude, `centre` is the centre of that projection, as `scenes.projection` takes it.
+    """
 
     cleaned: Cleaned
     attributes: pd.DataFrame | None
     units: str
+    crs: str | None = None
+    centre: tuple[float, float] | None = None
 
 
 _MESHES = (".obj", ".ply", ".gltf", ".glb", ".stl", ".off", ".3mf", ".dae")
@@ -143,17 +149,17 @@ def read_chunks(
         cleaned = clean(raw.geometries, raw.labels)
         coordinates = shapely.get_coordinates(cleaned.polygons)
         units = raw.units
-        if project or (project is None and is_geographic(raw.crs, coordinates)):
-            units = "m"
-            if len(coordinates):
-                centre = centre or mean_direction(coordinates)
-                cleaned = _projected(cleaned, raw.labels, centre)
+        if project is None and len(coordinates):
+            project = is_geographic(raw.crs, coordinates)
+        if project and len(coordinates):
+            units, centre = "m", centre or mean_direction(coordinates)
+            cleaned = _projected(cleaned, raw.labels, centre)
         cleaned.dropped[:0] = raw.dropped
         cleaned.repaired[:0] = raw.repaired
         table = raw.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
-        yield Chunk(cleaned, table, units)
+        yield Chunk(cleaned, table, units, raw.crs, centre)
 
 
 def _projected(cleaned: Cleaned, labels: list[str], centre: tuple[float, float]) -> Cleaned:
@@ -211,6 +217,24 @@ def _filtered(raw: Raw, source: Source) -> Raw:
         labels=[raw.labels[i] for i in rows],
         attributes=None if raw.attributes is None else raw.attributes.iloc[rows],
     )
+
+
+def feature_count(path: str, layer: str | None = None) -> int | None:
+    """How many features a file has, before any filter, where that is known without reading it."""
+    import pyogrio
+
+    file = _existing(path)
+    try:
+        if _reader(file) == _GDAL:
+            count = pyogrio.read_info(file, layer=layer)["features"]
+            return int(count) if count >= 0 else None
+        if _reader(file).startswith("scenes.geoparquet"):
+            from pyarrow import parquet
+
+            return int(parquet.read_metadata(file).num_rows)
+    except Exception:  # a count is for a progress bar: reading will say what is wrong
+        return None
+    return None
 
 
 def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:

@@ -18,7 +18,7 @@ def hang(polygon: Polygon) -> None:
 
 
 def devour(polygon: Polygon) -> None:
-    hoard = [np.ones(1 << 27) for _ in range(1000)]
+    hoard = [np.zeros(1 << 27) for _ in range(1000)]
     raise AssertionError(len(hoard))
 
 

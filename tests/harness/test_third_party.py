@@ -24,7 +24,7 @@ REASONS = {
 
 
 def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
-    monkeypatch.setattr("harness.runner.MEMORY_SHARE", 0.15)
+    monkeypatch.setattr("harness.bench.MEMORY_SHARE", 0.15)
     names = tuple(f"tests.broken:{name}" for name in REASONS)
     plan = plan_for(block, triangulators=("delaunay", *names, "tests.broken:right"), timeout_s=6.0)
     records = {

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenes.projection import is_geographic, mean_direction, to_metres
+from scenes.projection import is_geographic, mean_direction, to_degrees, to_metres
 
 
 @given(lon=st.floats(-180, 180), lat=st.floats(-80, 80))
@@ -61,3 +61,15 @@ def test_geographic_systems(crs, expected):
 
 def test_coordinates_off_the_globe_are_planar():
     assert not is_geographic("EPSG:4326", np.array([[386_000.0, 6_672_000.0]]))
+
+
+@given(
+    centre=st.tuples(st.floats(-180, 180), st.floats(-85, 85)),
+    offsets=st.lists(st.tuples(st.floats(-8, 8), st.floats(-4, 4)), min_size=1, max_size=6),
+)
+def test_there_and_back_again(centre, offsets):
+    degrees = np.array(offsets) + centre
+    back = to_degrees(to_metres(degrees, centre), centre)
+    error = back - degrees
+    error[:, 0] = (error[:, 0] + 180) % 360 - 180
+    assert np.abs(error).max() < 1e-10

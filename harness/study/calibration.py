@@ -1,0 +1,159 @@
+"""Fits what a device's time is made of, on draws designed to tell the parts apart.
+
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h)
+
+with T triangles, S their area, H the half-perimeters and w*h the areas of their bounding boxes.
+The fit is non-negative, because no part can make a draw faster, and robust, because a draw that
+something else disturbed must not bend it. It stays a sum over triangles, so `optimal:calibrated`
+minimises it exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from harness.frame import SUBPIXEL, Frame
+from harness.measure import bare_frame
+
+TERMS = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
+"""Columns of a design: one for the draw itself, then T, S, H and the sum of w*h."""
+
+UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2")
+
+RESOLUTION = 1024
+SIZES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
+ASPECTS = (1.0, 4.0, 16.0)
+COUNTS = (64, 256, 1024)
+MOST_AREA_PX = 4e6
+"""Designed draws that would cover more than this are left out: they would take seconds."""
+
+Design = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model: seconds for each of `TERMS`, with 95 % bootstrap intervals.
+
+    r2 : of the fitted draws; relative_residuals : quartiles of (measured - fitted) / measured
+    valid : for each term, the (lowest, highest) value among the fitted draws
+    """
+
+    coefficients: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    r2: float
+    relative_residuals: tuple[float, float, float]
+    valid: dict[str, tuple[float, float]]
+    draws: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fit as JSON-ready values."""
+        return {**asdict(self), "units": dict(zip(TERMS, UNITS, strict=True))}
+
+
+def designed_draws(seed: int = 0) -> list[tuple[Frame, NDArray[np.int32]]]:
+    """Return (frame, triangles) of draws that vary T, S, H and w*h independently.
+
+    Each is many triangles of one size and aspect at random places, turned by a random angle or
+    lying along an axis: the angle changes H and w*h while S stays.
+    """
+    random = np.random.default_rng(seed)
+    draws = []
+    for count in COUNTS:
+        for size in SIZES_PX:
+            for aspect in ASPECTS:
+                if count * size * size / 2 > MOST_AREA_PX or size * np.sqrt(aspect) > 700:
+                    continue
+                for turned in (False, True):
+                    draws.append(_scattered(random, count, size, aspect, turned))  # noqa: PERF401
+    return draws
+
+
+def _scattered(
+    random: np.random.Generator, count: int, size: float, aspect: float, turned: bool
+) -> tuple[Frame, NDArray[np.int32]]:
+    long, short = size * np.sqrt(aspect), size / np.sqrt(aspect)
+    corner = np.array([[0.0, 0.0], [long, 0.0], [random.uniform(0, 1) * long, short]])
+    angle = random.uniform(0, 2 * np.pi, count) if turned else np.zeros(count)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    corners = np.einsum("tij,vj->tvi", turn, corner)
+    corners -= corners.min(axis=1, keepdims=True)
+    room = RESOLUTION - corners.max(axis=(0, 1)) - 2
+    corners += 1 + random.uniform(0, 1, (count, 1, 2)) * room
+    points = np.rint(corners.reshape(-1, 2) * SUBPIXEL).astype(np.int32)
+    triangles = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    return bare_frame(RESOLUTION, points), triangles
+
+
+def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return the row of `TERMS` for one draw from its predictions (see `criteria.predict`)."""
+    return np.array([1.0, *(predicted[name] for name in TERMS[1:])])
+
+
+def fit(design: Design, seconds: NDArray[np.float64], seed: int = 0, resamples: int = 200) -> Fit:
+    """Fit non-negative coefficients to (k, 5) rows of `TERMS` and (k,) times.
+
+    Errors are relative, so that short draws count as much as long ones.
+    """
+    coefficients = _solve(design, seconds)
+    random = np.random.default_rng(seed)
+    draws = [random.integers(0, len(seconds), len(seconds)) for _ in range(resamples)]
+    samples = np.array([_solve(design[rows], seconds[rows]) for rows in draws])
+    low, high = np.percentile(samples, [2.5, 97.5], axis=0)
+    fitted = design @ coefficients
+    quartiles = np.percentile((seconds - fitted) / seconds, [25, 50, 75])
+    return Fit(
+        coefficients=dict(zip(TERMS, coefficients.tolist(), strict=True)),
+        intervals={name: (float(a), float(b)) for name, a, b in zip(TERMS, low, high, strict=True)},
+        r2=r_squared(np.log(seconds), np.log(fitted)),
+        relative_residuals=(float(quartiles[0]), float(quartiles[1]), float(quartiles[2])),
+        valid={
+            name: (float(column.min()), float(column.max()))
+            for name, column in zip(TERMS, design.T, strict=True)
+        },
+        draws=len(seconds),
+    )
+
+
+def _solve(design: Design, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Non-negative least squares of relative errors with a soft L1 loss."""
+    weighted = design / seconds[:, None]
+    scale = np.abs(weighted).max(axis=0)
+    scaled = weighted / scale
+    result = least_squares(
+        lambda c: scaled @ c - 1.0,
+        np.full(design.shape[1], 0.1),
+        jac=lambda c: scaled,  # noqa: ARG005 - linear: the same everywhere
+        bounds=(0.0, np.inf),
+        loss="soft_l1",
+        f_scale=0.05,
+    )
+    return np.asarray(result.x / scale)
+
+
+def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
+    """Return the (k,) seconds that coefficients predict for (k, 5) rows of `TERMS`."""
+    return design @ np.array([fitted[name] for name in TERMS])
+
+
+def r_squared(measured: NDArray[np.float64], predicted: NDArray[np.float64]) -> float:
+    """Return the share of the measured variance that the prediction explains."""
+    left = float(((measured - predicted) ** 2).sum())
+    return 1.0 - left / float(((measured - measured.mean()) ** 2).sum())
+
+
+def r_squared_within(
+    measured: NDArray[np.float64], predicted: NDArray[np.float64], polygons: Sequence[Any]
+) -> float:
+    """Return R2 of what is left when each polygon's own mean (of logs) is taken from both."""
+    labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
+    size = np.bincount(labels)
+    logs = [np.log(measured), np.log(predicted)]
+    centred = [x - (np.bincount(labels, x) / size)[labels] for x in logs]
+    return 1.0 - float(((centred[0] - centred[1]) ** 2).sum()) / float((centred[0] ** 2).sum())
