@@ -101,7 +101,7 @@ def compare(
         found = no_baseline(str(base), after, settings)
     else:
         found = compare_runs(before, after, settings)
-    _show(found, output)
+    _show(found, after, output)
     _write_files(found, {"markdown": markdown, "junit": junit, "json": json_file, "html": html})
     raise typer.Exit(found.exit_code)
 
@@ -119,11 +119,14 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _show(found: Comparison, output: Format) -> None:
+def _show(found: Comparison, head: Run, output: Format) -> None:
+    from harness.compare.benchmark_action import to_benchmark_action
     from harness.compare.terminal import print_comparison
 
     if output is Format.table:
         print_comparison(found, Console())
+    elif output is Format.benchmark_action:
+        typer.echo(_json(to_benchmark_action(head)), nl=False)
     else:
         typer.echo(_text(found, output.value), nl=False)
 
@@ -154,10 +157,6 @@ def _text(found: Comparison, kind: str) -> str:
         from harness.compare.html import to_html
 
         return to_html(found)
-    if kind == Format.benchmark_action:
-        from harness.compare.benchmark_action import to_benchmark_action
-
-        return _json(to_benchmark_action(found))
     return _json(found.to_json())
 
 

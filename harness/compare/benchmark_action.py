@@ -1,40 +1,41 @@
-"""HEAD's figures as the action github-action-benchmark reads them."""
+"""A run's figures as the action github-action-benchmark reads them."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from harness.compare.model import Comparison
-from harness.compare.rows import ORDER, kind
+from harness.compare.counters import exact_figures
+from harness.compare.matching import case_name
+from harness.compare.settings import is_gated
 from harness.metrics import METRICS
+from harness.store import Record, Run
 
-FORMAT = "github-action-benchmark"
 
+def to_benchmark_action(run: Run) -> list[dict[str, Any]]:
+    """Return entries for its tool `customSmallerIsBetter`: name, unit, value, range.
 
-def to_benchmark_action(comparison: Comparison) -> list[dict[str, Any]]:
-    """Return entries for its tool `customSmallerIsBetter`: name, unit, value, range, extra.
-
-    Only what is better when smaller is in them, since the tool takes all entries that way.
+    Only counters and times that are better when smaller are in them, since the tool takes all
+    entries that way; it keeps a history of its own, so BASE is not in them.
     """
     entries = []
-    for case in sorted(comparison.compared(), key=lambda c: ORDER.index(kind(comparison, c))):
-        where = f"{case.name.triangulator}, {case.name.where}"
-        entries += [
-            {
-                "name": f"{where}: {change.metric}",
-                "unit": METRICS[change.metric].unit or "count",
-                "value": change.head,
-                "extra": f"BASE {change.base:g}",
-            }
-            for change in case.counters
-            if change.threshold is not None and METRICS[change.metric].better == "lower"
-        ]
-        time = case.time
-        if time is None or time.head_median_s is None:
-            continue
-        entry = {"name": f"{where}: draw", "unit": "ms", "value": time.head_median_s * 1e3}
-        if time.ratio and time.low and time.high:
-            half = time.head_median_s * 1e3 * (time.high - time.low) / (2 * time.ratio)
-            entry |= {"range": f"± {half:.3g}", "extra": f"HEAD/BASE {time.ratio:.3f}"}
+    for record in run.records:
+        if record.get("status") == "ok":
+            name = case_name(record)
+            entries += _entries(f"{name.triangulator}, {name.where}", record)
+    return entries
+
+
+def _entries(case: str, record: Record) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = [
+        {"name": f"{case}: {metric}", "unit": METRICS[metric].unit or "count", "value": value}
+        for metric, value in exact_figures(record).items()
+        if is_gated(metric, {}) and METRICS[metric].better == "lower"
+    ]
+    milliseconds = METRICS["draw_ms"](record)
+    if milliseconds is not None:
+        entry = {"name": f"{case}: draw", "unit": "ms", "value": milliseconds}
+        low, high = (record.get("time") or {}).get("ci95_s") or (None, None)
+        if low is not None and high is not None:
+            entry["range"] = f"± {(high - low) / 2 * 1e3:.3g}"
         entries.append(entry)
     return entries

@@ -37,7 +37,6 @@ def _facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     environment = facts.get("environment") or {}
     found = {name: environment.get(name) for name in ENVIRONMENT}
     found |= {name: (environment.get("packages") or {}).get(name) for name in _packages(facts)}
-    found["commit"] = (environment.get("git") or {}).get("commit")
     for label, device in (facts.get("devices") or {}).items():
         details = (device or {}).get("details") or {}
         found |= {f"{label}: {key}": details.get(key) for key in ("renderer", "version")}

@@ -34,7 +34,7 @@ Status = Literal[
 
 STATUS_TEXT: dict[Status, str] = {
     "compared": "measured in both runs",
-    "content-changed": "the scene's content changed, so the figures are of other polygons",
+    "content-changed": "the scene's content changed",
     "fewer-polygons": "HEAD did fewer polygons than BASE",
     "more-polygons": "HEAD did more polygons than BASE",
     "now-failing": "measured in BASE, failed in HEAD",
@@ -116,7 +116,8 @@ class TimeChange:
         None where not computable
     raw_ratio : the same as it was timed
     against : what tells the machine's part: `peers`, the `reference` draw, or `none`
-    p_value, q_value : Mann-Whitney's, and the same corrected for the number of cases
+    p_value : Mann-Whitney's
+    q_value : the larger of it and the interval's, corrected for the number of cases
     reason : why it is inconclusive, else ""
     """
 

@@ -46,7 +46,8 @@ def _print_group(group: Group, console: Console) -> None:
         table.add_row(*(Text(cell) for cell in row.cells), style=STYLES[row.kind])
     console.print(table)
     if group.drift:
-        console.print(Text(group.drift, style="dim"), soft_wrap=True)
+        style = "red" if group.drift.endswith("regressed") else "dim"
+        console.print(Text(group.drift, style=style), soft_wrap=True)
 
 
 def _table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) -> Table:

@@ -37,8 +37,11 @@ QUANTILE = 0.1
 MIN_ROUNDS = 8
 """Fewer samples than this in either run say nothing."""
 
+MIN_STEADY = 2
+"""Peers that drew the same in both runs, by their counters; where there are fewer, all serve."""
+
 MIN_PEERS = 3
-"""With fewer peers their median is not a drift; the reference draw stands in for them."""
+"""With fewer peers their median is no drift; the reference draw stands in for them."""
 
 BETWEEN_RUNS = 0.0075
 """Least standard deviation of a case's log ratio between two runs of the same code."""
@@ -99,32 +102,33 @@ def judge_group(
 ) -> tuple[list[TimeChange], Drift]:
     """Judge cases that were timed together in both runs, and what they did together.
 
-    q-values are left None: they depend on the cases of all groups.
+    q-values are still to be corrected, for which the cases of all groups are needed.
     """
     ratios = np.array([pair.log_ratio for pair in pairs])
-    reference = _median([pair.reference_log_ratio for pair in pairs])
-    drift = _drift(where, ratios, reference, settings, machines_differ)
+    margins = np.array([_margins(pair.base, pair.head, settings.confidence) for pair in pairs])
+    drift = _drift(where, pairs, margins, settings, machines_differ)
     same = np.array([pair.same_work for pair in pairs])
     changes = []
     for number, pair in enumerate(pairs):
         others = np.arange(len(pairs)) != number
         steady = others & same
-        peers = ratios[steady if steady.sum() >= MIN_PEERS else others]
-        if settings.normalise == "auto" and len(peers) >= MIN_PEERS:
-            changes.append(_against_peers(pair, peers, settings))
+        peers = ratios[steady if steady.sum() >= MIN_STEADY else others]
+        enough = steady.sum() >= MIN_STEADY or len(peers) >= MIN_PEERS
+        if settings.normalise == "auto" and enough:
+            changes.append(_against_peers(pair, margins[number], peers, settings))
         else:
-            changes.append(_against_reference(pair, settings, machines_differ))
+            changes.append(_against_reference(pair, margins[number], settings, machines_differ))
     return changes, drift
 
 
 def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
     """Correct for the number of cases: a difference must stand out among all of them."""
-    p_values = [change.p_value for change in changes if change.p_value is not None]
+    p_values = [change.q_value for change in changes if change.q_value is not None]
     if not p_values:
         return list(changes)
     corrected = iter(stats.false_discovery_control(p_values, method="bh").tolist())
     return [
-        change if change.p_value is None else _settle(change, next(corrected), settings)
+        change if change.q_value is None else _settle(change, next(corrected), settings)
         for change in changes
     ]
 
@@ -137,16 +141,18 @@ def _settle(change: TimeChange, q_value: float, settings: Settings) -> TimeChang
     return replace(change, q_value=q_value)
 
 
-def _against_peers(pair: Pair, peers: Samples, settings: Settings) -> TimeChange:
+def _against_peers(pair: Pair, margins: Samples, peers: Samples, settings: Settings) -> TimeChange:
     """Judge what a case did beyond the median of its `peers`' log ratios, (k,)."""
     drift = float(np.median(peers))
     scatter = max(BETWEEN_RUNS, float(stats.median_abs_deviation(peers, scale="normal")))
     # The variance of a median of k normal values is pi/2 of their mean's.
     deviation = scatter * math.sqrt(1 + math.pi / (2 * len(peers)))
-    return _judge(pair, (drift, drift), deviation, settings, "peers")
+    return _judge(pair, margins, (drift, drift), deviation, settings, "peers")
 
 
-def _against_reference(pair: Pair, settings: Settings, machines_differ: bool) -> TimeChange:
+def _against_reference(
+    pair: Pair, margins: Samples, settings: Settings, machines_differ: bool
+) -> TimeChange:
     """Judge a case without peers: by its time and by its time over the reference draw's.
 
     The drift lies between none and the reference's; on other machines only the latter will do.
@@ -155,29 +161,34 @@ def _against_reference(pair: Pair, settings: Settings, machines_differ: bool) ->
     if reference is None or settings.normalise == "none":
         if machines_differ:
             return _undecided(pair.base, pair.head, "the machines differ: no reference draw")
-        return _judge(pair, (0.0, 0.0), DRIFT_RUNS, settings, "none")
+        return _judge(pair, margins, (0.0, 0.0), DRIFT_RUNS, settings, "none")
     drifts = (reference, reference) if machines_differ else (0.0, reference)
-    return _judge(pair, drifts, DRIFT_RUNS, settings, "reference")
+    return _judge(pair, margins, drifts, DRIFT_RUNS, settings, "reference")
 
 
 def _judge(
     pair: Pair,
+    margins: Samples,
     drifts: tuple[float, float],
     deviation: float,
     settings: Settings,
     against: Against,
 ) -> TimeChange:
-    """Judge a case, its drift between `drifts` with standard deviation `deviation`; logs."""
+    """Judge a case whose log ratio is known to `margins`, (2,) below and above.
+
+    Its drift lies between `drifts`, with standard deviation `deviation`.
+    """
     raw = pair.log_ratio
-    low, high = _bootstrap(pair, settings.confidence)
-    margin = float(stats.norm.ppf(0.5 + settings.confidence / 2)) * deviation
+    margin = _normal(settings.confidence) * deviation
     least, most = raw - max(drifts), raw - min(drifts)
     middle = raw - sum(drifts) / 2
-    low = least - math.hypot(raw - low, margin)
-    high = most + math.hypot(high - raw, margin)
+    low = least - math.hypot(margins[0], margin)
+    high = most + math.hypot(margins[1], margin)
     outcome, reason = decide(least, most, low, high, settings.time_threshold)
     faster = _faster_half(pair.base), _faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
+    # A difference needs both the test and the interval, so the weaker of the two is corrected.
+    q_value = max(p_value, _p_of_interval(least, most, low, high, settings.confidence))
     return TimeChange(
         outcome=outcome,
         reason=reason,
@@ -187,6 +198,7 @@ def _judge(
         raw_ratio=math.exp(raw),
         against=against,
         p_value=p_value,
+        q_value=q_value,
         base_median_s=float(np.median(pair.base)),
         head_median_s=float(np.median(pair.head)),
         base_rounds=len(pair.base),
@@ -220,18 +232,26 @@ def decide(
 
 def _drift(
     where: str,
-    ratios: Samples,
-    reference: float | None,
+    pairs: Sequence[Pair],
+    margins: Samples,
     settings: Settings,
     machines_differ: bool,
 ) -> Drift:
-    """Judge the median of a group's log `ratios` beside the log ratio of the reference draw.
+    """Judge the median of a group's log ratios beside the log ratio of the reference draw.
 
     What is the machine's lies between nothing and the reference draw's ratio. Of other machines
     nothing can be said: there the drift is the machine.
     """
+    ratios = [pair.log_ratio for pair in pairs]
     shift = float(np.median(ratios))
-    margin = float(stats.norm.ppf(0.5 + settings.confidence / 2)) * DRIFT_RUNS
+    references = [pair.reference for pair in pairs if pair.reference is not None]
+    reference, known = None, 0.0
+    if references:
+        reference = float(_log_ratio(*references[0]))
+        known = float(_margins(*references[0], settings.confidence).max())
+    # The variance of a median of k normal values is pi/2 of their mean's.
+    sampling = float(np.median(margins)) * math.sqrt(math.pi / (2 * len(pairs)))
+    margin = math.hypot(_normal(settings.confidence) * DRIFT_RUNS, sampling, known)
     explained = (0.0, reference or 0.0)
     least, most = shift - max(explained), shift - min(explained)
     low, high = least - margin, most + margin
@@ -247,24 +267,39 @@ def _drift(
         low=math.exp(low),
         high=math.exp(high),
         reference=None if reference is None else math.exp(reference),
-        gated=settings.normalise == "auto" and len(ratios) > MIN_PEERS,
+        gated=settings.normalise == "auto" and len(ratios) > MIN_STEADY,
     )
 
 
-def _bootstrap(pair: Pair, confidence: float) -> tuple[float, float]:
-    """Return the percentile bootstrap interval of the log ratio, the same at every call."""
-    seed = zlib.crc32(pair.base.tobytes() + pair.head.tobytes())
+def _margins(base: Samples, head: Samples, confidence: float) -> Samples:
+    """Return how far below and above the log ratio its percentile bootstrap interval reaches.
+
+    (2,); the same at every call.
+    """
     result = stats.bootstrap(
-        (pair.base, pair.head),
+        (base, head),
         _log_ratio,
         n_resamples=RESAMPLES,
         confidence_level=confidence,
         method="percentile",
         vectorized=True,
-        rng=np.random.default_rng(seed),
+        rng=np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes())),
     )
-    interval = result.confidence_interval
-    return float(interval.low), float(interval.high)
+    ratio, interval = _log_ratio(base, head), result.confidence_interval
+    return np.maximum(0.0, [ratio - interval.low, interval.high - ratio])
+
+
+def _normal(confidence: float) -> float:
+    """Return how many standard deviations a two-sided interval reaches."""
+    return float(stats.norm.ppf(0.5 + confidence / 2))
+
+
+def _p_of_interval(least: float, most: float, low: float, high: float, confidence: float) -> float:
+    """Return the two-sided p-value that an interval of normal width gives against no change."""
+    nearest, reach = (least, least - low) if least > 0 else (-most, high - most)
+    if nearest <= 0:
+        return 1.0
+    return 2 * float(stats.norm.sf(_normal(confidence) * nearest / reach)) if reach > 0 else 0.0
 
 
 def _log_ratio(base: Samples, head: Samples, axis: int = -1) -> Any:
@@ -286,11 +321,6 @@ def _positive(values: Sequence[Any]) -> Samples:
     """Return (n,) samples; what is no positive number is left out."""
     numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
     return numbers[np.isfinite(numbers) & (numbers > 0)]
-
-
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
 
 
 def _undecided(base: Samples, head: Samples, reason: str) -> TimeChange:
