@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import rasterisers, records
+from harness import geometry, rasterisers, records
 from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
@@ -71,6 +71,8 @@ class Runner:
             frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
             prepared = self._triangulate(frame, groups)
+            triangles = {name: ready.triangles for name, ready in prepared.items()}
+            geometry.write(self.store, frame, triangles)
             for group in groups:
                 if group.cases and not self.bench.stopping:
                     self._measure(group, frame, prepared)
