@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -59,8 +59,8 @@ def run(
         if nothing can be measured as asked, or the folder cannot be written
     """
     began = time.perf_counter()
-    plan = with_full_names(plan)
-    scene = load_scene(plan, reporter)
+    plan = replace(plan, triangulators=full_names(plan.triangulators))
+    scene = load_scene(plan.scene, plan.seed, reporter)
     targets = find_targets(plan)
     facts = _facts(plan, scene)
     store, done = _open_store(out, facts, resume=resume, force=force)
@@ -79,9 +79,10 @@ def run(
                 for number, (part_label, part) in enumerate(parts):
                     if len(parts) > 1:
                         reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
-                    Runner(
+                    runner = Runner(
                         plan, part_label, part, targets, store, reporter, bench, done, frames
-                    ).go()
+                    )
+                    runner.go(keep_geometry=split is None)
         finally:
             bench.close()
             facts["frames"] = frames or facts["frames"]
@@ -92,21 +93,21 @@ def run(
     return Outcome(out, list(done.values()), bench.stopping)
 
 
-def with_full_names(plan: Plan) -> Plan:
-    """Return the plan with each triangulator's full name, e.g. optimal:overdraw for optimal.
+def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
+    """Return each triangulator's full name once, e.g. optimal:overdraw for optimal.
 
     Raises
     ------
     UsageError
-        if a name is unknown, or given twice
+        if a name is unknown, or there is none
     """
     try:
-        names = tuple(_full_name(name) for name in plan.triangulators)
+        names = tuple(_full_name(name) for name in triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
-    return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+    return tuple(dict.fromkeys(names))
 
 
 def _full_name(name: str) -> str:
@@ -125,8 +126,8 @@ def _is_foreign(name: str) -> bool:
         return False
 
 
-def load_scene(plan: Plan, reporter: Reporter) -> Scene:
-    """Load the plan's scene and say what it left out.
+def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
+    """Load a scene and say what it left out.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
         if it cannot be loaded
     """
     try:
-        scene = load(plan.scene, seed=plan.seed)
+        scene = load(name, seed=seed)
     except SceneError as error:
         raise UsageError(str(error)) from error
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):

@@ -62,8 +62,11 @@ class Runner:
     done: dict[str, Record] = field(default_factory=dict)
     frames: list[dict[str, Any]] = field(default_factory=list)
 
-    def go(self) -> None:
-        """Measure until all is done, or `bench.stopping` is set."""
+    def go(self, *, keep_geometry: bool = True) -> None:
+        """Measure until all is done, or `bench.stopping` is set.
+
+        keep_geometry : store what was drawn, for pictures; a study of many parts does not
+        """
         for view in self.plan.views:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
@@ -71,8 +74,9 @@ class Runner:
             frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
             prepared = self._triangulate(frame, groups)
-            triangles = {name: ready.triangles for name, ready in prepared.items()}
-            geometry.write(self.store, frame, triangles)
+            if keep_geometry:
+                triangles = {name: ready.triangles for name, ready in prepared.items()}
+                geometry.write(self.store, frame, triangles)
             for group in groups:
                 if group.cases and not self.bench.stopping:
                     self._measure(group, frame, prepared)
