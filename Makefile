@@ -3,6 +3,8 @@
 .PHONY: help setup city test check format bench lock clean
 
 PY := .venv/bin/python
+LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+    --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
 SOURCES := harness triangulators scenes tests
 
 help:  ## list the targets
@@ -30,9 +32,9 @@ bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
-	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 \
-	    --generate-hashes --no-emit-index-url --no-emit-find-links --upgrade \
-	    --override overrides.txt -o requirements.lock --custom-compile-command "make lock" -q
+	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra dev \
+	    --override overrides.txt $(LOCK) -o requirements.lock
+	uv pip compile requirements-data.in --no-deps $(LOCK) -o requirements-data.lock
 
 clean:  ## remove what set-up and tests made
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from harness import __version__
-from harness.commands import catalogue, run
+from harness.commands import catalogue, compare, history, report, run, validate
 from harness.errors import HarnessError
 
 app = typer.Typer(
@@ -20,6 +20,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 run.add_to(app)
+validate.add_to(app)
+compare.add_to(app)
+history.add_to(app)
+report.add_to(app)
 catalogue.add_to(app)
 
 

@@ -27,7 +27,9 @@ from harness.timing import (
 )
 
 SELF_TEST_PX = 1024
-SELF_TEST_LAYERS = 64
+SELF_TEST_LAYERS = 256
+SELF_TEST_S = 10e-3
+"""A draw this long, in seconds, shows whether two timers agree."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +73,18 @@ def image(
 def time_group(
     name: str,
     device: Device,
-    frame: Frame,
-    candidates: Mapping[str, Triangles],
+    candidates: Mapping[str, tuple[Frame, Triangles]],
     options: Options,
     settings: Settings,
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
-    """Time the candidates together; the result has EMPTY and REFERENCE beside them."""
+    """Time the candidates, (frame, triangles), together.
+
+    All frames have one size. The result has EMPTY and REFERENCE beside the candidates.
+    """
     rasteriser = _opened(name, device)
+    frame = next(iter(candidates.values()))[0]
     reference = bare_frame(frame.width, _corner_triangle(frame.width))
     with contextlib.ExitStack() as stack:
         drawings = {
@@ -87,8 +92,8 @@ def time_group(
             REFERENCE: rasteriser.prepare(reference, np.array([[0, 1, 2]], np.int32), options),
         }
         drawings |= {
-            key: rasteriser.prepare(frame, triangles, options)
-            for key, triangles in candidates.items()
+            key: rasteriser.prepare(own_frame, triangles, options)
+            for key, (own_frame, triangles) in candidates.items()
         }
         for drawing in drawings.values():
             stack.enter_context(drawing)
@@ -117,14 +122,19 @@ def _opened(name: str, device: Device) -> Rasteriser:
 
 
 def _test_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Time many full layers of the viewport: a draw no timer can overlook."""
+    """Time full layers of the viewport, so many that no timer can overlook them."""
     far = SELF_TEST_PX * SUBPIXEL
     square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
     frame = bare_frame(SELF_TEST_PX, square)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    triangles = np.tile(layer, (SELF_TEST_LAYERS, 1))
-    with rasteriser.prepare(frame, triangles, Options()) as drawing:
-        return self_test(drawing)
+    layers = 1
+    while True:
+        triangles = np.tile(layer, (layers, 1))
+        with rasteriser.prepare(frame, triangles, Options()) as drawing:
+            drawing.sample(1)  # what is compiled or allocated at the first draw
+            if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
+                return self_test(drawing)
+        layers *= 4
 
 
 def _corner_triangle(resolution: int) -> NDArray[np.int32]:

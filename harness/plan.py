@@ -36,7 +36,7 @@ class Plan:
     rasterisers: tuple[str, ...] = DEFAULT_RASTERISERS
     devices: tuple[str, ...] = ()
     views: tuple[View, ...] = (View(),)
-    options: Options = field(default_factory=Options)
+    options: tuple[Options, ...] = (Options(),)
     timing: Settings = field(default_factory=Settings)
     timeout_s: float = 600.0
 
@@ -55,7 +55,7 @@ class Plan:
                 "rasterisers": tuple(parts["rasterisers"]),
                 "devices": tuple(parts["devices"]),
                 "views": tuple(View(**view) for view in parts["views"]),
-                "options": Options(**parts["options"]),
+                "options": tuple(Options(**options) for options in parts["options"]),
                 "timing": Settings(**parts["timing"]),
             }
         )

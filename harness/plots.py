@@ -63,7 +63,12 @@ def plot_run(run: Run) -> list[Path]:
 
 
 def _file_name(record: Record) -> str:
-    parts = (record["rasteriser"], record["device"], record["resolution"], f"{record['rotation']:g}")
+    parts = (
+        record["rasteriser"],
+        record["device"],
+        record["resolution"],
+        f"{record['rotation']:g}",
+    )
     words = "-".join(["predicted-vs-measured", *(str(part) for part in parts)])
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in words)
 

@@ -49,12 +49,19 @@ class Reporter:
     def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
         self.console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
+        self._shown: set[str] = set()
         self._bars = self.console.is_terminal and not os.environ.get("CI") and not quiet
 
     def say(self, message: str) -> None:
         """Show one plain line."""
         if not self._quiet:
             self.console.print(message, markup=False, soft_wrap=True)
+
+    def once(self, message: str) -> None:
+        """Show one plain line, unless it was shown before."""
+        if message not in self._shown:
+            self._shown.add(message)
+            self.say(message)
 
     def warn(self, message: str) -> None:
         """Show one line that is shown with --quiet, too."""

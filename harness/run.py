@@ -7,18 +7,24 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from harness import environment, rasterisers
+from harness.bench import Bench, OpenWorker, Target
 from harness.errors import UsageError
 from harness.plan import Plan
 from harness.progress import Reporter
-from harness.runner import OpenWorker, Runner, Target
+from harness.runner import Runner
 from harness.store import Record, Store, read_run
+from harness.triangulation import SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
+
+Split = Callable[[str, Scene], list[tuple[str, Scene]]]
+"""(label, scene) -> the (label, scene) of each part that is measured by itself."""
 
 
 @dataclass
@@ -38,12 +44,14 @@ def run(
     resume: bool = False,
     force: bool = False,
     open_worker: OpenWorker = Worker,
+    split: Split | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
     resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
     force : resume even where plan, code or device differ from those of the run
     open_worker : how processes are made; tests give `Inline` ones
+    split : how a study takes the scene apart; by default it is measured whole
 
     Raises
     ------
@@ -59,20 +67,29 @@ def run(
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        runner = Runner(plan, scene, targets, store, reporter, open_worker, done)
-        runner.seconds["prepare"] = time.perf_counter() - began
+        bench = Bench(open_worker, plan.timeout_s)
+        # Of a file only its name: the same file elsewhere is the same scene.
+        label = Path(plan.scene).name
+        parts = split(label, scene) if split else [(label, scene)]
+        frames: list[dict[str, Any]] = []
+        bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
         try:
-            with _stop_on_interrupt(runner, reporter):
-                runner.go()
+            with stop_on_interrupt(bench, reporter):
+                for number, (part_label, part) in enumerate(parts):
+                    if len(parts) > 1:
+                        reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
+                    Runner(
+                        plan, part_label, part, targets, store, reporter, bench, done, frames
+                    ).go()
         finally:
-            runner.close()
-            facts["frames"] = runner.frames or facts["frames"]
-            facts["devices"] |= runner.devices
-            facts["seconds"] = {**runner.seconds, "all": time.perf_counter() - began}
-            facts["interrupted"] = runner.stopping
+            bench.close()
+            facts["frames"] = frames or facts["frames"]
+            facts["devices"] |= bench.describe()
+            facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
+            facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(runner.done.values()), runner.stopping)
+    return Outcome(out, list(done.values()), bench.stopping)
 
 
 def with_full_names(plan: Plan) -> Plan:
@@ -84,12 +101,28 @@ def with_full_names(plan: Plan) -> Plan:
         if a name is unknown, or given twice
     """
     try:
-        names = tuple(full_name(name) for name in plan.triangulators)
+        names = tuple(_full_name(name) for name in plan.triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
     return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+
+
+def _full_name(name: str) -> str:
+    base, mark, seed = name.partition(SEED_MARK)
+    if mark and not (base == "random" and seed.isdigit()):
+        raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")
+    return name if _is_foreign(name) else full_name(base) + mark + seed
+
+
+def _is_foreign(name: str) -> bool:
+    """Whether `name` is "module:function" of an existing module, which only a worker imports."""
+    module, colon, _ = name.partition(":")
+    try:
+        return bool(colon) and not is_builtin(name) and find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
 
 
 def load_scene(plan: Plan, reporter: Reporter) -> Scene:
@@ -113,18 +146,34 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
 
 
 def find_targets(plan: Plan) -> list[Target]:
-    """Pair each rasteriser with each of the plan's devices that it can use.
+    """Pair each rasteriser with each of the plan's devices that it knows.
+
+    One that knows none of them, such as the CPU reference, runs on its own best device.
 
     Raises
     ------
     UsageError, NoRasteriser
         if a name is unknown, or a device that was asked for is not here
     """
-    return [
-        Target(name, rasterisers.find_device(name, device))
-        for name in plan.rasterisers
-        for device in plan.devices or (None,)
-    ]
+    targets = []
+    known: set[str] = set()
+    for name in plan.rasterisers:
+        kind = rasterisers.get(name)
+        if not any(kind.supports(options) for options in plan.options):
+            raise UsageError(
+                f"{name} has neither multisampling nor fragment work: use opengl for "
+                "--samples and --work, or add the plain case, e.g. --work 0,8"
+            )
+        wanted: list[str | None] = [device for device in plan.devices if kind.knows(device)]
+        known.update(device for device in plan.devices if kind.knows(device))
+        targets += [
+            Target(name, rasterisers.find_device(name, device)) for device in wanted or [None]
+        ]
+    strange = [device for device in plan.devices if device not in known]
+    if strange:
+        rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
+        raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
+    return targets
 
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
@@ -190,13 +239,13 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
 
 
 @contextmanager
-def _stop_on_interrupt(runner: Runner, reporter: Reporter) -> Iterator[None]:
+def stop_on_interrupt(bench: Bench, reporter: Reporter) -> Iterator[None]:
     """Let the first Ctrl-C finish the case in flight; the second one ends at once."""
 
     def stop(*_: object) -> None:
-        if runner.stopping:
+        if bench.stopping:
             raise KeyboardInterrupt
-        runner.stopping = True
+        bench.stopping = True
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
     before: Callable[..., Any] | int | None = signal.signal(signal.SIGINT, stop)

@@ -1,48 +1,28 @@
-"""Works through the cases of a run, view by view and device by device."""
+"""Works through the cases of a plan: view by view, device by device."""
 
 from __future__ import annotations
 
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import measure, records
+from harness import geometry, rasterisers, records
+from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
 from harness.plan import Case, Plan
 from harness.progress import Reporter
-from harness.rasterisers.base import Counters, Device
+from harness.rasterisers.base import Counters, Options
 from harness.store import Record, Store
-from harness.timing import Times
-from harness.triangulation import FrameTriangulation, triangulate_polygons
-from harness.worker import Executor, TaskFailed
+from harness.triangulation import FrameTriangulation
+from harness.worker import TaskFailed
 from scenes import Scene
-from triangulators import parse
 
 BASELINE = "delaunay"
 """Its fragments say what each polygon covers on a device: it leaves no vertex out."""
-
-OpenWorker = Callable[[str, Mapping[str, str]], Executor]
-
-
-@dataclass(frozen=True)
-class Target:
-    """A rasteriser on a device."""
-
-    rasteriser: str
-    device: Device
-
-    @property
-    def label(self) -> str:
-        """Name for messages."""
-        return f"{self.rasteriser} on {self.device.name}"
 
 
 @dataclass
@@ -54,95 +34,87 @@ class Prepared:
     triangles: NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class Group:
+    """Cases that are timed together: they differ in the triangulator alone."""
+
+    target: Target
+    options: Options
+    cases: dict[str, Case]
+
+
 @dataclass
 class Runner:
-    """One run in progress."""
+    """Measures the cases of one plan and scene that have no record yet; writes their records.
+
+    label : the scene's name in records
+    done : records by key; those that are ok or skipped are left alone
+    frames : what snapping did to the scene, one entry a view, JSON-ready
+    """
 
     plan: Plan
+    label: str
     scene: Scene
     targets: list[Target]
     store: Store
     reporter: Reporter
-    open_worker: OpenWorker
+    bench: Bench
     done: dict[str, Record] = field(default_factory=dict)
-    devices: dict[str, Any] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     frames: list[dict[str, Any]] = field(default_factory=list)
-    stopping: bool = False
-    _workers: dict[str, Executor] = field(default_factory=dict)
-    _opened: dict[str, measure.Opened] = field(default_factory=dict)
 
     def go(self) -> None:
-        """Measure every case that is not done, view by view."""
+        """Measure until all is done, or `bench.stopping` is set."""
         for view in self.plan.views:
-            pending = self._pending(view)
-            if not pending or self.stopping:
+            groups = [group for group in self._groups(view) if group.cases]
+            if not groups or self.bench.stopping:
                 continue
-            with self._clocked("frame"):
-                frame = make_frame(self.scene.polygons, view)
+            frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
-            names = [name for name in self.plan.triangulators if any(name in p for p in pending)]
-            with self._clocked("triangulate"):
-                prepared = self._triangulate(names, frame, pending)
-            for target, cases in zip(self.targets, pending, strict=True):
-                if cases and not self.stopping:
-                    self._measure(target, frame, cases, prepared)
+            prepared = self._triangulate(frame, groups)
+            triangles = {name: ready.triangles for name, ready in prepared.items()}
+            geometry.write(self.store, frame, triangles)
+            for group in groups:
+                if group.cases and not self.bench.stopping:
+                    self._measure(group, frame, prepared)
 
-    def close(self) -> None:
-        """End all worker processes."""
-        for worker in self._workers.values():
-            worker.close()
+    def _groups(self, view: View) -> list[Group]:
+        groups = []
+        for target in self.targets:
+            kind = rasterisers.get(target.rasteriser)
+            for options in filter(kind.supports, self.plan.options):
+                cases = {
+                    name: self._case(view, name, target, options)
+                    for name in self.plan.triangulators
+                }
+                pending = {name: case for name, case in cases.items() if not self._is_done(case)}
+                groups.append(Group(target, options, pending))
+        return groups
 
-    def _pending(self, view: View) -> list[dict[str, Case]]:
-        """For each target, triangulator -> case of what has no good record yet."""
-        return [
-            {
-                name: case
-                for name in self.plan.triangulators
-                if self.done.get((case := self._case(view, name, target)).key, {}).get("status")
-                not in ("ok", "skipped")
-            }
-            for target in self.targets
-        ]
+    def _is_done(self, case: Case) -> bool:
+        return self.done.get(case.key, {}).get("status") in ("ok", "skipped")
 
-    def _case(self, view: View, name: str, target: Target) -> Case:
+    def _case(self, view: View, name: str, target: Target, options: Options) -> Case:
         return Case(
-            # Of a file only its name: the same file elsewhere is the same scene.
-            scene=Path(self.plan.scene).name,
+            scene=self.label,
             scene_hash=self.scene.content_hash,
             view=view,
             triangulator=name,
             rasteriser=target.rasteriser,
             device=target.device.name,
-            options=self.plan.options,
+            options=options,
         )
 
-    def _worker(self, name: str, environment: Mapping[str, str] | None = None) -> Executor:
-        if name not in self._workers:
-            self._workers[name] = self.open_worker(name, environment or {})
-        return self._workers[name]
-
-    def _triangulate(
-        self, names: list[str], frame: Frame, pending: list[dict[str, Case]]
-    ) -> dict[str, Prepared]:
+    def _triangulate(self, frame: Frame, groups: list[Group]) -> dict[str, Prepared]:
         """Run each triangulator over the frame; write records for those that give nothing."""
+        needed = [name for name in self.plan.triangulators if any(name in g.cases for g in groups)]
+        wanted = list(dict.fromkeys([BASELINE, *needed]))
         prepared = {}
-        wanted = names if BASELINE in names else [BASELINE, *names]
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for name in wanted:
-                # What others wrote may crash: it gets a process that nothing else needs.
-                own = not parse(name).entry.builtin
-                worker = self._worker(f"triangulator {name}" if own else "triangulators")
                 try:
-                    result = worker.call(
-                        triangulate_polygons,
-                        name,
-                        frame.polygons,
-                        self.plan.seed,
-                        timeout_s=self.plan.timeout_s,
-                    )
+                    result = self.bench.triangulate(name, frame.polygons, self.plan.seed)
                 except TaskFailed as error:
-                    self._give_up(name, pending, "failed", str(error))
+                    self._give_up(name, groups, "failed", str(error))
                 else:
                     triangles = frame.join(result.parts)
                     if len(triangles):
@@ -151,89 +123,66 @@ class Runner:
                     else:
                         status = "failed" if result.failed else "skipped"
                         reason = records.incomplete(result) or "no polygon is left"
-                        self._give_up(name, pending, status, reason)
+                        self._give_up(name, groups, status, reason)
                 stage.advance()
         return prepared
 
-    def _give_up(self, name: str, pending: list[dict[str, Case]], status: str, reason: str) -> None:
-        for cases in pending:
-            if name in cases:
-                self._write(records.problem(cases.pop(name), status, reason))
+    def _give_up(self, name: str, groups: list[Group], status: str, reason: str) -> None:
+        for group in groups:
+            if name in group.cases:
+                self._write(records.problem(group.cases.pop(name), status, reason))
 
-    def _measure(
-        self,
-        target: Target,
-        frame: Frame,
-        cases: dict[str, Case],
-        prepared: Mapping[str, Prepared],
-    ) -> None:
-        """Count all cases of one target, time them together, write their records."""
+    def _measure(self, group: Group, frame: Frame, prepared: Mapping[str, Prepared]) -> None:
+        """Count the group's cases, time them together, write their records."""
         # Workers need coordinates, not geometries, and those are slow to send.
         bare = replace(frame, polygons=())
         try:
-            opened = self._open(target)
+            opened = self.bench.open(group.target)
         except HarnessError as error:
-            for case in cases.values():
+            for case in group.cases.values():
                 self._write(records.problem(case, "failed", str(error)))
             return
-        counted = self._count(target, bare, cases, prepared)
+        counted = self._count(group, bare, prepared)
         expected = self._expected_fragments(counted, prepared)
-        drawn = {name: prepared[name].triangles for name in counted if name in cases}
-        timing = self._time(target, bare, drawn, opened, cases)
-        for name in drawn:
-            if name in timing:
-                record = records.measured(
-                    cases[name],
+        drawn = {name: prepared[name].triangles for name in counted if name in group.cases}
+        fields: dict[str, Any] = dict.fromkeys(drawn)
+        if opened.timer is not None and drawn:
+            fields = self._time(group, bare, drawn)
+        for name, timing in fields.items():
+            ready = prepared[name]
+            if len(frame.polygons) > 1:  # one polygon's columns are its record's totals
+                self._keep_columns(group.cases[name], ready.prediction, counted[name])
+            self._write(
+                records.measured(
+                    group.cases[name],
                     frame,
-                    prepared[name].triangulation,
-                    prepared[name].prediction,
+                    ready.triangulation,
+                    ready.prediction,
                     counted[name],
                     expected,
-                    timing[name],
+                    timing,
                 )
-                columns = prepared[name].prediction.columns
-                self.store.write_arrays(
-                    cases[name].key,
-                    {f"predicted_{key}": column for key, column in columns.items()}
-                    | {key: column for key, column in counted[name].items() if column.ndim},
-                )
-                self._write(record)
+            )
 
-    def _open(self, target: Target) -> measure.Opened:
-        """Open the device in its worker, and note what it is; once a run."""
-        if target.label in self._opened:
-            return self._opened[target.label]
-        with self._clocked("open"):
-            opened = self._call(target, measure.open_device)
-        self._opened[target.label] = opened
-        test = opened.timer
-        self.devices[target.label] = {
-            "details": opened.details,
-            "timer": None if test is None else asdict(test),
-        }
-        if test is not None and test.gpu_s is not None and test.timer == "wall":
-            self.reporter.say(f"{target.label}: timed by the wall clock ({test.reason})")
-        return opened
+    def _keep_columns(self, case: Case, prediction: records.Prediction, counters: Counters) -> None:
+        predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
+        counted = {name: column for name, column in counters.items() if column.ndim}
+        self.store.write_arrays(case.key, predicted | counted)
 
     def _count(
-        self,
-        target: Target,
-        frame: Frame,
-        cases: dict[str, Case],
-        prepared: Mapping[str, Prepared],
+        self, group: Group, frame: Frame, prepared: Mapping[str, Prepared]
     ) -> dict[str, Counters]:
         """Count the cases and the baseline; a case that fails gets its record at once."""
         counted = {}
-        names = [name for name in prepared if name in cases or name == BASELINE]
-        title = f"counting: {target.label}"
-        with self._clocked("count"), self.reporter.stage(title, len(names)) as stage:
+        names = [name for name in prepared if name in group.cases or name == BASELINE]
+        with self.reporter.stage(f"counting: {group.target.label}", len(names)) as stage:
             for name in names:
-                arguments = (frame, prepared[name].triangles, self.plan.options)
+                triangles = prepared[name].triangles
                 try:
-                    counted[name] = self._call(target, measure.count, *arguments)
+                    counted[name] = self.bench.count(group.target, frame, triangles, group.options)
                 except HarnessError as error:
-                    if name in cases:
-                        self._write(records.problem(cases[name], "failed", str(error)))
+                    if name in group.cases:
+                        self._write(records.problem(group.cases[name], "failed", str(error)))
                 stage.advance()
         return counted
 
@@ -248,80 +197,29 @@ class Runner:
         return np.where([part is not None for part in parts], fragments, -1)
 
     def _time(
-        self,
-        target: Target,
-        frame: Frame,
-        drawn: Mapping[str, NDArray[np.int32]],
-        opened: measure.Opened,
-        cases: Mapping[str, Case],
-    ) -> dict[str, dict[str, Any] | None]:
-        """Time the triangulations in `drawn` together; {name: a record's `time`}.
-
-        If the device crashes under them, each is tried alone, so that only the one which brings
-        it down fails.
-        """
-        if opened.timer is None or not drawn:
-            return dict.fromkeys(drawn)
-        try:
-            group = self._time_group(target, frame, drawn, opened)
-        except HarnessError as error:
-            if len(drawn) == 1:
-                self._write(records.problem(cases[next(iter(drawn))], "failed", str(error)))
-                return {}
-            alone: dict[str, dict[str, Any] | None] = {}
-            for name, triangles in drawn.items():
-                alone |= self._time(target, frame, {name: triangles}, opened, cases)
-            return alone
-        return {
-            name: records.time_fields(group, name, opened.timer, self.plan.timing) for name in drawn
-        }
-
-    def _time_group(
-        self,
-        target: Target,
-        frame: Frame,
-        drawn: Mapping[str, NDArray[np.int32]],
-        opened: measure.Opened,
-    ) -> dict[str, Times]:
+        self, group: Group, frame: Frame, drawn: Mapping[str, NDArray[np.int32]]
+    ) -> dict[str, dict[str, Any]]:
+        """Time the triangulations in `drawn` together; {name: a record's `time`}."""
         settings = self.plan.timing
+        test = self.bench.open(group.target).timer
+        assert test is not None
+        if test.gpu_s is not None and test.timer == "wall":
+            self.reporter.once(f"{group.target.label}: timed by the wall clock ({test.reason})")
         likely_s = settings.budget_s * (len(drawn) + 2)
-        title = f"timing: {target.label}"
-        with self._clocked("time"), self.reporter.stage(title, likely_s) as stage:
-            return self._call(
-                target,
-                measure.time_group,
-                frame,
-                dict(drawn),
-                self.plan.options,
+        with self.reporter.stage(f"timing: {group.target.label}", likely_s) as stage:
+            groups, failures = self.bench.time(
+                group.target,
+                {name: (frame, triangles) for name, triangles in drawn.items()},
+                group.options,
                 settings,
-                opened.timer,
                 self.plan.seed,
-                timeout_s=self.plan.timeout_s + 2 * likely_s,
-                tick=lambda waited: stage.complete(min(waited, likely_s)),
+                lambda waited: stage.complete(min(waited, likely_s)),
             )
-
-    def _call(
-        self,
-        target: Target,
-        function: Callable[..., Any],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> Any:
-        worker = self._worker(target.label, target.device.environment)
-        try:
-            return worker.call(
-                function,
-                target.rasteriser,
-                target.device,
-                *arguments,
-                timeout_s=timeout_s or self.plan.timeout_s,
-                tick=tick,
-            )
-        except TaskFailed:
-            # A context that was lost stays lost: what comes next gets a fresh process.
-            self._workers.pop(target.label).close()
-            raise
+        for name, reason in failures.items():
+            self._write(records.problem(group.cases[name], "failed", reason))
+        return {
+            name: records.time_fields(times, name, test, settings) for name, times in groups.items()
+        }
 
     def _write(self, record: Record) -> None:
         self.store.append(record)
@@ -352,12 +250,3 @@ class Runner:
                     f"snapping {verb} {len(entries)} of {len(self.scene.polygons)} polygons "
                     f"at {view.resolution} px, e.g. polygon {number}: {reason}"
                 )
-
-    @contextmanager
-    def _clocked(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside to `seconds[stage]`."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] += time.perf_counter() - start

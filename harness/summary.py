@@ -126,12 +126,18 @@ def write_csv(records: Sequence[Record], file: Path) -> None:
 
     rows = []
     for members in groups(records):
-        base = next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
-        rows += [_row(record, base) for record in members]
+        base = base_of(members)
+        rows += [row_of(record, base) for record in members]
     pd.DataFrame(rows).to_csv(file, index=False)
 
 
-def _row(record: Record, base: Record | None) -> dict[str, Any]:
+def base_of(members: Sequence[Record]) -> Record | None:
+    """Return the record of a group that the others are measured against, None without one."""
+    return next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
+
+
+def row_of(record: Record, base: Record | None) -> dict[str, Any]:
+    """Return a case's identity, counters and metrics, and its time against `base`'s, by name."""
     names = ("key", "scene", "triangulator", "rasteriser", "device", "resolution", "rotation")
     row: dict[str, Any] = {name: record.get(name) for name in names}
     row |= {name: record.get(name) for name in ("status", "reason", "polygons", "conforming")}

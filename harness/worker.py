@@ -10,6 +10,7 @@ import contextlib
 import ctypes
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import tempfile
@@ -83,9 +84,15 @@ class Worker:
     ----------
     name : shown in messages
     environment : variables set in the process before any task runs
+    memory_bytes : what the process may allocate, so that a greedy one cannot starve the machine
     """
 
-    def __init__(self, name: str, environment: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        environment: Mapping[str, str] | None = None,
+        memory_bytes: int | None = None,
+    ) -> None:
         self.name = name
         with tempfile.NamedTemporaryFile(prefix="harness-stderr-", delete=False) as file:
             self._stderr = Path(file.name)
@@ -93,7 +100,7 @@ class Worker:
             max_workers=1,
             context=multiprocessing.get_context("spawn"),
             initializer=_start,
-            initargs=(os.getpid(), str(self._stderr), dict(environment or {})),
+            initargs=(os.getpid(), str(self._stderr), dict(environment or {}), memory_bytes),
         )
 
     def call(
@@ -163,9 +170,13 @@ class Worker:
         self.close()
 
 
-def _start(parent: int, stderr: str, environment: Mapping[str, str]) -> None:
+def _start(
+    parent: int, stderr: str, environment: Mapping[str, str], memory_bytes: int | None
+) -> None:
     """Prepare a fresh process before its first task."""
     os.environ.update(environment)
+    if memory_bytes is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     # Ctrl-C goes to the whole group; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _die_with(parent)

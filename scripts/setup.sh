@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes .venv from requirements.lock and sees that OpenGL works without a screen.
+# Makes .venv from the two lock files and sees that OpenGL works without a screen.
 # Both steps leave a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -47,8 +47,8 @@ make_venv() {
     # The list is complete and hashed, so pip need not resolve; it also lets PyOpenGL be newer
     # than pyrender's own pin.
     .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes \
-        -r requirements.lock 2> >(grep -v '^WARNING: Location' >&2)
-    cp requirements.lock .venv/installed.lock
+        -r requirements.lock -r requirements-data.lock 2> >(grep -v '^WARNING: Location' >&2)
+    cat requirements.lock requirements-data.lock > .venv/installed.lock
 }
 
 gl_works() {
@@ -70,5 +70,5 @@ find_gl() {
     touch .venv/gl-works
 }
 
-cmp -s requirements.lock .venv/installed.lock || make_venv
+cat requirements.lock requirements-data.lock | cmp -s - .venv/installed.lock || make_venv
 [ -e .venv/gl-works ] || find_gl

@@ -48,7 +48,8 @@ def split_names(text: str) -> tuple[str, ...]:
     return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
 
 
-def _numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
+def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
+    """Read a comma-separated option of numbers; raises UsageError naming `option`."""
     try:
         return [kind(part) for part in split_names(text)]
     except ValueError:
@@ -81,8 +82,12 @@ def run(
     fit: Annotated[
         Fit, typer.Option(help="circle keeps the scale the same at every rotation.")
     ] = Fit.box,
-    samples: Annotated[int, typer.Option(help="Samples a pixel: 1, 4 or 8.")] = 1,
-    work: Annotated[int, typer.Option(min=0, help="Extra arithmetic a fragment.")] = 0,
+    samples: Annotated[
+        str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
+    ] = "1",
+    work: Annotated[
+        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
+    ] = "0",
     order: Annotated[Order, typer.Option(help="Order of submission.")] = Order.native,
     seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
     precision: Annotated[
@@ -127,10 +132,14 @@ def run(
             devices=split_names(device),
             views=tuple(
                 View(int(size), angle, fit.value)
-                for size in _numbers(resolution, "--resolution", int)
-                for angle in _numbers(rotation, "--rotation", float)
+                for size in numbers(resolution, "--resolution", int)
+                for angle in numbers(rotation, "--rotation", float)
             ),
-            options=Options(samples=samples, work=work, order=order.value, seed=seed),
+            options=tuple(
+                Options(samples=int(count), work=int(iterations), order=order.value, seed=seed)
+                for count in numbers(samples, "--samples", int)
+                for iterations in numbers(work, "--work", int)
+            ),
             timing=timing,
             timeout_s=timeout,
         )

@@ -41,6 +41,7 @@ BUILT_IN = {
     "bounding-box": "harness.rasterisers.compute:BoundingBox",
     "scanline": "harness.rasterisers.compute:Scanline",
     "binning": "harness.rasterisers.binning:Binning",
+    "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
 }
 

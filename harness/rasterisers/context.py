@@ -68,6 +68,23 @@ class Target:
         self.alive = False
 
 
+class Picture:
+    """A texture of one uint a pixel for compute shaders to write to, freed like a Target."""
+
+    def __init__(self, owner: Context, width: int, height: int) -> None:
+        self._owner = owner
+        self.texture = owner.ctx.texture((width, height), 1, dtype="u4")
+
+    def clear(self) -> None:
+        """Set all pixels to 0."""
+        self.texture.write(np.zeros(self.texture.size[::-1], np.uint32))
+
+    def __del__(self) -> None:
+        if not self._owner.closed and hasattr(self, "texture"):
+            self._owner.activate()
+            self.texture.release()
+
+
 class Context:
     """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
 
@@ -82,15 +99,14 @@ class Context:
         self.closed = False
         self._backend = backend
         self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
+        self._pictures: WeakValueDictionary[tuple[int, int], Picture] = WeakValueDictionary()
         self._idle = Target(self, 1, 1, 1)
         self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
         self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
         self._delete_queries = self._function("glDeleteQueries", None, "int", "pointer")
-        self._begin_query = self._function("glBeginQuery", None, "uint", "uint")
-        self._end_query = self._function("glEndQuery", None, "uint")
-        self._query_result = self._function(
-            "glGetQueryObjectui64v", None, "uint", "uint", "pointer"
-        )
+        self.begin_query = self._function("glBeginQuery", None, "uint", "uint")
+        self.end_query = self._function("glEndQuery", None, "uint")
+        self.query_result = self._function("glGetQueryObjectui64v", None, "uint", "uint", "pointer")
         self.flush = self._function("glFlush", None)
         self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
         self.max_samples = int(self.ctx.max_samples)
@@ -158,10 +174,7 @@ class Context:
         UsageError
             if the device has none that large or with so many samples
         """
-        if max(width, height) > self.max_size:
-            raise UsageError(
-                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
-            )
+        self._check_size(width, height)
         if samples > max(self.max_samples, 1):
             raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
         key = (width, height, samples)
@@ -170,23 +183,27 @@ class Context:
             target = self._targets[key] = Target(self, width, height, samples, self._idle)
         return target
 
+    def picture(self, width: int, height: int) -> Picture:
+        """Return a picture, shared like a target; raises UsageError if it is too large."""
+        self._check_size(width, height)
+        picture = self._pictures.get((width, height))
+        if picture is None:
+            picture = self._pictures[width, height] = Picture(self, width, height)
+        return picture
+
+    def _check_size(self, width: int, height: int) -> None:
+        if max(width, height) > self.max_size:
+            raise UsageError(
+                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
+            )
+
     @contextmanager
-    def queries(self, targets: dict[str, int]) -> Iterator[dict[str, int]]:
-        """Ask the driver while the block runs; the dict is filled, in 64 bits, when it ends."""
-        number = len(targets)
+    def queries(self, number: int) -> Iterator[Queries]:
+        """Give `number` query objects for as long as the block runs."""
         names = (ctypes.c_uint * number)()
-        results: dict[str, int] = {}
         self._gen_queries(number, names)
         try:
-            for name, target in zip(names, targets.values(), strict=True):
-                self._begin_query(target, name)
-            yield results
-            for target in targets.values():
-                self._end_query(target)
-            for name, key in zip(names, targets, strict=True):
-                value = ctypes.c_uint64()
-                self._query_result(name, QUERY_RESULT, ctypes.byref(value))
-                results[key] = value.value
+            yield Queries(self, list(names))
         finally:
             self._delete_queries(number, names)
 
@@ -196,8 +213,11 @@ class Context:
         A query's result is waited for by every driver; zink's glFinish does not wait for what
         was flushed before it.
         """
-        with self.queries({"elapsed": TIME_ELAPSED}):
+        with self.queries(1) as queries:
+            queries.begin(0, TIME_ELAPSED)
+            queries.end(TIME_ELAPSED)
             self.ctx.finish()
+            queries.result(0)
 
     def check(self, doing: str) -> None:
         """Raise RuntimeError if OpenGL has noted an error since the last check."""
@@ -210,6 +230,31 @@ class Context:
         self.closed = True
         self.ctx.release()
         Context._current = None
+
+
+class Queries:
+    """Questions to the driver about what is drawn between `begin` and `end`, answered in 64 bits.
+
+    moderngl's own are 32 bits wide: nanoseconds wrap after 4.29 s.
+    """
+
+    def __init__(self, owner: Context, names: list[int]) -> None:
+        self._owner = owner
+        self._names = names
+
+    def begin(self, number: int, target: int) -> None:
+        """Start query `number`; one of each target may run at a time."""
+        self._owner.begin_query(target, self._names[number])
+
+    def end(self, target: int) -> None:
+        """End the query of that target."""
+        self._owner.end_query(target)
+
+    def result(self, number: int) -> int:
+        """Return the answer; waits until the device has it."""
+        value = ctypes.c_uint64()
+        self._owner.query_result(self._names[number], QUERY_RESULT, ctypes.byref(value))
+        return value.value
 
 
 @cache

@@ -47,17 +47,16 @@ class Mesh:
         content = [(self.upload.points, "2i", "position"), (self.upload.polygons, "1u", "polygon")]
         self.vertices = owner.ctx.vertex_array(program, content, self.upload.indices)
 
-    def draw(self, instances: int) -> None:
-        """Submit the triangles, `instances` times in one call."""
-        self.bind()
-        self.vertices.render(vertices=3 * self.upload.triangles, instances=instances)
-
     def bind(self) -> None:
-        """Make the framebuffer and the viewport current."""
+        """Make the framebuffer and the viewport current; before `draw`."""
         framebuffer = self.target.framebuffer
         framebuffer.use()
         framebuffer.viewport = (0, 0, *self.upload.size)
         self.program["size"] = tuple(SUBPIXEL * side for side in self.upload.size)
+
+    def draw(self, instances: int = 1) -> None:
+        """Submit the triangles, `instances` times in one call."""
+        self.vertices.render(vertices=3 * self.upload.triangles, instances=instances)
 
     def close(self) -> None:
         """Free the buffers."""

@@ -19,7 +19,7 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.context import Context
+from harness.rasterisers.context import Context, Target
 from harness.rasterisers.gl import GLRasteriser
 from harness.rasterisers.mesh import Mesh, batches
 from harness.rasterisers.tally import COUNTED, open_tally
@@ -42,6 +42,7 @@ class OpenGL(GLRasteriser):
     """OpenGL 3.3 or later with storage buffers in fragment shaders, through EGL, no window."""
 
     name = "opengl"
+    shades = True
     counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
 
     def __init__(self, device: Device) -> None:
@@ -69,15 +70,7 @@ class OpenGL(GLRasteriser):
         target = self.context.target(frame.width, frame.height, options.samples)
         for part in batches(frame, triangles):
             totals += self._tally.count(target, frame, part)
-            # In a pass of its own: storage writes change what a driver may skip.
-            with (
-                Mesh(self.context, self._draw, target, frame, part) as mesh,
-                self.context.queries(
-                    {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
-                ) as answers,
-            ):
-                mesh.draw(1)
-            for name, value in answers.items():
+            for name, value in self._ask(target, frame, part).items():
                 opinion[name] += value
         self.context.check("counting")
         counters = {name: totals[:, k].copy() for k, name in enumerate(COUNTED)}
@@ -85,6 +78,21 @@ class OpenGL(GLRasteriser):
         if "llvmpipe" in self.device.details["renderer"] and self._statistics:
             counters["driver_blocks"] = counters["driver_fragment_invocations"] // BLOCK_LANES
         return counters
+
+    def _ask(self, target: Target, frame: Frame, triangles: Triangles) -> dict[str, int]:
+        """Draw once, without counting: storage writes change what a driver may skip."""
+        targets = {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
+        with (
+            Mesh(self.context, self._draw, target, frame, triangles) as mesh,
+            self.context.queries(len(targets)) as queries,
+        ):
+            mesh.bind()
+            for number, kind in enumerate(targets.values()):
+                queries.begin(number, kind)
+            mesh.draw()
+            for kind in targets.values():
+                queries.end(kind)
+            return {name: queries.result(number) for number, name in enumerate(targets)}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
@@ -98,7 +106,8 @@ class OpenGL(GLRasteriser):
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
         with Mesh(self.context, self._draw, target, frame, triangles) as mesh:
             mesh.program["work"] = options.work
-            mesh.draw(1)
+            mesh.bind()
+            mesh.draw()
         source = target
         if options.samples > 1:
             source = self.context.target(frame.width, frame.height)
@@ -120,25 +129,28 @@ class _Timed(Drawing):
 
         A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
         software rasteriser gets one call each and a flush: it collects a frame before it draws,
-        and would leave out tiles of one draw that a later one covers. The clock stops when the
-        timer's result is there, for zink's glFinish does not wait for what was flushed before it.
+        and would leave out tiles of one draw that a later one covers. Each call has a timer of
+        its own, for llvmpipe's knows only the last flush.
         """
+        calls, instances = (repeats, 1) if self.software else (1, repeats)
         self.context.activate()
         self.mesh.program["work"] = self.work
         self.mesh.bind()
         self.context.wait()
-        start = time.perf_counter()
-        with self.context.queries({"elapsed": context.TIME_ELAPSED}) as answers:
-            if self.software:
-                for _ in range(repeats):
-                    self.mesh.draw(1)
-                    self.context.flush()
-            else:
-                self.mesh.draw(repeats)
+        with self.context.queries(calls) as timers:
+            start = time.perf_counter()
+            for call in range(calls):
+                timers.begin(call, context.TIME_ELAPSED)
+                self.mesh.draw(instances)
+                timers.end(context.TIME_ELAPSED)
+                self.context.flush()
             self.context.ctx.finish()
-        wall = time.perf_counter() - start
+            # zink's glFinish does not wait for what was flushed before it; a result does.
+            elapsed = timers.result(calls - 1)
+            wall = time.perf_counter() - start
+            elapsed += sum(timers.result(call) for call in range(calls - 1))
         self.context.check("timing")
-        return Sample(wall=wall, gpu=answers["elapsed"] * 1e-9)
+        return Sample(wall=wall, gpu=elapsed * 1e-9)
 
     def close(self) -> None:
         self.mesh.close()

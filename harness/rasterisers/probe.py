@@ -1,8 +1,8 @@
 """Ask EGL what it can open: run as a program, in the environment of the device looked for.
 
 `python probe.py hardware` opens each EGL device that is not software, `python probe.py software`
-the first that is; either prints one JSON object. It stands alone, so that it starts quickly and so
-that a driver that crashes takes only the probe with it.
+the first that is, `python probe.py list` none; each prints one JSON object. It stands alone, so
+that it starts quickly and so that a driver that crashes takes only the probe with it.
 """
 
 from __future__ import annotations
@@ -75,10 +75,13 @@ def main(kind: str) -> dict[str, Any]:
     """Probe the devices of one kind; {"devices": [...], "problems": [...]}."""
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
-        devices = [device for device in egl_devices() if device["software"] == (kind == "software")]
+        found = egl_devices()
     except OSError as error:
         result["problems"].append(str(error))
         return result
+    if kind == "list":
+        return {**result, "devices": found}
+    devices = [device for device in found if device["software"] == (kind == "software")]
     for device in devices[:1] if kind == "software" else devices:
         try:
             result["devices"].append({**device, **open_device(device["egl_index"])})

@@ -47,7 +47,7 @@ class Tally:
         return found.reshape(polygons, 3).astype(np.int64)
 
     def _submit(self, mesh: Mesh) -> None:
-        mesh.draw(1)
+        mesh.draw()
 
     def close(self) -> None:
         """Free the program."""

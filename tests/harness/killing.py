@@ -45,9 +45,7 @@ def kill_and_resume(scene: Path, out: Path, after_s: float, expected: list[Recor
     finished = read_run(out).records
     lines = (out / "cases.jsonl").read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
-    subprocess.run(
-        command(scene, out, "--resume"), cwd=ROOT, check=True, stdout=subprocess.DEVNULL
-    )
+    subprocess.run(command(scene, out, "--resume"), cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []
     assert resumed.records[: len(finished)] == finished

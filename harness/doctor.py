@@ -1,0 +1,232 @@
+"""Examines what this machine can rasterise with: each part, its state, its fix if it is missing.
+
+Every device is opened in a process of its own, counted on and timed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from harness import rasterisers
+from harness.errors import HarnessError
+from harness.frame import SUBPIXEL, Frame, View
+from harness.rasterisers import Device, Options, egl, osmesa
+from harness.rasterisers.agreement import disagreements
+from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.reference import Reference, predict
+from harness.timing import self_test
+from harness.worker import Worker
+
+Status = Literal["ok", "warning", "missing"]
+
+VENDOR_FOLDERS = ("/etc/glvnd/egl_vendor.d", "/usr/share/glvnd/egl_vendor.d")
+EXTENSIONS = (
+    "GL_ARB_shader_storage_buffer_object",
+    "GL_ARB_derivative_control",
+    "GL_ARB_ES3_1_compatibility",
+    "GL_ARB_compute_shader",
+    "GL_ARB_gpu_shader_int64",
+    "GL_ARB_pipeline_statistics_query",
+    "GL_ARB_timer_query",
+)
+PYRENDER_FIX = "run: python -m pip install 'raster-harness[pyrender]', or make setup"
+OPTIONAL = {"gpu0", "zink", "softpipe"}
+TIMEOUT_S = 120.0
+TIMED_PX = 512
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One part of the machine.
+
+    status : "ok"; "warning", usable with a caveat or not needed; "missing"
+    fix : what to do about it, "" where nothing needs doing
+    """
+
+    name: str
+    status: Status
+    detail: str
+    fix: str = ""
+
+
+def examine() -> list[Finding]:
+    """Examine everything; takes some seconds. Never raises for what is missing."""
+    return [
+        *_egl(),
+        *(_opengl(name) for name in ("gpu", "llvmpipe", "softpipe", "zink")),
+        _compute(),
+        _osmesa(),
+        _pyrender(),
+        _reference(),
+    ]
+
+
+def _egl() -> list[Finding]:
+    """EGL's devices and the files that tell the loader where the drivers are."""
+    files = [file for folder in VENDOR_FOLDERS for file in sorted(Path(folder).glob("*.json"))]
+    libraries = [json.loads(file.read_text())["ICD"]["library_path"] for file in files]
+    named = ", ".join(f"{file} ({name})" for file, name in zip(files, libraries, strict=True))
+    found = egl.listing()
+    shown = ", ".join(
+        f"{device['egl_index']}: {'software' if device['software'] else device['file'] or 'GPU'}"
+        for device in found["devices"]
+    )
+    fix = f"run: {egl.INSTALL}"
+    return [
+        Finding("EGL vendor files", "ok", named)
+        if files
+        else Finding("EGL vendor files", "missing", f"none in {' or '.join(VENDOR_FOLDERS)}", fix),
+        Finding("EGL devices", "ok", shown)
+        if found["devices"]
+        else Finding("EGL devices", "missing", "; ".join(found["problems"]) or "none", fix),
+    ]
+
+
+def _opengl(kind: str) -> Finding:
+    """All devices of a kind; a GPU and the slower software drivers may be missing."""
+    name = f"opengl on {kind}"
+    devices = [
+        device
+        for device in rasterisers.get("opengl").devices()
+        if device.name == kind or (kind == "gpu" and device.name.startswith("gpu"))
+    ]
+    if not devices:
+        wanted = "gpu0" if kind == "gpu" else kind
+        problems = [problem for problem in egl.probe()[1] if problem.startswith(f"{kind}:")]
+        status: Status = "warning" if wanted in OPTIONAL else "missing"
+        remedy = rasterisers.get("opengl").remedy(wanted)
+        return Finding(name, status, "; ".join(problems) or "not found", remedy)
+    findings = [_opened(f"opengl on {device.name}", "opengl", device) for device in devices]
+    if len(findings) == 1:
+        return findings[0]
+    worst = "ok" if all(finding.status == "ok" for finding in findings) else "warning"
+    detail = " | ".join(f"{finding.name}: {finding.detail}" for finding in findings)
+    return Finding(name, worst, detail, findings[0].fix)  # type: ignore[arg-type]
+
+
+def _compute() -> Finding:
+    """The compute-shader rasterisers, on the best device."""
+    try:
+        device = rasterisers.find_device("bounding-box")
+    except HarnessError as error:
+        return Finding("bounding-box, scanline", "missing", str(error), f"run: {egl.INSTALL}")
+    return _opened(f"bounding-box on {device.name}", "bounding-box", device)
+
+
+def _osmesa() -> Finding:
+    devices = rasterisers.get("osmesa").devices()
+    if devices:
+        return _opened("osmesa", "osmesa", devices[0])
+    return Finding("osmesa", "warning", "not installed", f"run: {osmesa.INSTALL}")
+
+
+def _pyrender() -> Finding:
+    missing = [name for name in ("pyrender", "trimesh") if importlib.util.find_spec(name) is None]
+    if missing:
+        return Finding("pyrender", "warning", f"not installed: {', '.join(missing)}", PYRENDER_FIX)
+    try:
+        device = rasterisers.find_device("pyrender")
+        with Worker("pyrender", device.environment) as worker:
+            detail = worker.call(_draw_roofs, device, timeout_s=TIMEOUT_S)
+    except HarnessError as error:
+        return Finding("pyrender", "warning", str(error), PYRENDER_FIX)
+    return Finding("pyrender", "ok", f"{detail}; it draws, but cannot count")
+
+
+def _reference() -> Finding:
+    """How fast the CPU reference fills, in pixels of bounding boxes."""
+    frame, triangles = _scattered(TIMED_PX, 2000)
+    with Reference().prepare(frame, triangles, Options()) as drawing:
+        drawing.sample(1)
+        seconds = min(drawing.sample(1).wall for _ in range(5))
+    tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
+    detail = f"{tests / seconds / 1e6:,.0f} million bounding-box pixels a second, on one core"
+    return Finding("reference", "ok", detail)
+
+
+def _opened(name: str, rasteriser: str, device: Device) -> Finding:
+    """Open a device in a worker and report what was found there."""
+    try:
+        with Worker(name, device.environment) as worker:
+            found = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
+    except HarnessError as error:
+        return Finding(name, "missing", str(error), rasterisers.get(rasteriser).remedy(device.name))
+    detail = f"{found['renderer']}, OpenGL {found['version']}; timer: {found['timer']}"
+    if found["lacking"]:
+        return Finding(
+            name,
+            "warning",
+            f"{detail}; lacks {', '.join(found['lacking'])}",
+            "install a newer driver",
+        )
+    if found["differs"]:
+        return Finding(
+            name,
+            "warning",
+            f"{detail}; differs from the reference: {found['differs'][0]}",
+            "none: the driver rounds edges differently; its counts are its own",
+        )
+    return Finding(name, "ok", f"{detail}; counts equal the reference's")
+
+
+def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
+    """Inside the worker: open, count something random, time something big."""
+    opened = rasterisers.get(rasteriser)(device)
+    assert isinstance(opened, GLRasteriser)
+    frame, triangles = _scattered(128, 100, grid=SUBPIXEL // 2)
+    expected = Reference().count(frame, triangles, Options())
+    drawn = opened.count(frame, triangles, Options())
+    if "hits" in drawn:
+        drawn["fragments"] = drawn["hits"]
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.int32) * (TIMED_PX * SUBPIXEL)
+    layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    with opened.prepare(_bare(TIMED_PX, square, 4), layer, Options()) as drawing:
+        timer = self_test(drawing)
+    details = opened.device.details
+    return {
+        "renderer": details["renderer"],
+        "version": details["version"],
+        "lacking": sorted(set(EXTENSIONS) - set(opened.ctx.extensions)),
+        "differs": [str(found) for found in disagreements(frame, drawn, expected)],
+        "timer": f"{timer.timer}, as {timer.reason}",
+    }
+
+
+def _draw_roofs(device: Device) -> str:
+    """Inside the worker: draw one square roof and return the renderer's name."""
+    opened = rasterisers.get("pyrender")(device)
+    square = np.array([[1, 1], [7, 1], [7, 7], [1, 7]], np.int32) * SUBPIXEL
+    start = time.perf_counter()
+    opened.image(_bare(64, square, 4), np.array([[0, 1, 2], [0, 2, 3]], np.int32), Options())
+    taken = time.perf_counter() - start
+    opened.close()
+    return f"{opened.device.details.get('renderer', device.name)}, first frame {taken:.2f} s"
+
+
+def _scattered(size: int, number: int, grid: int = 1) -> tuple[Frame, np.ndarray]:
+    """Random triangles with corners on multiples of grid/256 px, each a polygon of its own."""
+    rng = np.random.default_rng(0)
+    points = rng.integers(SUBPIXEL // grid, (size - 1) * SUBPIXEL // grid, (3 * number, 2)) * grid
+    return _bare(size, points, 3), np.arange(3 * number, dtype=np.int32).reshape(-1, 3)
+
+
+def _bare(size: int, points: np.ndarray, corners: int) -> Frame:
+    """Return a frame whose polygons have `corners` points each."""
+    offsets = np.arange(0, len(points) + 1, corners, dtype=np.int64)
+    return Frame(
+        width=size,
+        height=size,
+        scale=1.0,
+        view=View(size),
+        polygons=(),
+        source=np.arange(len(offsets) - 1),
+        points=points.astype(np.int32),
+        offsets=offsets,
+    )

@@ -1,0 +1,71 @@
+"""A frame as a city: each polygon's triangulation as a roof, with walls under its rings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import SUBPIXEL, Frame
+from harness.rasterisers.base import Triangles
+from harness.rasterisers.palette import colours
+
+LOWEST, TALLEST = 0.005, 0.035
+"""Heights of roofs, as shares of the viewport's width."""
+
+GOLDEN = 0.6180339887498949
+WALL_SHADE = 0.55
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Roofs and walls in pixels, z up: positions (v, 3), colours (v, 4) in 0..1, faces (f, 3)."""
+
+    positions: NDArray[np.float32]
+    colours: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+def extrude(frame: Frame, triangles: Triangles) -> Solid:
+    """Raise each polygon to a height of its own; the roof's triangles keep their order."""
+    owner = np.repeat(np.arange(len(frame.offsets) - 1), np.diff(frame.offsets)).astype(np.int32)
+    heights = (LOWEST + (TALLEST - LOWEST) * ((owner * GOLDEN) % 1.0)) * frame.width
+    plan = frame.points / SUBPIXEL
+    roof = np.column_stack([plan, heights])
+    ground = np.column_stack([plan, np.zeros(len(plan))])
+    paint = colours(owner).view(np.uint8).reshape(-1, 4) / 255
+    dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
+
+    # A wall's corners are its own: they have its colour, not the roof's.
+    following = next_in_ring(frame)
+    first = 2 * len(plan) + np.arange(len(plan))
+    top, bottom = len(plan) + np.arange(len(plan)), first
+    walls = np.concatenate(
+        [
+            np.column_stack([bottom, bottom[following], top[following]]),
+            np.column_stack([bottom, top[following], top]),
+        ]
+    )
+    return Solid(
+        positions=np.concatenate([roof, roof, ground]).astype(np.float32),
+        colours=np.concatenate([paint, dark, dark]).astype(np.float32),
+        faces=np.concatenate([triangles, walls]).astype(np.uint32),
+    )
+
+
+def next_in_ring(frame: Frame) -> NDArray[np.int64]:
+    """Return (n,) for each of the frame's points the next one in its ring.
+
+    A frame made without polygons has one ring for each of them.
+    """
+    if frame.polygons:
+        rings = [
+            ring for polygon in frame.polygons for ring in (polygon.exterior, *polygon.interiors)
+        ]
+        starts = np.cumsum([0, *(len(ring.coords) - 1 for ring in rings)])
+    else:
+        starts = frame.offsets
+    following = np.arange(1, len(frame.points) + 1, dtype=np.int64)
+    following[starts[1:] - 1] = starts[:-1]
+    return following

@@ -1,0 +1,205 @@
+"""pyrender: what the triangulations cost as roofs of a city, drawn by a scene-graph renderer.
+
+It stands for the renderers users have: perspective, depth test, multisampling, and a frame that
+is read back. It cannot count. pyrender is unmaintained (0.1.45) and gets a process of its own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+
+from harness.errors import NoRasteriser, UsageError
+from harness.frame import Frame
+from harness.rasterisers import egl, osmesa
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Rasteriser,
+    Sample,
+    Triangles,
+)
+from harness.rasterisers.extrude import extrude
+
+INSTALL = "python -m pip install 'raster-harness[pyrender]'"
+
+FIELD_OF_VIEW = np.radians(40.0)
+ELEVATION = np.radians(50.0)
+AZIMUTH = np.radians(-115.0)
+DISTANCE = 1.5
+"""Of the camera from the city's centre, in viewport widths."""
+
+OLD_INFINITY = "infty"
+
+SKY = (0.93, 0.95, 0.98, 1.0)
+
+
+class Pyrender(Rasteriser):
+    """Extruded roofs in perspective through pyrender's off-screen renderer."""
+
+    name = "pyrender"
+    counters: ClassVar[tuple[str, ...]] = ()
+    remark = "pyrender draws in perspective and cannot count; its time includes reading back"
+    known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        """List GPUs and llvmpipe through EGL, then OSMesa; [] where pyrender is not installed."""
+        if importlib.util.find_spec("pyrender") is None:
+            return []
+        found = []
+        for device in egl.probe()[0]:
+            if device.name == "llvmpipe" or not device.software:
+                number = str(device.details["egl_index"])
+                platform = {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": number}
+                environment = {**device.environment, **platform}
+                found.append(Device(device.name, device.software, environment, device.details))
+        for device in osmesa.OSMesa.devices():
+            environment = {**device.environment, "PYOPENGL_PLATFORM": "osmesa"}
+            found.append(Device(device.name, True, environment, device.details))
+        return found
+
+    @classmethod
+    def knows(cls, name: str) -> bool:
+        """Whether `name` is one of these; gpu0, gpu1, ... are."""
+        return name in cls.known or (name.startswith("gpu") and name[3:].isdigit())
+
+    @classmethod
+    def remedy(cls, name: str | None = None) -> str:
+        """Say how to get it."""
+        if importlib.util.find_spec("pyrender") is None:
+            return f"run: {INSTALL}"
+        return f"run: {osmesa.INSTALL if name == 'osmesa' else egl.INSTALL}"
+
+    def __init__(self, device: Device) -> None:
+        for key, value in device.environment.items():
+            if os.environ.get(key) != value:
+                raise NoRasteriser(f"{device.name} needs {key}={value} before its driver loads")
+        # pyrender 0.1.45 still uses a name that numpy 2 took away.
+        if not hasattr(np, OLD_INFINITY):
+            setattr(np, OLD_INFINITY, np.inf)
+        try:
+            import pyrender
+        except ImportError as error:
+            raise NoRasteriser(f"pyrender cannot be loaded: {error}; {self.remedy()}") from error
+        self.device = device
+        self.module: Any = pyrender
+        self._renderer: Any = None
+        renderer = self._open((8, 8))
+        if not egl.matches("llvmpipe" if device.software else device.name, renderer):
+            self.close()
+            raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{renderer}'")
+        self.device = Device(
+            device.name,
+            egl.is_software(renderer),
+            device.environment,
+            {**device.details, "renderer": renderer},
+        )
+
+    def _open(self, size: tuple[int, int]) -> str:
+        """Make the renderer's viewport `size`; returns GL_RENDERER."""
+        if self._renderer is None:
+            try:
+                self._renderer = self.module.OffscreenRenderer(*size)
+            except Exception as error:  # pyrender lets whatever PyOpenGL raises through
+                raise NoRasteriser(
+                    f"pyrender cannot open {self.device.name}: {error}; "
+                    f"{self.remedy(self.device.name)}"
+                ) from error
+        self._renderer.viewport_width, self._renderer.viewport_height = size
+        from OpenGL import GL
+
+        self._renderer._platform.make_current()
+        return str(GL.glGetString(GL.GL_RENDERER).decode())
+
+    def close(self) -> None:
+        """Free the renderer and its context."""
+        if self._renderer is not None:
+            self._renderer.delete()
+            self._renderer = None
+
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:  # noqa: ARG002
+        return {}
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        _default(options)
+        self._open((frame.width, frame.height))
+        return _City(self, frame, triangles)
+
+    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        _default(options)
+        self._open((frame.width, frame.height))
+        with _City(self, frame, triangles) as city:
+            return city.draw()
+
+
+class _City(Drawing):
+    def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
+        self.owner = owner
+        self.size = (frame.width, frame.height)
+        module = owner.module
+        self.flags = (
+            module.RenderFlags.FLAT | module.RenderFlags.SKIP_CULL_FACES | module.RenderFlags.RGBA
+        )
+        solid = extrude(frame, triangles)
+        self.scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
+        primitive = module.Primitive(
+            positions=solid.positions,
+            normals=np.tile(np.array([0, 0, 1], np.float32), (len(solid.positions), 1)),
+            color_0=solid.colours,
+            indices=solid.faces,
+            mode=4,
+            material=module.MetallicRoughnessMaterial(doubleSided=True),
+        )
+        self.scene.add(module.Mesh([primitive]))
+        camera = module.PerspectiveCamera(
+            yfov=FIELD_OF_VIEW, znear=0.05 * frame.width, zfar=4.0 * frame.width
+        )
+        self.scene.add(camera, pose=camera_pose(frame.width, frame.height))
+
+    def draw(self) -> Image:
+        """Draw and read back one frame."""
+        colour, _ = self.owner._renderer.render(self.scene, flags=self.flags)
+        if colour.shape[2] == 3:  # OSMesa's has no alpha
+            colour = np.dstack([colour, np.full(colour.shape[:2], 255, np.uint8)])
+        return np.ascontiguousarray(colour)
+
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` frames; each is read back, which waits for it."""
+        self.owner._open(self.size)
+        start = time.perf_counter()
+        for _ in range(repeats):
+            self.draw()
+        return Sample(wall=time.perf_counter() - start)
+
+    def close(self) -> None:
+        self.scene.clear()
+
+
+def camera_pose(width: float, height: float) -> np.ndarray:
+    """Return the (4, 4) pose of a camera that looks at the city's centre from the south."""
+    away = np.array(
+        [
+            np.cos(ELEVATION) * np.cos(AZIMUTH),
+            np.cos(ELEVATION) * np.sin(AZIMUTH),
+            np.sin(ELEVATION),
+        ]
+    )
+    right = np.cross([0.0, 0.0, 1.0], away)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(away, right), away
+    pose[:3, 3] = np.array([width / 2, height / 2, 0.0]) + DISTANCE * max(width, height) * away
+    return pose
+
+
+def _default(options: Options) -> None:
+    if options.samples != 1 or options.work:
+        raise UsageError("pyrender chooses samples and shaders itself; use opengl for these")

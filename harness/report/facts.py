@@ -1,0 +1,49 @@
+"""The environment of a run as rows of a table: section, name, value."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from harness.store import Run
+
+Row = tuple[str, str, str]
+
+
+def rows(run: Run) -> list[Row]:
+    """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
+    found: list[Row] = []
+    for name in ("created", "schema_version", "interrupted", "resumed"):
+        if name in run.facts:
+            found.append(("run", name, _text(run.facts[name])))
+    for section in ("scene", "environment", "plan", "devices", "frames", "seconds"):
+        values = run.facts.get(section)
+        if isinstance(values, list):
+            values = {str(number): value for number, value in enumerate(values)}
+        if isinstance(values, dict):
+            found += [(section, name, text) for name, text in _flat(values)]
+    return found
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    found = []
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            found += _flat(value, f"{prefix}{name}: ")
+        else:
+            found.append((f"{prefix}{name}", _text(value)))
+    return found
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        return " ".join(value) or "none"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,57 @@
+"""Triangulators that go wrong in every way a third party's may."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+
+import numpy as np
+from shapely import Polygon
+
+
+def segfault(polygon: Polygon) -> None:
+    ctypes.string_at(0)
+
+
+def hang(polygon: Polygon) -> None:
+    time.sleep(3600)
+
+
+def devour(polygon: Polygon) -> None:
+    hoard = [np.zeros(1 << 27) for _ in range(1000)]
+    raise AssertionError(len(hoard))
+
+
+def raises(polygon: Polygon) -> None:
+    raise RuntimeError("no idea")
+
+
+def returns_nothing(polygon: Polygon) -> None:
+    return None
+
+
+def returns_nan(polygon: Polygon) -> np.ndarray:
+    return np.full((3, 3), np.nan)
+
+
+def returns_out_of_range(polygon: Polygon) -> np.ndarray:
+    return np.array([[0, 1, 1000]])
+
+
+def returns_coordinates(polygon: Polygon) -> np.ndarray:
+    return np.array(polygon.exterior.coords)
+
+
+def returns_overlapping(polygon: Polygon) -> np.ndarray:
+    return np.array([[0, 1, 2], [0, 1, 2], [0, 1, 2], [0, 1, 2]])
+
+
+def returns_too_little(polygon: Polygon) -> np.ndarray:
+    return np.array([[0, 1, 2]])
+
+
+def right(polygon: Polygon) -> np.ndarray:
+    """A triangulation by somebody else, clockwise and of another integer type."""
+    from triangulators import triangulate
+
+    return triangulate(polygon, "ear-clipping")[:, ::-1].astype(np.uint64)

@@ -1,0 +1,57 @@
+"""Heatmaps: their numbers are the counters', and the picture holds what it should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from shapely import Polygon, box
+
+from harness.frame import View, make_frame
+from harness.heatmaps import DPI, draw_heatmaps, lane_maps
+from harness.rasterisers import Options
+from triangulators import triangulate
+
+ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
+
+
+@pytest.mark.parametrize("size", [64, 65, 300])
+@pytest.mark.parametrize("grid", [1, 128])
+def test_maps_add_up_to_the_counters(reference, scattered, size, grid):
+    frame, triangles = scattered(seed=size, size=size, number=80, grid=grid)
+    covered, helpers = lane_maps(frame, triangles)
+    counters = reference.count(frame, triangles, Options())
+    assert covered.shape == (size, size)
+    assert covered.sum() == counters["fragments"].sum()
+    assert helpers.sum() <= counters["helper_lanes"].sum()
+    if size % 2 == 0:
+        assert helpers.sum() == counters["helper_lanes"].sum()
+
+
+def test_a_conforming_triangulation_covers_each_pixel_once():
+    frame = make_frame([ELL], View(200, 30))
+    covered, helpers = lane_maps(frame, triangulate(frame.polygons[0], "delaunay"))
+    assert set(np.unique(covered)) == {0, 1}
+    assert helpers.sum() > 0
+
+
+def test_a_single_pixel_has_three_helpers_beside_it(loose):
+    frame, triangles = loose([[800, 800], [1000, 800], [800, 1000]], 8)
+    covered, helpers = lane_maps(frame, triangles)
+    assert np.argwhere(covered).tolist() == [[3, 3]]
+    assert np.argwhere(helpers).tolist() == [[2, 2], [2, 3], [3, 2]]
+
+
+def test_the_picture_shows_the_triangulations_side_by_side(tmp_path):
+    frame = make_frame([box(0, 0, 30, 20), ELL], View(256, 10))
+    files = []
+    for names in (("delaunay",), ("delaunay", "ear-clipping", "fan")):
+        files.append(tmp_path / f"{len(names)}.png")
+        triangulations = {name: triangulate(frame.polygons[1], name) for name in names}
+        draw_heatmaps(frame, 1, triangulations, files[-1])
+    one, three = (np.asarray(Image.open(file).convert("RGB")) for file in files)
+    assert three.shape[1] > 2 * one.shape[1]
+    assert three.shape[0] == one.shape[0]
+    assert one.shape[0] > 3 * DPI
+    # White, the two palettes and the lines: it is not blank.
+    assert len(np.unique(three.reshape(-1, 3), axis=0)) > 20

@@ -1,0 +1,105 @@
+"""Roofs through pyrender, in a process of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapely import Polygon, box
+
+from harness import measure
+from harness.errors import NoRasteriser, UsageError
+from harness.frame import Frame, View, make_frame
+from harness.rasterisers import Options, find_device, get, pyrender
+from harness.rasterisers.base import Rasteriser, Triangles
+from harness.rasterisers.extrude import extrude, next_in_ring
+from harness.worker import Worker
+from triangulators import triangulate
+
+COURT = box(0, 0, 30, 20).difference(box(8, 6, 20, 14))
+ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
+
+
+@pytest.fixture(scope="module")
+def frame() -> Frame:
+    return make_frame([COURT, ELL], View(128))
+
+
+def joined(frame: Frame, triangulator: str) -> Triangles:
+    return frame.join([triangulate(polygon, triangulator) for polygon in frame.polygons])
+
+
+def seconds_of_frames(device, frame, triangles, repeats) -> float:
+    rasteriser = get("pyrender")(device)
+    with rasteriser.prepare(frame, triangles, Options()) as drawing:
+        seconds = drawing.sample(repeats).wall
+    rasteriser.close()
+    return seconds
+
+
+@pytest.mark.parametrize("name", ["llvmpipe", "osmesa"])
+def test_it_draws_and_times_but_does_not_count(frame, name):
+    if name not in [device.name for device in get("pyrender").devices()]:
+        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install"):
+            find_device("pyrender", name)
+        return
+    device = find_device("pyrender", name)
+    triangles = joined(frame, "delaunay")
+    with Worker(name, device.environment) as worker:
+        arguments = ("pyrender", device, frame, triangles, Options())
+        picture = worker.call(measure.image, *arguments, timeout_s=120)
+        other = worker.call(
+            measure.image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
+        )
+        assert worker.call(measure.count, *arguments) == {}
+        assert worker.call(seconds_of_frames, device, frame, triangles, 2, timeout_s=120) > 0
+    assert picture.shape == (128, 128, 4)
+    sky = np.rint(np.array(pyrender.SKY) * 255)
+    built = (abs(picture - sky).max(axis=2) > 2).mean()
+    assert 0.05 < built < 0.8
+    # The same roofs, cut differently, are the same picture.
+    assert (abs(picture.astype(int) - other).max(axis=2) > 2).mean() < 0.002
+
+
+def test_it_says_that_it_cannot_count():
+    kind = get("pyrender")
+    assert kind.counters == ()
+    assert "cannot count" in kind.remark
+    assert Rasteriser.remark == ""
+
+
+def test_without_pyrender_there_are_no_devices_and_a_line_that_installs_it(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert get("pyrender").devices() == []
+    with pytest.raises(NoRasteriser, match=r"pip install 'raster-harness\[pyrender\]'"):
+        find_device("pyrender")
+
+
+def test_walls_stand_under_the_rings(frame):
+    triangles = joined(frame, "delaunay")
+    solid = extrude(frame, triangles)
+    number = len(frame.points)
+    assert len(solid.faces) == len(triangles) + 2 * number
+    assert np.array_equal(solid.faces[: len(triangles)], triangles)
+    heights = solid.positions[:number, 2]
+    for start, stop in zip(frame.offsets, frame.offsets[1:], strict=False):
+        assert heights[start] > 0
+        assert (heights[start:stop] == heights[start]).all()
+    corners = solid.positions[solid.faces[len(triangles) :]]
+    assert (corners[..., 2].min(axis=1) == 0).all()
+    # Each wall is upright: seen from above its triangles have no area.
+    plan = corners[..., :2].astype(float)
+    first, second = plan[:, 1] - plan[:, 0], plan[:, 2] - plan[:, 0]
+    assert abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).max() < 1e-3
+
+
+def test_rings_close_on_themselves(frame):
+    following = next_in_ring(frame)
+    assert sorted(following) == list(range(len(frame.points)))
+    assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
+
+
+def test_options_it_has_no_say_in_are_refused(frame):
+    kind = get("pyrender")
+    rasteriser = object.__new__(kind)
+    with pytest.raises(UsageError, match="use opengl for these"):
+        rasteriser.prepare(frame, joined(frame, "delaunay"), Options(samples=4))
