@@ -109,14 +109,13 @@ class Bench:
     def time(
         self,
         target: Target,
-        frame: Frame,
-        candidates: Mapping[str, Triangles],
+        candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
         settings: Settings,
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates together, in shuffled rounds.
+        """Time the candidates, (frame, triangles), together, in shuffled rounds.
 
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
@@ -125,7 +124,7 @@ class Bench:
         """
         test = self.open(target).timer
         timeout_s = self._timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
-        arguments = (frame, dict(candidates), options, settings, test, seed)
+        arguments = (dict(candidates), options, settings, test, seed)
         try:
             with self.clocked("time"):
                 group = self._on(
@@ -136,9 +135,9 @@ class Bench:
                 return {}, {next(iter(candidates)): str(error)}
             groups: dict[str, dict[str, Times]] = {}
             failures: dict[str, str] = {}
-            for name, triangles in candidates.items():
-                alone = {name: triangles}
-                more, failed = self.time(target, frame, alone, options, settings, seed, tick)
+            for name, candidate in candidates.items():
+                alone = {name: candidate}
+                more, failed = self.time(target, alone, options, settings, seed, tick)
                 groups |= more
                 failures |= failed
             return groups, failures

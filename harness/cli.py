@@ -8,7 +8,19 @@ import typer
 from rich.console import Console
 
 from harness import __version__
-from harness.commands import catalogue, report, run
+from harness.commands import (
+    calibrate,
+    catalogue,
+    compare,
+    doctor,
+    enumeration,
+    export,
+    history,
+    inspect,
+    report,
+    run,
+    validate,
+)
 from harness.errors import HarnessError
 
 app = typer.Typer(
@@ -19,9 +31,20 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-run.add_to(app)
-report.add_to(app)
-catalogue.add_to(app)
+for command in (
+    run,
+    validate,
+    calibrate,
+    compare,
+    history,
+    report,
+    enumeration,
+    inspect,
+    export,
+    doctor,
+    catalogue,
+):
+    command.add_to(app)
 
 
 @app.callback(invoke_without_command=True)

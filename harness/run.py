@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -18,10 +18,13 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import Runner
 from harness.store import Record, Store, read_run
-from harness.triangulation import is_builtin
+from harness.triangulation import SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
+
+Split = Callable[[str, Scene], list[tuple[str, Scene]]]
+"""(label, scene) -> the (label, scene) of each part that is measured by itself."""
 
 
 @dataclass
@@ -41,12 +44,14 @@ def run(
     resume: bool = False,
     force: bool = False,
     open_worker: OpenWorker = Worker,
+    split: Split | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
     resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
     force : resume even where plan, code or device differ from those of the run
     open_worker : how processes are made; tests give `Inline` ones
+    split : how a study takes the scene apart; by default it is measured whole
 
     Raises
     ------
@@ -54,8 +59,8 @@ def run(
         if nothing can be measured as asked, or the folder cannot be written
     """
     began = time.perf_counter()
-    plan = with_full_names(plan)
-    scene = load_scene(plan, reporter)
+    plan = replace(plan, triangulators=full_names(plan.triangulators))
+    scene = load_scene(plan.scene, plan.seed, reporter)
     targets = find_targets(plan)
     facts = _facts(plan, scene)
     store, done = _open_store(out, facts, resume=resume, force=force)
@@ -63,37 +68,53 @@ def run(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         bench = Bench(open_worker, plan.timeout_s)
-        runner = Runner(plan, scene, targets, store, reporter, bench, done)
+        # Of a file only its name: the same file elsewhere is the same scene.
+        label = Path(plan.scene).name
+        parts = split(label, scene) if split else [(label, scene)]
+        frames: list[dict[str, Any]] = []
         bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
         try:
             with stop_on_interrupt(bench, reporter):
-                runner.go()
+                for number, (part_label, part) in enumerate(parts):
+                    if len(parts) > 1:
+                        reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
+                    runner = Runner(
+                        plan, part_label, part, targets, store, reporter, bench, done, frames
+                    )
+                    runner.go(keep_geometry=split is None)
         finally:
             bench.close()
-            facts["frames"] = runner.frames or facts["frames"]
+            facts["frames"] = frames or facts["frames"]
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(runner.done.values()), bench.stopping)
+    return Outcome(out, list(done.values()), bench.stopping)
 
 
-def with_full_names(plan: Plan) -> Plan:
-    """Return the plan with each triangulator's full name, e.g. optimal:overdraw for optimal.
+def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
+    """Return each triangulator's full name once, e.g. optimal:overdraw for optimal.
 
     Raises
     ------
     UsageError
-        if a name is unknown, or given twice
+        if a name is unknown, or there is none
     """
     try:
-        names = tuple(name if _is_foreign(name) else full_name(name) for name in plan.triangulators)
+        names = tuple(_full_name(name) for name in triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
-    return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+    return tuple(dict.fromkeys(names))
+
+
+def _full_name(name: str) -> str:
+    base, mark, seed = name.partition(SEED_MARK)
+    if mark and not (base == "random" and seed.isdigit()):
+        raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")
+    return name if _is_foreign(name) else full_name(base) + mark + seed
 
 
 def _is_foreign(name: str) -> bool:
@@ -105,8 +126,8 @@ def _is_foreign(name: str) -> bool:
         return False
 
 
-def load_scene(plan: Plan, reporter: Reporter) -> Scene:
-    """Load the plan's scene and say what it left out.
+def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
+    """Load a scene and say what it left out.
 
     Raises
     ------
@@ -114,7 +135,7 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
         if it cannot be loaded
     """
     try:
-        scene = load(plan.scene, seed=plan.seed)
+        scene = load(name, seed=seed)
     except SceneError as error:
         raise UsageError(str(error)) from error
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
@@ -139,6 +160,11 @@ def find_targets(plan: Plan) -> list[Target]:
     known: set[str] = set()
     for name in plan.rasterisers:
         kind = rasterisers.get(name)
+        if not any(kind.supports(options) for options in plan.options):
+            raise UsageError(
+                f"{name} has neither multisampling nor fragment work: use opengl for "
+                "--samples and --work, or add the plain case, e.g. --work 0,8"
+            )
         wanted: list[str | None] = [device for device in plan.devices if kind.knows(device)]
         known.update(device for device in plan.devices if kind.knows(device))
         targets += [

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import geometry, records
+from harness import geometry, rasterisers, records
 from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
@@ -46,13 +45,15 @@ class Group:
 
 @dataclass
 class Runner:
-    """Measures the cases of one plan that have no record yet, and writes their records.
+    """Measures the cases of one plan and scene that have no record yet; writes their records.
 
+    label : the scene's name in records
     done : records by key; those that are ok or skipped are left alone
     frames : what snapping did to the scene, one entry a view, JSON-ready
     """
 
     plan: Plan
+    label: str
     scene: Scene
     targets: list[Target]
     store: Store
@@ -61,8 +62,11 @@ class Runner:
     done: dict[str, Record] = field(default_factory=dict)
     frames: list[dict[str, Any]] = field(default_factory=list)
 
-    def go(self) -> None:
-        """Measure until all is done, or `bench.stopping` is set."""
+    def go(self, *, keep_geometry: bool = True) -> None:
+        """Measure until all is done, or `bench.stopping` is set.
+
+        keep_geometry : store what was drawn, for pictures; a study of many parts does not
+        """
         for view in self.plan.views:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
@@ -70,8 +74,9 @@ class Runner:
             frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
             prepared = self._triangulate(frame, groups)
-            triangles = {name: ready.triangles for name, ready in prepared.items()}
-            geometry.write(self.store, frame, triangles)
+            if keep_geometry:
+                triangles = {name: ready.triangles for name, ready in prepared.items()}
+                geometry.write(self.store, frame, triangles)
             for group in groups:
                 if group.cases and not self.bench.stopping:
                     self._measure(group, frame, prepared)
@@ -79,7 +84,8 @@ class Runner:
     def _groups(self, view: View) -> list[Group]:
         groups = []
         for target in self.targets:
-            for options in self.plan.options:
+            kind = rasterisers.get(target.rasteriser)
+            for options in filter(kind.supports, self.plan.options):
                 cases = {
                     name: self._case(view, name, target, options)
                     for name in self.plan.triangulators
@@ -93,8 +99,7 @@ class Runner:
 
     def _case(self, view: View, name: str, target: Target, options: Options) -> Case:
         return Case(
-            # Of a file only its name: the same file elsewhere is the same scene.
-            scene=Path(self.plan.scene).name,
+            scene=self.label,
             scene_hash=self.scene.content_hash,
             view=view,
             triangulator=name,
@@ -149,11 +154,8 @@ class Runner:
             fields = self._time(group, bare, drawn)
         for name, timing in fields.items():
             ready = prepared[name]
-            self.store.write_arrays(
-                group.cases[name].key,
-                {f"predicted_{key}": column for key, column in ready.prediction.columns.items()}
-                | {key: column for key, column in counted[name].items() if column.ndim},
-            )
+            if len(frame.polygons) > 1:  # one polygon's columns are its record's totals
+                self._keep_columns(group.cases[name], ready.prediction, counted[name])
             self._write(
                 records.measured(
                     group.cases[name],
@@ -165,6 +167,11 @@ class Runner:
                     timing,
                 )
             )
+
+    def _keep_columns(self, case: Case, prediction: records.Prediction, counters: Counters) -> None:
+        predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
+        counted = {name: column for name, column in counters.items() if column.ndim}
+        self.store.write_arrays(case.key, predicted | counted)
 
     def _count(
         self, group: Group, frame: Frame, prepared: Mapping[str, Prepared]
@@ -206,8 +213,7 @@ class Runner:
         with self.reporter.stage(f"timing: {group.target.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 group.target,
-                frame,
-                drawn,
+                {name: (frame, triangles) for name, triangles in drawn.items()},
                 group.options,
                 settings,
                 self.plan.seed,

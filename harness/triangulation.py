@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from shapely import Polygon, box
 
 from triangulators import Skipped, registry, triangulate
 from triangulators.verify import verify
+
+SEED_MARK = "#"
+"""`random#7` is the random triangulation of seed 7, whatever the seed of the run."""
 
 
 @dataclass
@@ -39,7 +42,7 @@ class FrameTriangulation:
 
 def is_builtin(name: str) -> bool:
     """Whether the triangulator `name` is one of the product's own; imports nothing of others."""
-    return name.partition(":")[0] in registry.BUILTIN
+    return re.split(f"[:{SEED_MARK}]", name)[0] in registry.BUILTIN
 
 
 def triangulate_polygons(name: str, polygons: Sequence[Polygon], seed: int) -> FrameTriangulation:
@@ -66,8 +69,10 @@ def triangulate_polygons(name: str, polygons: Sequence[Polygon], seed: int) -> F
 
 
 def _call(name: str, polygon: Polygon, seed: int) -> NDArray[np.int32]:
-    parameters: dict[str, Any] = {"seed": seed} if name.split(":")[0] == "random" else {}
-    return triangulate(polygon, name, **parameters)
+    base, _, own_seed = name.partition(SEED_MARK)
+    if base == "random":
+        return triangulate(polygon, base, seed=int(own_seed or seed))
+    return triangulate(polygon, name)
 
 
 def _warm_up(name: str, seed: int) -> None:

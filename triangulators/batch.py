@@ -1,15 +1,17 @@
 """Millions of small polygons at once, over ragged arrays and in parallel."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from mapbox_earcut import triangulate_float64
-from numba import get_num_threads
 
-from triangulators.batch_kernels import SMALL, improve_in_parallel, rings_in_parallel
+from triangulators.batch_kernels import SMALL, do_rings, improve_many
 from triangulators.cost import Cost, cost_of
 from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
@@ -74,6 +76,7 @@ def triangulate_many(
     name: str = "optimal:half-perimeter",
     *,
     check: bool = True,
+    threads: int | None = None,
     **parameters: Any,
 ) -> Triangulations:
     """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
@@ -81,7 +84,8 @@ def triangulate_many(
     polygons: shapely polygons, or `Ragged` arrays. Polygons of up to 64 vertices without holes go
     through compiled code on all threads if `name` is the optimum (or worst) of half-perimeter,
     overdraw, edge-length or a calibrated criterion; the others go one at a time through
-    `triangulate`. check: test shapely polygons for validity first. parameters: as for
+    `triangulate`. check: test shapely polygons for validity first. threads: by default one for each
+    core this process may use. parameters: as for
     `triangulate`. Raises `UnknownName`.
     """
     choice = parse(name)
@@ -103,13 +107,44 @@ def triangulate_many(
         lengths = np.diff(begins)
         one_ring = np.diff(owners) == 1
         by_table = sound & one_ring & (lengths <= SMALL) & (lengths >= 3)
-        chunks = max(1, min(16 * get_num_threads(), count // 64))
-        done = rings_in_parallel(coordinates, begins, by_table, cost.box, starts, triangles, chunks)
+        _in_threads(
+            do_rings,
+            count,
+            threads,
+            coordinates,
+            begins,
+            by_table,
+            cost.box,
+            starts,
+            triangles,
+            done,
+        )
         others = np.flatnonzero(sound & ~done & (lengths >= 3) & (lengths <= MEDIUM))
-        _improve_earcut(coordinates, rings, owners, others, cost, starts, triangles, done)
+        _improve_earcut(coordinates, rings, owners, others, cost, starts, triangles, done, threads)
     if done.all():
         return Triangulations(triangles, starts)
     return _finish(arrays, polygons, name, parameters, done, starts, triangles)
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _in_threads(
+    kernel: Callable[..., None], count: int, threads: int | None, *arguments: Any
+) -> None:
+    """Run a compiled kernel(first, last, *arguments) over 0..count - 1, in chunks."""
+    threads = threads or _cores()
+    if threads == 1 or count < 256:
+        kernel(0, count, *arguments)
+        return
+    bounds = np.linspace(0, count, 8 * threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        tasks = [pool.submit(kernel, *chunk, *arguments) for chunk in pairwise(bounds)]
+        for task in tasks:
+            task.result()
 
 
 def _improve_earcut(
@@ -121,6 +156,7 @@ def _improve_earcut(
     starts: np.ndarray,
     triangles: np.ndarray,
     done: np.ndarray,
+    threads: int | None,
 ) -> None:
     """Do polygons with holes, or too large for the table, starting from ear clipping.
 
@@ -135,10 +171,9 @@ def _improve_earcut(
         return
     bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
     joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-    weights, box = cost.weights, cost.box
-    improved = improve_in_parallel(
-        coordinates, rings[1:], owners, which, weights, cost.function, box, joined, bounds
-    )
+    improved = np.zeros(len(which), dtype=np.bool_)
+    kernel = (cost.weights, cost.function, cost.box, joined, bounds, improved)
+    _in_threads(improve_many, len(which), threads, coordinates, rings[1:], owners, which, *kernel)
     for task in np.flatnonzero(improved).tolist():
         index = which[task]
         triangles[starts[index] : starts[index + 1]] = joined[bounds[task] : bounds[task + 1]]

@@ -1,9 +1,9 @@
-"""Compiled parts of `batch`: what is done for each polygon, on all threads."""
+"""Compiled parts of `batch`: what is done for each polygon, without holding the GIL."""
 
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from triangulators.cost import BBOX_AREA, HALF_PERIMETER, total_cost
 from triangulators.dense import fill_box_table, trace_box_table
@@ -58,32 +58,31 @@ def one_ring(
     return True
 
 
-@njit(cache=True, parallel=True)
-def rings_in_parallel(
+@njit(cache=True, nogil=True)
+def do_rings(
+    first: int,
+    last: int,
     coordinates: np.ndarray,
     begins: np.ndarray,
     wanted: np.ndarray,
     box: np.ndarray,
     starts: np.ndarray,
     triangles: np.ndarray,
-    chunks: int,
-) -> np.ndarray:
-    """Do `one_ring` for each wanted polygon; return which succeeded."""
-    done = np.zeros(len(wanted), dtype=np.bool_)
-    for chunk in prange(chunks):
-        table = np.empty((SMALL, SMALL))
-        x, y = np.empty(SMALL), np.empty(SMALL)
-        for index in range(chunk * len(wanted) // chunks, (chunk + 1) * len(wanted) // chunks):
-            if wanted[index]:
-                done[index] = one_ring(
-                    coordinates[begins[index] : begins[index + 1]],
-                    box,
-                    table,
-                    x,
-                    y,
-                    triangles[starts[index] : starts[index + 1]],
-                )
-    return done
+    done: np.ndarray,
+) -> None:
+    """Do `one_ring` for each wanted polygon of first..last - 1; mark in `done` which succeeded."""
+    table = np.empty((SMALL, SMALL))
+    x, y = np.empty(SMALL), np.empty(SMALL)
+    for index in range(first, last):
+        if wanted[index]:
+            done[index] = one_ring(
+                coordinates[begins[index] : begins[index + 1]],
+                box,
+                table,
+                x,
+                y,
+                triangles[starts[index] : starts[index + 1]],
+            )
 
 
 @njit(cache=True, nogil=True)
@@ -153,8 +152,10 @@ def _improve(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, cost: 
     return True
 
 
-@njit(cache=True, parallel=True)
-def improve_in_parallel(
+@njit(cache=True, nogil=True)
+def improve_many(
+    first: int,
+    last: int,
     coordinates: np.ndarray,
     ring_ends: np.ndarray,
     owners: np.ndarray,
@@ -164,18 +165,17 @@ def improve_in_parallel(
     box: np.ndarray,
     triangles: np.ndarray,
     bounds: np.ndarray,
-) -> np.ndarray:
-    """Improve triangulations in place; return which of them were valid and have been improved.
+    done: np.ndarray,
+) -> None:
+    """Improve triangulations first..last - 1 in place; mark in `done` those that were valid.
 
-    which: (q,) polygons, `owners` (p + 1,) the ends of their rings in `ring_ends`; bounds (q + 1,):
-    where each one's triangles are in `triangles`.
+    which: (q,) polygons, whose rings' ends are `ring_ends[owners[i]:owners[i + 1]]`; bounds
+    (q + 1,): where each one's triangles are in `triangles`.
     """
-    done = np.zeros(len(which), dtype=np.bool_)
-    for task in prange(len(which)):
+    for task in range(first, last):
         index = which[task]
-        first = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
-        ends = ring_ends[owners[index] : owners[index + 1]] - first
-        points = coordinates[first : first + ends[-1]]
+        start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
+        ends = ring_ends[owners[index] : owners[index + 1]] - start
+        points = coordinates[start : start + ends[-1]]
         own = triangles[bounds[task] : bounds[task + 1]]
         done[task] = _improve(points, ends, own, (weights, function, box))
-    return done

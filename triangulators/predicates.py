@@ -41,8 +41,10 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
         if error != 0.0:
             expansion[kept] = error
             kept += 1
-    expansion[kept] = carry
-    return kept + 1
+    if carry != 0.0 or kept == 0:
+        expansion[kept] = carry
+        kept += 1
+    return kept
 
 
 @njit(cache=True)

@@ -15,8 +15,8 @@ import shapely
 from triangulators import criteria
 from triangulators.errors import TriangulationError, Unavailable, UnknownName
 from triangulators.polygon import Boundary, boundary, check
-from triangulators.predicates import turns
 from triangulators.repair import insert_dropped_vertices
+from triangulators.starts import left_turning
 
 ENTRY_POINTS = "raster_harness.triangulators"
 DEFAULT_CRITERION = "overdraw"
@@ -67,11 +67,55 @@ BUILTIN = {
             "triangulators.fan:triangulate",
             handles_holes=False,
         ),
+        Entry(
+            "strip",
+            "a zigzag of diagonals, where some start allows it",
+            "triangulators.strip:triangulate",
+            handles_holes=False,
+        ),
         Entry("ear-clipping", "mapbox_earcut", "triangulators.ear_clipping:triangulate"),
         Entry(
             "delaunay",
             "constrained Delaunay triangulation (GEOS, through shapely)",
             "triangulators.delaunay:triangulate",
+        ),
+        Entry(
+            "sweep",
+            "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
+            "triangulators.sweep:triangulate",
+            needs="triangulators.sweep:installed",
+            install="apt-get install libglu1-mesa; pip install PyOpenGL",
+        ),
+        Entry(
+            "manifold",
+            "manifold3d's ear clipping",
+            "triangulators.manifold:triangulate",
+            needs="manifold3d",
+            install="pip install manifold3d",
+        ),
+        Entry(
+            "max-area",
+            "largest triangle first (Persson 2009)",
+            "triangulators.max_area:triangulate",
+            handles_holes=False,
+        ),
+        Entry(
+            "greedy",
+            "shortest diagonals first",
+            "triangulators.greedy:triangulate",
+        ),
+        Entry(
+            "random",
+            "uniform over all triangulations, by counting; seed=",
+            "triangulators.uniform:triangulate",
+            handles_holes=False,
+        ),
+        Entry(
+            "exhaustive",
+            "the best of all triangulations, every one listed (the paper's method)",
+            "triangulators.exhaustive:triangulate",
+            handles_holes=False,
+            criteria=True,
         ),
         Entry(
             "optimal",
@@ -217,9 +261,4 @@ def _normalised(outline: Boundary, raw: Any, name: str) -> np.ndarray:
     count = len(outline.points)
     if triangles.size and (triangles.min() < 0 or triangles.max() >= count):
         raise TriangulationError(f"{name} returned indices outside 0..{count - 1}")
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    orientation = turns(outline.points, triangles)
-    if (orientation > 0.0).all():
-        return triangles
-    triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
-    return np.ascontiguousarray(triangles[orientation != 0.0])
+    return left_turning(outline.points, triangles)

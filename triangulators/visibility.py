@@ -63,7 +63,7 @@ def visible_pairs(
             beyond = across[row, (e + 1) % 3]
             if beyond >= 0:
                 found = _look(
-                    points, triangles, across, v, beyond, right, left, stack, target, found
+                    points, triangles, across, v, v, beyond, right, left, stack, target, found
                 )
             following = across[row, (e + 2) % 3]
             if following < 0 and left > v:
@@ -84,6 +84,7 @@ def _look(
     triangles: np.ndarray,
     across: np.ndarray,
     v: int,
+    floor: int,
     row: int,
     right: int,
     left: int,
@@ -91,7 +92,7 @@ def _look(
     target: np.ndarray,
     found: int,
 ) -> int:
-    """Append the corners > v seen from v through the edge right-left to `target`, in order."""
+    """Append the corners > floor seen from v through the edge right-left to `target`, in order."""
     height = 1
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = row, right, left, right, left
     while height > 0:
@@ -110,9 +111,9 @@ def _look(
         hidden_right = turn(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and turn(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
-        # Corners before v in the cycle list v themselves; beyond them nothing is left to report.
-        seen = split and apex > v
-        if not hidden_left and apex > v and over_left >= 0:
+        # With floor v, corners of a cycle before v list v themselves, and nothing lies beyond.
+        seen = split and apex > floor
+        if not hidden_left and apex > floor and over_left >= 0:
             stack[height, 0], stack[height, 1], stack[height, 2] = over_left, apex, left
             stack[height, 3] = apex if split else view_right
             stack[height, 4] = view_left
@@ -126,3 +127,39 @@ def _look(
             stack[height, 4] = apex if split else view_left
             height += 1
     return found
+
+
+@njit(cache=True)
+def visible_sites(points: np.ndarray, triangles: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Return the pairs (p, 2) of points, a < b, that see each other in any triangulated polygon.
+
+    points: (n, 2); triangles: (m, 3), with their neighbours. Edges of triangles are included.
+    """
+    n = len(points)
+    stack = np.empty((3 * len(triangles) + 16, 5), dtype=np.int32)
+    seen = np.empty(3 * len(triangles) + 16, dtype=np.int32)
+    pairs = np.empty((max(4 * n, 16), 2), dtype=np.int32)
+    found = 0
+    for row in range(len(triangles)):
+        for e in range(3):
+            v = triangles[row, e]
+            right, left = triangles[row, (e + 1) % 3], triangles[row, (e + 2) % 3]
+            seen[0] = right
+            count = 1
+            if across[row, (e + 2) % 3] < 0:
+                seen[1] = left
+                count = 2
+            beyond = across[row, (e + 1) % 3]
+            if beyond >= 0:
+                count = _look(
+                    points, triangles, across, v, -1, beyond, right, left, stack, seen, count
+                )
+            if found + count > len(pairs):
+                grown = np.empty((2 * (found + count), 2), dtype=np.int32)
+                grown[:found] = pairs[:found]
+                pairs = grown
+            for index in range(count):
+                if seen[index] > v:
+                    pairs[found, 0], pairs[found, 1] = v, seen[index]
+                    found += 1
+    return pairs[:found]

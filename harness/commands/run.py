@@ -48,7 +48,8 @@ def split_names(text: str) -> tuple[str, ...]:
     return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
 
 
-def _numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
+def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
+    """Read a comma-separated option of numbers; raises UsageError naming `option`."""
     try:
         return [kind(part) for part in split_names(text)]
     except ValueError:
@@ -131,13 +132,13 @@ def run(
             devices=split_names(device),
             views=tuple(
                 View(int(size), angle, fit.value)
-                for size in _numbers(resolution, "--resolution", int)
-                for angle in _numbers(rotation, "--rotation", float)
+                for size in numbers(resolution, "--resolution", int)
+                for angle in numbers(rotation, "--rotation", float)
             ),
             options=tuple(
                 Options(samples=int(count), work=int(iterations), order=order.value, seed=seed)
-                for count in _numbers(samples, "--samples", int)
-                for iterations in _numbers(work, "--work", int)
+                for count in numbers(samples, "--samples", int)
+                for iterations in numbers(work, "--work", int)
             ),
             timing=timing,
             timeout_s=timeout,

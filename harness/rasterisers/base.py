@@ -116,6 +116,9 @@ class Rasteriser(ABC):
     timed: ClassVar[bool] = True
     pictured: ClassVar[bool] = True
 
+    shades: ClassVar[bool] = False
+    """Whether it shades fragments, so that samples a pixel and work a fragment mean something."""
+
     remark: ClassVar[str] = ""
     """What a record must say about its figures, if anything."""
 
@@ -128,6 +131,11 @@ class Rasteriser(ABC):
     def knows(cls, name: str) -> bool:
         """Whether `name` is a device of this rasteriser on some machine."""
         return name in cls.known
+
+    @classmethod
+    def supports(cls, options: Options) -> bool:
+        """Whether it can draw with `options`."""
+        return cls.shades or (options.samples == 1 and options.work == 0)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:

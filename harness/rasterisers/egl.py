@@ -48,33 +48,41 @@ def lavapipe_icd() -> Path | None:
     return None
 
 
-def recipes() -> dict[str, dict[str, str]]:
-    """Return the environment of each kind of device to look for."""
+def recipes() -> list[tuple[str, dict[str, str]]]:
+    """Return each kind of device to look for with its environment; of a kind the first counts."""
     software = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
-    environments = {
-        "gpu": {},
-        "llvmpipe": {**software, "GALLIUM_DRIVER": "llvmpipe"},
-        "softpipe": {**software, "GALLIUM_DRIVER": "softpipe"},
-    }
+    found: list[tuple[str, dict[str, str]]] = [
+        ("gpu", {}),
+        ("llvmpipe", {**software, "GALLIUM_DRIVER": "llvmpipe"}),
+        ("softpipe", {**software, "GALLIUM_DRIVER": "softpipe"}),
+    ]
     if icd := lavapipe_icd():
         # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
         vulkan = {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd)}
-        environments["zink"] = {**software, "GALLIUM_DRIVER": "zink", **vulkan}
-    return environments
+        found.append(("zink", {**software, "GALLIUM_DRIVER": "zink", **vulkan}))
+        # Mesa versions differ in which of the two they heed.
+        override = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LP_NUM_THREADS": "0"}
+        found.append(("zink", {**override, **vulkan}))
+    return found
 
 
 @cache
 def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
     """Find the devices that open, best first, and what went wrong with the others."""
-    running = {
-        kind: (environment, _start(kind, environment)) for kind, environment in recipes().items()
-    }
+    running = [(kind, environment, _start(kind, environment)) for kind, environment in recipes()]
     devices: list[Device] = []
     problems: list[str] = []
-    for kind, (environment, process) in running.items():
+    for kind, environment, process in running:
         result = _finish(process)
-        problems.extend(f"{kind}: {problem}" for problem in result["problems"])
+        if any(device.name == kind for device in devices):
+            continue
         wanted = [found for found in result["devices"] if matches(kind, found["renderer"])]
+        problems.extend(f"{kind}: {problem}" for problem in result["problems"])
+        problems.extend(
+            f"{kind}: EGL opened '{found['renderer']}' instead"
+            for found in result["devices"]
+            if found not in wanted and kind != "gpu"
+        )
         for number, found in enumerate(wanted):
             devices.append(
                 Device(
@@ -84,11 +92,6 @@ def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
                     details={key: value for key, value in found.items() if key != "software"},
                 )
             )
-        problems.extend(
-            f"{kind}: EGL opened '{found['renderer']}' instead"
-            for found in result["devices"]
-            if found not in wanted and kind != "gpu"
-        )
     return tuple(devices), tuple(problems)
 
 

@@ -42,6 +42,7 @@ class OpenGL(GLRasteriser):
     """OpenGL 3.3 or later with storage buffers in fragment shaders, through EGL, no window."""
 
     name = "opengl"
+    shades = True
     counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
 
     def __init__(self, device: Device) -> None:

@@ -159,9 +159,7 @@ def _group(
 
 def _case(number: int, record: Record, members: Sequence[Record], polygons: _Polygons) -> Content:
     row = row_of(record, base_of(members))
-    predicted = {
-        PREDICTED + name: value for name, value in (record.get("predicted") or {}).items()
-    }
+    predicted = {PREDICTED + name: value for name, value in (record.get("predicted") or {}).items()}
     columns = polygons.read(record)
     return {
         "group": number,

@@ -54,10 +54,8 @@ def compare(
 ) -> Ratio:
     device, worker = llvmpipe
     test = worker.call(measure.open_device, "opengl", device).timer
-    pair = {"first": first, "second": second}
-    group = worker.call(
-        measure.time_group, "opengl", device, frame, pair, options, settings, test, seed
-    )
+    pair = {"first": (frame, first), "second": (frame, second)}
+    group = worker.call(measure.time_group, "opengl", device, pair, options, settings, test, seed)
     return paired_ratio(group["first"].samples_s, group["second"].samples_s)
 
 

@@ -100,6 +100,42 @@ def test_time_grows_with_repeats_though_each_draw_hides_the_last(llvmpipe, nativ
     assert tenfold > 5 * once
 
 
+def test_a_gpu_draws_its_repeats_as_instances(llvmpipe, native, loose):
+    """What only a GPU does, on llvmpipe: instances take their share of time, and no error."""
+    frame, triangles = loose([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 30, 256)
+    with llvmpipe.prepare(frame, triangles, native) as drawing:
+        drawing.software = False
+        drawing.sample(1)
+        once = min(drawing.sample(1).wall for _ in range(5))
+        assert min(drawing.sample(10).wall for _ in range(3)) > 4 * once
+
+
+def test_a_timer_that_sees_only_the_last_tile_does_not_pass_for_sane(llvmpipe, native, loose):
+    """Many flushed draws must not let llvmpipe's timer look right by counting all but the last."""
+    frame, triangles = loose([[0, 0], [512 * 256, 0], [0, 512 * 256]], 512)
+    with llvmpipe.prepare(frame, triangles, native) as drawing:
+        drawing.sample(1)
+        sample = drawing.sample(20)
+    assert sample.gpu < 0.5 * sample.wall
+
+
+def test_two_rasterisers_share_a_process(opened, reference, native, scattered):
+    """Each makes its own context current, also while the other's drawings are alive."""
+    frame, triangles = scattered(seed=13, size=128, number=30, grid=1)
+    exact = reference.count(frame, triangles, native)
+    with (
+        opened("opengl").prepare(frame, triangles, native) as drawn,
+        opened("bounding-box").prepare(frame, triangles, native) as walked,
+    ):
+        for _ in range(3):
+            assert drawn.sample(1).wall > 0
+            assert walked.sample(1).wall > 0
+        counted = opened("opengl").count(frame, triangles, native)
+        tested = opened("bounding-box").count(frame, triangles, native)
+    assert np.array_equal(counted["fragments"], exact["fragments"])
+    assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
+
+
 def test_the_driver_reports_what_was_submitted(llvmpipe, native, scattered):
     frame, triangles = scattered(seed=12, size=64, number=20, grid=1)
     counters = llvmpipe.count(frame, triangles, native)

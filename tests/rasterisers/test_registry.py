@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
+
 import pytest
 
+from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Rasteriser, egl, find_device, get, names
 
@@ -65,3 +68,82 @@ def test_devices_are_found_with_their_strings():
     assert device.software
     assert device.environment["LP_NUM_THREADS"] == "0"
     assert {"vendor", "renderer", "version", "egl_index"} <= set(device.details)
+
+
+@pytest.fixture
+def plugin(monkeypatch):
+    """Install third parties' entry points, name -> module:object."""
+
+    def install(**points: str) -> None:
+        found = {name: EntryPoint(name, value, rasterisers.GROUP) for name, value in points.items()}
+        monkeypatch.setattr(rasterisers, "_plugins", lambda: found)
+
+    return install
+
+
+def test_a_third_partys_rasteriser_is_found_by_its_entry_point(plugin):
+    plugin(mine="harness.rasterisers.reference:Reference")
+    assert "mine" in names()
+    assert get("mine").name == "reference"
+
+
+def test_a_third_partys_rasteriser_cannot_replace_a_built_in_one(plugin):
+    plugin(opengl="harness.rasterisers.reference:Reference")
+    assert names().count("opengl") == 1
+    assert get("opengl").name == "opengl"
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_module:Thing", "rasteriser 'mine' cannot be loaded: No module named"),
+        ("harness.rasterisers:names", "is not a harness.rasterisers.Rasteriser class"),
+    ],
+)
+def test_a_third_partys_rasteriser_that_does_not_load_is_one_line(plugin, value, message):
+    plugin(mine=value)
+    with pytest.raises(UsageError, match=message):
+        get("mine")
+
+
+def test_the_first_recipe_that_works_counts(monkeypatch):
+    """Two ways to zink: only the second opens it, in its own environment."""
+    answers = {
+        "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
+        "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
+    }
+    ways = [("zink", {"WAY": "first"}), ("zink", {"WAY": "second"}), ("zink", {"WAY": "second"})]
+    monkeypatch.setattr(egl, "recipes", lambda: ways)
+    monkeypatch.setattr(egl, "_start", lambda kind, environment: environment["WAY"])
+    monkeypatch.setattr(egl, "_finish", lambda way: answers[way])
+    devices, problems = egl.probe.__wrapped__()
+    assert [(device.name, device.environment["WAY"]) for device in devices] == [("zink", "second")]
+    assert problems == ("zink: EGL opened 'llvmpipe' instead",)
+
+
+def test_two_gpus_are_numbered(monkeypatch):
+    cards = [
+        {"renderer": name, "egl_index": k}
+        for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
+    ]
+    monkeypatch.setattr(egl, "recipes", lambda: [("gpu", {})])
+    monkeypatch.setattr(egl, "_start", lambda kind, environment: kind)
+    monkeypatch.setattr(egl, "_finish", lambda kind: {"devices": cards, "problems": []})
+    devices, problems = egl.probe.__wrapped__()
+    assert [(d.name, d.details["egl_index"], d.software) for d in devices] == [
+        ("gpu0", 0, False),
+        ("gpu1", 2, False),
+    ]
+    assert problems == ()
+
+
+def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, tmp_path):
+    hangs, dies = tmp_path / "hangs.py", tmp_path / "dies.py"
+    hangs.write_text("import time; time.sleep(60)")
+    dies.write_text("import sys; sys.exit('segmentation fault')")
+    monkeypatch.setattr(egl, "PROBE_SECONDS", 0.5)
+    for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
+        monkeypatch.setattr(egl, "PROBE", program)
+        devices, problems = egl.probe.__wrapped__()
+        assert devices == ()
+        assert all(problem in found for found in problems)

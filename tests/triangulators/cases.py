@@ -19,13 +19,24 @@ def paper_polygon() -> shapely.Polygon:
 
 
 @cache
-def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
-    """Polygons of a file in the shared data, by name; skips the test where it is absent."""
+def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
+    """Rings of a file in the shared data, as written; skips the test where it is absent."""
     path = DATA / name
     if not path.exists():
         pytest.skip(f"{path.name} is not in ../shared/data")
     entries = json.loads(path.read_text())
-    return [(e["name"], shapely.Polygon(e["rings"][0], e["rings"][1:])) for e in entries]
+    return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
+
+
+@cache
+def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
+    """Polygons of a file in the shared data; rings that shapely cannot take are left out."""
+    found = []
+    for label, rings in shared_rings(name):
+        rings = [ring for ring in rings if len(ring) >= 3]
+        if rings:
+            found.append((label, shapely.Polygon(rings[0], rings[1:])))
+    return found
 
 
 def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
@@ -178,3 +189,32 @@ def hard_polygons(draw, max_vertices: int = 24) -> shapely.Polygon:
     if not polygon.is_valid or polygon.area == 0:
         polygon = shapely.box(0, 0, 1, 1)
     return polygon
+
+
+@cache
+def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
+    """Outlines of DejaVu Sans at 256 px, even-odd, on the 1/256 grid."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    found = []
+    for character in characters:
+        path = TextPath((0, 0), character, size=256, prop=FontProperties(family="DejaVu Sans"))
+        area = shapely.Polygon()
+        for ring in path.to_polygons():
+            piece = shapely.Polygon(np.round(ring * 256) / 256) if len(ring) > 3 else area
+            area = area.symmetric_difference(piece) if piece.is_valid else area
+        parts = shapely.get_parts(shapely.set_precision(area, 1 / 256))
+        found += [(character, part) for part in parts if part.geom_type == "Polygon"]
+    return found
+
+
+def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Polygon:
+    """A random simple polygon with one random hole, on the integer grid."""
+    while True:
+        outer = random_simple(rng, exterior, 40)
+        inner = shapely.get_coordinates(random_simple(rng, hole, 12))[:-1]
+        shift = rng.integers(0, 30, 2)
+        polygon = shapely.Polygon(outer.exterior, [inner + shift])
+        if polygon.is_valid and shapely.Polygon(inner + shift).within(outer):
+            return polygon

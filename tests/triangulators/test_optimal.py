@@ -1,14 +1,29 @@
-"""The optimum against brute force."""
+"""The optimum against brute force, against the exhaustive list and against every peer."""
 
+import numba
 import numpy as np
 import pytest
-import shapely
 
-from tests.triangulators.cases import all_triangulations, brute_cost, random_simple, star
-from triangulators import Skipped, names, triangulate, vertices
-from triangulators.criteria import predict
+from tests.triangulators.cases import (
+    all_triangulations,
+    brute_cost,
+    convex,
+    random_simple,
+    smooth,
+    star,
+)
+from triangulators import Skipped, criteria, names, triangulate, vertices
+from triangulators.criteria import CRITERIA, predict
+from triangulators.exhaustive import enumerate_triangulations
 from triangulators.registry import find
 from triangulators.verify import verify
+
+PLAIN = ("overdraw", "half-perimeter", "edge-length", "shape", "complexity")
+
+
+@numba.njit
+def squared_height(ax, ay, bx, by, cx, cy):
+    return (max(ay, by, cy) - min(ay, by, cy)) ** 2
 
 
 def brute_costs(polygon, name):
@@ -37,25 +52,78 @@ def test_equals_brute_force_on_500_random_polygons():
             assert worst == pytest.approx(max(costs), rel=1e-12), (case, name, polygon.wkt)
 
 
-def test_no_peer_beats_the_optimum():
-    for seed in range(20):
-        polygon = star(12 + 4 * seed, seed, spread=0.4)
+def test_brute_force_agrees_for_the_other_plain_criteria():
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        polygon = random_simple(rng, int(rng.integers(5, 9)))
+        for name in PLAIN:
+            best = criteria.find(name).total(
+                vertices(polygon), triangulate(polygon, "optimal", criterion=name)
+            )
+            assert best == pytest.approx(min(brute_costs(polygon, name)), rel=1e-9), name
+
+
+def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
+    rng = np.random.default_rng(300)
+    wanted = [*CRITERIA.values(), criteria.find(squared_height)]
+    wanted += [criteria.find(f"minmax-{name}") for name in PLAIN]
+    wanted.append(criteria.find("mixed", alpha=1.0, beta=0.2, gamma=3.0))
+    wanted.append(criteria.find("calibrated", coefficients={"half_perimeter": 1, "bbox_area": 0.5}))
+    for case in range(300):
+        polygon = random_simple(rng, int(rng.integers(4, 10)))
         points = vertices(polygon)
-        for name in ("overdraw", "half-perimeter", "edge-length"):
-            key = name.replace("-", "_")
-            best = triangulate(polygon, f"optimal:{name}")
+        everything = enumerate_triangulations(polygon)
+        for criterion in wanted:
+            totals = [criterion.total(points, triangles) for triangles in everything]
+            best = triangulate(polygon, "optimal", criterion=criterion)
             assert verify(polygon, best).conforming
-            limit = predict(points, best)[key] * (1 - 1e-12)
-            for peer in names(available_only=True):
-                if find(peer).criteria:
-                    continue
-                try:
-                    cost = predict(points, triangulate(polygon, peer))[key]
-                except Skipped:
-                    continue
-                assert cost >= limit, (seed, name, peer)
+            assert criterion.total(points, best) == pytest.approx(min(totals), rel=1e-9), (
+                case,
+                criterion.name,
+                polygon.wkt,
+            )
+            if not criterion.maximum:
+                worst = triangulate(polygon, "worst", criterion=criterion)
+                assert criterion.total(points, worst) == pytest.approx(max(totals), rel=1e-9)
 
 
-def test_a_hole_is_cut_open():
-    polygon = shapely.Polygon([(0, 0), (8, 0), (8, 8), (0, 8)], [[(2, 2), (2, 6), (6, 6), (6, 2)]])
-    assert verify(polygon, triangulate(polygon, "optimal")).conforming
+@pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter", "edge-length", "shape"])
+def test_no_peer_beats_the_optimum(criterion):
+    polygons = [star(12 + 5 * seed, seed, spread=0.4) for seed in range(15)]
+    polygons += [convex(60), smooth(150), star(300)]
+    peers = [name for name in names(available_only=True) if not find(name).criteria]
+    compared = 0
+    for polygon in polygons:
+        points = vertices(polygon)
+        best = triangulate(polygon, "optimal", criterion=criterion)
+        assert verify(polygon, best).conforming
+        limit = criteria.find(criterion).total(points, best) * (1 - 1e-12)
+        for peer in peers:
+            try:
+                triangles = triangulate(polygon, peer)
+            except Skipped:
+                continue
+            assert criteria.find(criterion).total(points, triangles) >= limit, peer
+            compared += 1
+    assert compared > 6 * len(polygons)
+
+
+def test_the_ways_of_computing_the_optimum_agree():
+    """Table and visible pairs, any cost and box cost, built-in and user's function."""
+
+    @numba.njit
+    def half_perimeter(ax, ay, bx, by, cx, cy):
+        return max(ax, bx, cx) - min(ax, bx, cx) + max(ay, by, cy) - min(ay, by, cy)
+
+    for polygon in (star(30), star(200), convex(120), smooth(90)):
+        points = vertices(polygon)
+        costs = [
+            predict(points, triangulate(polygon, "optimal", criterion=wanted))["half_perimeter"]
+            for wanted in ("half-perimeter", half_perimeter)
+        ]
+        assert costs[0] == pytest.approx(costs[1], rel=1e-12)
+
+
+def test_worst_of_a_maximum_is_refused():
+    with pytest.raises(ValueError, match="minmax"):
+        triangulate(star(10), "worst", criterion="minmax-overdraw")

@@ -1,0 +1,87 @@
+"""`harness validate`: does a criterion predict what was measured?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.commands.run import default_folder, numbers, split_names
+from harness.errors import NothingMeasured
+from harness.frame import View
+from harness.plan import Plan
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.run import run as carry_out
+from harness.study import analysis, matrix
+from harness.study.design import Design, choose_polygons, choose_triangulators
+from harness.timing import Settings
+
+COUNTED_ON_THE_CPU = ("reference", "binning")
+"""Rasterisers whose counters are the exact predictions."""
+
+QUICK = Design(polygons=6, random=10, most_vertices=60)
+
+
+def validate(
+    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "city",
+    rasterisers: Annotated[str, typer.Option(help="Comma-separated.")] = "opengl,bounding-box",
+    device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
+    resolution: Annotated[
+        str, typer.Option(help="Viewport in pixels, which each polygon fills; comma-separated.")
+    ] = "128",
+    work: Annotated[
+        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
+    ] = "0,8",
+    polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = Design.polygons,
+    random: Annotated[
+        int, typer.Option(min=0, help="Random triangulations of each polygon.")
+    ] = Design.random,
+    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = 0.1,
+    out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Resume even if things differ.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A small study, for a look.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> None:
+    """Set predicted against measured, within polygons, and say how well each criterion does."""
+    design = QUICK if quick else Design(polygons=polygons, random=random)
+    named = dict.fromkeys([*split_names(rasterisers), *COUNTED_ON_THE_CPU])
+    plan = Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=choose_triangulators(design),
+        rasterisers=tuple(named),
+        devices=split_names(device),
+        views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
+        options=tuple(Options(work=int(n)) for n in numbers(work, "--work", int)),
+        timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
+    )
+    folder = resume or out or default_folder(f"validate-{scene}")
+    reporter = Reporter(quiet=quiet)
+    outcome = carry_out(
+        plan,
+        folder,
+        reporter,
+        resume=resume is not None,
+        force=force,
+        split=lambda label, whole: [
+            (f"{label}#{number}", part) for number, part in choose_polygons(whole, design)
+        ],
+    )
+    if not any(record["status"] == "ok" for record in outcome.records):
+        raise NothingMeasured("nothing was measured: every case was skipped or failed")
+    with reporter.stage("correlating", 1):
+        correlations = analysis.write_correlations(outcome.records, folder)
+        matrix.plot_study(correlations, analysis.tabulate(outcome.records), folder)
+    console = Console()
+    matrix.print_matrix(correlations, console)
+    console.print(f"study: {folder}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(validate)

@@ -1,0 +1,1 @@
+"""Studies: does a criterion predict what was measured, and what does a better choice buy?"""

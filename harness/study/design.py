@@ -1,0 +1,92 @@
+"""Which polygons and which triangulations a validation study measures.
+
+A criterion is judged within a polygon, so each polygon is a scene of its own that fills the
+viewport, and each is cut in many ways: as programs do it, as well and as badly as each criterion
+can be made, and at random, uniformly over all of its triangulations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from harness.errors import UsageError
+from scenes import Scene
+from triangulators import registry
+
+STEERED = ("overdraw", "shape", "half-perimeter", "edge-length")
+"""Criteria whose optimal and worst triangulations are measured."""
+
+NOT_NAMED = ("exhaustive", "optimal", "worst", "random")
+"""Triangulators that are not methods a program would choose by name."""
+
+FEWEST_VERTICES = 8
+"""A smaller polygon has too few triangulations (at most 42 at seven) to rank."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Size of a study.
+
+    polygons : how many are drawn from the scene
+    random : random triangulations of each
+    most_vertices : larger polygons are left out, because their optima take long
+    """
+
+    polygons: int = 24
+    random: int = 30
+    most_vertices: int = 400
+
+
+def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
+    """Return (number in the scene, scene of that polygon alone), from few to many vertices.
+
+    Simple polygons only: the optimum is exact, and random triangulations are uniform, where
+    there are no holes. They are taken at equal steps through all sizes.
+
+    Raises
+    ------
+    UsageError
+        if the scene has no suitable polygon
+    """
+    sizes = _sizes(scene.polygons)
+    fit = [
+        number
+        for number in np.argsort(sizes, kind="stable").tolist()
+        if FEWEST_VERTICES <= sizes[number] <= design.most_vertices
+        and not scene.polygons[number].interiors
+    ]
+    if not fit:
+        raise UsageError(
+            f"{scene.name} has no polygon without holes of {FEWEST_VERTICES} to "
+            f"{design.most_vertices} vertices to study"
+        )
+    steps = np.linspace(0, len(fit) - 1, min(design.polygons, len(fit)))
+    chosen = dict.fromkeys(fit[round(step)] for step in steps.tolist())
+    return [(number, _alone(scene, number)) for number in chosen]
+
+
+def _sizes(polygons: Sequence[Polygon]) -> NDArray[np.int64]:
+    return np.asarray(shapely.get_num_coordinates(np.array(polygons, dtype=object)) - 1)
+
+
+def _alone(scene: Scene, number: int) -> Scene:
+    attributes = None if scene.attributes is None else scene.attributes.iloc[[number]]
+    polygons = [scene.polygons[number]]
+    return replace(scene, polygons=polygons, attributes=attributes, dropped=[], repaired=[])
+
+
+def choose_triangulators(design: Design) -> tuple[str, ...]:
+    """Return the names of all triangulations to measure of each polygon."""
+    named = [
+        name
+        for name, entry in registry.BUILTIN.items()
+        if name not in NOT_NAMED and entry.available() is None
+    ]
+    steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
+    return (*named, *steered, *(f"random#{seed}" for seed in range(design.random)))

@@ -1,0 +1,172 @@
+"""Speed of the triangulators: ratios of two things timed in turn in one process.
+
+Run with `python -m pytest tests/benchmarks/test_triangulators.py --benchmark-enable -s`.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import mapbox_earcut
+import numba
+import numpy as np
+import pytest
+import shapely
+
+from scenes import load
+from tests.triangulators.cases import convex, smooth, star
+from triangulators import Ragged, triangulate, triangulate_many, vertices
+from triangulators.batch import ragged
+from triangulators.criteria import predict
+from triangulators.dropin import triangulate_float64
+from triangulators.polygon import ragged as ragged_one
+
+
+def compare(
+    benchmark: Any, ours: Callable[[], Any], theirs: Callable[[], Any], rounds: int
+) -> float:
+    """Return the ratio of the least times of two functions, called in turn; print and record it."""
+    ours(), theirs()
+    times = np.empty((rounds, 2))
+    for row in times:
+        for column, function in enumerate((ours, theirs)):
+            start = time.perf_counter()
+            function()
+            row[column] = time.perf_counter() - start
+    mine, other = times.min(axis=0)
+    benchmark.extra_info.update(ratio=mine / other, ours_s=mine, theirs_s=other)
+    benchmark.pedantic(ours, rounds=1)
+    print(f"\n{benchmark.name}: {mine * 1e3:.2f} ms / {other * 1e3:.2f} ms = {mine / other:.2f}")
+    return mine / other
+
+
+@numba.njit
+def textbook_min_plus(n: int) -> np.ndarray:
+    cost = np.zeros((n, n))
+    for span in range(2, n):
+        for i in range(n - span):
+            best = np.inf
+            for k in range(i + 1, i + span):
+                best = min(best, cost[i, k] + cost[k, i + span])
+            cost[i, i + span] = best
+    return cost
+
+
+def test_convex_1024_against_the_bare_min_plus_loop(benchmark):
+    polygon = convex(1024)
+    ratio = compare(
+        benchmark,
+        lambda: triangulate(polygon, "optimal:overdraw"),
+        lambda: textbook_min_plus(1024),
+        rounds=3,
+    )
+    assert ratio <= 1.2
+
+
+@pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
+def test_noisy_star_1000_against_delaunay(benchmark, criterion):
+    polygon = star(1000)
+    ratio = compare(
+        benchmark,
+        lambda: triangulate(polygon, "optimal", criterion=criterion),
+        lambda: shapely.constrained_delaunay_triangles(polygon),
+        rounds=15,
+    )
+    assert ratio <= 8.0
+
+
+@pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
+def test_smooth_outline_10000_against_delaunay(benchmark, criterion):
+    polygon = smooth(10_000)
+    ratio = compare(
+        benchmark,
+        lambda: triangulate(polygon, "optimal", criterion=criterion),
+        lambda: shapely.constrained_delaunay_triangles(polygon),
+        rounds=2,
+    )
+    assert ratio <= 30.0
+
+
+def earcut_loop(arrays: Ragged) -> list[np.ndarray]:
+    """Call mapbox_earcut for one polygon after the other."""
+    coordinates, ring_ends = arrays.coordinates, arrays.ring_ends
+    result = []
+    first = 0
+    for last in arrays.polygon_ends.tolist():
+        start = int(ring_ends[first - 1]) if first else 0
+        ends = ring_ends[first:last]
+        piece = coordinates[start : int(ends[-1])]
+        result.append(mapbox_earcut.triangulate_float64(piece, (ends - start).astype(np.uint32)))
+        first = last
+    return result
+
+
+def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark):
+    arrays = ragged(load("city", buildings=100_000).polygons)
+    pixels = np.round((arrays.coordinates + 6000) * 256) / 256
+    snapped = Ragged(pixels, arrays.ring_ends, arrays.polygon_ends)
+    ratio = compare(
+        benchmark, lambda: triangulate_many(snapped), lambda: earcut_loop(snapped), rounds=7
+    )
+    assert ratio <= 1.5
+
+
+def test_drop_in_against_earcut_is_reported(benchmark):
+    polygon = load("city", buildings=50).polygons[0]
+    points, ends = ragged_one(polygon)
+    ratio = compare(
+        benchmark,
+        lambda: triangulate_float64(points, ends),
+        lambda: mapbox_earcut.triangulate_float64(points, ends),
+        rounds=200,
+    )
+    assert ratio < 100.0
+
+
+def test_hundred_thousand_vertices_finish(benchmark):
+    polygon = smooth(100_000)
+    start = time.perf_counter()
+    triangles = benchmark.pedantic(lambda: triangulate(polygon, "optimal:half-perimeter"), rounds=1)
+    elapsed = time.perf_counter() - start
+    points = vertices(polygon)
+    cost = predict(points, triangles)["half_perimeter"]
+    others = {
+        name: predict(points, triangulate(polygon, name))["half_perimeter"] / cost
+        for name in ("ear-clipping", "delaunay")
+    }
+    print(f"\n100,000 vertices: {elapsed:.1f} s; peers cost {others} times as much")
+    assert min(others.values()) >= 1.0
+
+
+FIRST_CALLS = """
+import time
+start = time.perf_counter()
+from tests.triangulators.cases import star
+from triangulators import triangulate, triangulate_many
+imported = time.perf_counter()
+for polygon in (star(30), star(300)):
+    for name in ("fan", "ear-clipping", "delaunay", "optimal", "optimal:half-perimeter"):
+        try:
+            triangulate(polygon, name)
+        except Exception as reason:
+            assert "fan" in str(reason)
+print(imported - start, time.perf_counter() - imported)
+"""
+
+
+def test_first_calls_compile_in_under_20_seconds(tmp_path):
+    for label in ("compiling", "from the cache"):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        done = subprocess.run(
+            [sys.executable, "-c", FIRST_CALLS],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        imported, called = map(float, done.stdout.split())
+        print(f"\nfirst calls, {label}: import {imported:.1f} s, calls {called:.1f} s")
+        assert imported + called < 20.0

@@ -1,0 +1,56 @@
+"""The order of submission: a permutation, the same for every rasteriser."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.errors import UsageError
+from harness.rasterisers import Options
+from harness.rasterisers.order import submission
+
+
+@settings(deadline=None)
+@given(st.integers(0, 60), st.sampled_from(["native", "morton", "shuffled"]), st.integers(0, 2**32))
+def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(scattered, number, order, seed):
+    frame, triangles = scattered(seed=1, size=512, number=max(number, 1), grid=1)
+    triangles = triangles[:number]
+    ordered = submission(frame, triangles, Options(order=order, seed=seed))
+    assert sorted(map(tuple, ordered)) == sorted(map(tuple, triangles))
+    assert np.array_equal(ordered, submission(frame, triangles, Options(order=order, seed=seed)))
+
+
+def test_native_is_left_alone_and_seeds_differ(scattered):
+    frame, triangles = scattered(seed=1, size=512, number=60, grid=1)
+    assert np.array_equal(submission(frame, triangles, Options()), triangles)
+    one, two = (
+        submission(frame, triangles, Options(order="shuffled", seed=seed)) for seed in (1, 2)
+    )
+    assert not np.array_equal(one, two)
+
+
+def test_morton_order_visits_quadrant_after_quadrant(loose):
+    corners = []
+    for column, row in [(1, 1), (0, 0), (3, 2), (0, 1), (2, 0), (1, 0), (0, 3)]:
+        x, y = column * 64 * 256, row * 64 * 256
+        corners += [[x, y], [x + 512, y], [x, y + 512]]
+    frame, triangles = loose(corners, 256)
+    ordered = submission(frame, triangles, Options(order="morton"))
+    places = [tuple(frame.points[first] // (64 * 256)) for first in ordered[:, 0]]
+    assert places == [(0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 3), (3, 2)]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"order": "mortan"}, "unknown order 'mortan'; did you mean 'morton'"),
+        ({"samples": 2}, "2 samples a pixel: choose 1, 4 or 8"),
+        ({"work": -1}, r"work -1 is outside 0\.\.65000"),
+        ({"work": 100_000}, "outside"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(wrong, message):
+    with pytest.raises(UsageError, match=message):
+        Options(**wrong)

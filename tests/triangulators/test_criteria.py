@@ -1,0 +1,95 @@
+"""The criteria against plain definitions, and the closed form against an average."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area
+from triangulators import UnknownName, criteria, triangulate, vertices
+from triangulators.criteria import CRITERIA, FEATURES, predict
+
+numbers = st.integers(-500, 500).map(lambda value: value / 4)
+corners = st.tuples(*[st.tuples(numbers, numbers)] * 3)
+ONE = np.array([[0, 1, 2]])
+
+
+@settings(deadline=None)
+@given(corners)
+def test_each_equals_its_plain_definition(triangle):
+    assume(abs(twice_area(*triangle)) > 0.5)
+    found = predict(np.array(triangle), ONE)
+    for name in ("overdraw", "half-perimeter", "edge-length", "shape", "complexity"):
+        expected = brute_cost(name, *triangle)
+        assert found[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@settings(deadline=None)
+@given(corners)
+def test_rotation_average_is_the_average_over_rotations(triangle):
+    assume(abs(twice_area(*triangle)) > 0.5)
+    points = np.array(triangle)
+    angles = (np.arange(4000) + 0.5) * np.pi / 4000
+    turned = np.stack(
+        [
+            points @ np.array([np.cos(angles), np.sin(angles)]),
+            points @ np.array([-np.sin(angles), np.cos(angles)]),
+        ]
+    )
+    boxes = np.prod(turned.max(axis=1) - turned.min(axis=1), axis=0)
+    expected = boxes.mean() - abs(twice_area(*triangle)) / 2
+    found = predict(points, ONE)["rotation_averaged_overdraw"]
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)
+
+
+def test_sums_and_keys():
+    polygon = paper_polygon()
+    found = predict(vertices(polygon), triangulate(polygon, "optimal"))
+    assert set(found) == {
+        "triangles",
+        "area",
+        "half_perimeter",
+        "bbox_area",
+        "edge_length",
+        "shape",
+        "overdraw",
+        "rotation_averaged_overdraw",
+        "complexity",
+    }
+    assert found["area"] == 46.0
+    assert found["overdraw"] == 56.0
+    assert found["triangles"] == 7
+    assert found["complexity"] == 24 * 7
+
+
+def test_mixed_is_normalised_as_stated():
+    polygon = star(20)
+    points, triangles = vertices(polygon), triangulate(polygon, "delaunay")
+    sums = predict(points, triangles)
+    expected = (
+        2 * sums["overdraw"] / sums["area"]
+        + 3 * sums["shape"] / (240 * sums["triangles"])
+        + 5 * sums["complexity"] / (24 * sums["triangles"])
+    )
+    found = criteria.find("mixed", alpha=2, beta=3, gamma=5).total(points, triangles)
+    assert found == pytest.approx(expected, rel=1e-12)
+
+
+def test_calibrated_takes_coefficients_by_name():
+    points, triangles = vertices(star(20)), triangulate(star(20), "delaunay")
+    sums = predict(points, triangles)
+    coefficients = {"triangles": 2.0, "area": 3.0, "half_perimeter": 5.0, "bbox_area": 7.0}
+    expected = sum(weight * sums[key] for key, weight in coefficients.items())
+    found = criteria.find("calibrated", coefficients=coefficients)
+    assert found.total(points, triangles) == pytest.approx(expected, rel=1e-12)
+    with pytest.raises(ValueError, match="helper"):
+        criteria.find("calibrated", coefficients={"helper": 1.0})
+
+
+def test_names():
+    assert [feature for feature in FEATURES if feature.startswith("half")] == ["half_perimeter"]
+    assert {"overdraw", "shape", "complexity", "half-perimeter", "edge-length"} <= set(CRITERIA)
+    with pytest.raises(UnknownName, match="half-perimeter"):
+        criteria.find("half-perimetre")
+    with pytest.raises(TypeError, match="no parameters"):
+        criteria.find("overdraw", alpha=1.0)

@@ -1,0 +1,75 @@
+"""The drop-in takes and returns what mapbox_earcut does."""
+
+import mapbox_earcut
+import numpy as np
+import pytest
+
+from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
+from triangulators import dropin, triangulate, vertices
+from triangulators.criteria import predict
+from triangulators.polygon import ragged
+from triangulators.verify import verify
+
+
+def test_gives_the_half_perimeter_optimum():
+    rng = np.random.default_rng(2)
+    for polygon in [random_simple(rng, int(n), 40) for n in range(3, 40)] + [star(100), star(200)]:
+        points, ends = ragged(polygon)
+        found = dropin.triangulate_float64(points, ends)
+        assert found.dtype == np.uint32
+        assert found.ndim == 1
+        triangles = found.reshape(-1, 3)
+        assert verify(polygon, triangles).conforming
+        best = predict(points, triangulate(polygon, "optimal:half-perimeter"))["half_perimeter"]
+        assert predict(points, triangles)["half_perimeter"] == pytest.approx(best, rel=1e-12)
+
+
+def test_holes_are_never_worse_than_earcut():
+    rng = np.random.default_rng(4)
+    better = 0
+    for _ in range(30):
+        polygon = with_hole(rng, 14, 6)
+        points, ends = ragged(polygon)
+        found = dropin.triangulate_float64(points, ends).reshape(-1, 3)
+        raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
+        costs = [predict(points, triangles)["half_perimeter"] for triangles in (found, raw)]
+        assert verify(polygon, found).ok
+        assert costs[0] <= costs[1] * (1 + 1e-12)
+        better += costs[0] < costs[1] * (1 - 1e-9)
+    assert better > 15
+
+
+def test_float32():
+    polygon = star(50)
+    points, ends = ragged(polygon)
+    single = dropin.triangulate_float32(points.astype(np.float32), ends)
+    assert np.array_equal(single, dropin.triangulate_float64(points, ends))
+    assert single.dtype == np.uint32
+
+
+def test_hostile_input_gives_a_valid_result_or_earcuts_own():
+    for name, rings in shared_rings("earcut_fixtures.json"):
+        points = np.concatenate([ring.reshape(-1, 2) for ring in rings])
+        ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+        if len(points) > 3000:
+            continue
+        raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
+        found = dropin.triangulate_float64(points, ends).reshape(-1, 3)
+        areas = [predict(points, triangles)["area"] for triangles in (raw, found)]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-9), name
+
+
+def test_bad_arguments_raise_what_earcut_raises():
+    points = vertices(star(10))
+    cases = [
+        (points, np.array([7], dtype=np.uint32)),
+        (points[:, :1], np.array([10], dtype=np.uint32)),
+        (points, np.array([5, 3, 10], dtype=np.uint32)),
+    ]
+    for arguments in cases:
+        with pytest.raises((ValueError, TypeError)) as theirs:
+            mapbox_earcut.triangulate_float64(*arguments)
+        with pytest.raises(theirs.type):
+            dropin.triangulate_float64(*arguments)
+    empty = np.empty((0, 2)), np.empty(0, dtype=np.uint32)
+    assert len(dropin.triangulate_float64(*empty)) == len(mapbox_earcut.triangulate_float64(*empty))

@@ -1,0 +1,93 @@
+"""The paper's method, on the paper's polygon."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from tests.triangulators.cases import (
+    DATA,
+    all_triangulations,
+    convex,
+    paper_polygon,
+    random_simple,
+    star,
+    with_hole,
+)
+from triangulators import Skipped, TriangulationError, triangulate
+from triangulators.exhaustive import count_triangulations, enumerate_triangulations, tabulate
+from triangulators.paper import Recursion
+from triangulators.polygon import boundary
+from triangulators.verify import verify
+
+
+def test_the_papers_polygon_has_29_conforming_triangulations():
+    found = enumerate_triangulations(paper_polygon())
+    assert len(found) == count_triangulations(paper_polygon()) == 29
+    assert all(verify(paper_polygon(), triangles).conforming for triangles in found)
+    assert min(tabulate(paper_polygon())["overdraw"]) == 56.0
+
+
+def test_the_papers_mode_gives_its_table_1():
+    path = DATA / "paper_table1.csv"
+    if not path.exists():
+        pytest.skip("paper_table1.csv is not in ../shared/data")
+    printed = [
+        (float(row["area"]), float(row["difference_deg"]))
+        for row in csv.DictReader(path.open(encoding="utf-8"))
+    ]
+    table = tabulate(paper_polygon(), "paper")
+    order = np.argsort(table["overdraw"])
+    found = list(zip(table["overdraw"][order], table["shape"][order], strict=True))
+    assert len(found) == 47
+    assert table["conforming"].sum() == 29
+    assert len(printed) == 15
+    for (area, difference), row in zip(printed, found[:5] + found[-10:], strict=True):
+        assert row[0] == pytest.approx(area, abs=1e-9)
+        assert row[1] == pytest.approx(difference, abs=1e-9)
+
+
+def test_dropped_vertices_leave_t_junctions_but_cover():
+    for triangles in enumerate_triangulations(paper_polygon(), "paper"):
+        found = verify(paper_polygon(), triangles)
+        assert found.ok
+        assert found.conforming == (len(triangles) == 7)
+        assert found.conforming or {vertex for vertex, _ in found.t_junctions} == {8}
+
+
+def test_lists_are_complete_and_without_duplicates():
+    rng = np.random.default_rng(11)
+    for _ in range(60):
+        polygon = random_simple(rng, int(rng.integers(3, 10)))
+        expected = {
+            frozenset(map(frozenset, triangles)) for triangles in all_triangulations(polygon)
+        }
+        found = enumerate_triangulations(polygon)
+        as_sets = {frozenset(map(frozenset, triangles.tolist())) for triangles in found}
+        assert as_sets == expected
+        assert len(found) == len(expected) == count_triangulations(polygon)
+        outline = boundary(polygon)
+        by_cuts = Recursion(outline.points, drop_straight=False).all(outline.edges[:, 0].tolist())
+        assert {frozenset(map(frozenset, triangles)) for triangles in by_cuts} == expected
+
+
+def test_convex_polygons_have_catalans_number():
+    assert [count_triangulations(convex(n)) for n in (3, 4, 5, 10, 40)] == [
+        1,
+        2,
+        5,
+        1430,
+        176733862787006701400,
+    ]
+
+
+def test_too_many_is_an_error_that_names_the_count_and_the_way_out():
+    for polygon, name in ((convex(40), "176733862787006701400|1.76e20"), (star(200), "e")):
+        with pytest.raises(TriangulationError, match=name) as caught:
+            triangulate(polygon, "exhaustive")
+        assert "optimal" in str(caught.value)
+
+
+def test_holes_are_skipped():
+    with pytest.raises(Skipped, match="holes"):
+        triangulate(with_hole(np.random.default_rng(0), 8, 3), "exhaustive")

@@ -1,0 +1,80 @@
+"""Predicates and visibility against exact arithmetic and shapely."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.triangulators.cases import diagonals, random_simple, star
+from triangulators.polygon import boundary
+from triangulators.predicates import on_grid, orient
+from triangulators.starts import cycle_of, starts
+from triangulators.unfold import fold_back, grow, neighbours, unfold
+from triangulators.verify import verify
+from triangulators.visibility import visible_sites
+
+doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
+base = st.floats(0.1, 1.0)
+
+
+def exact_sign(*values):
+    ax, ay, bx, by, cx, cy = map(Fraction, values)
+    value = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
+    return (value > 0) - (value < 0)
+
+
+@settings(deadline=None)
+@given(st.lists(doubles, min_size=6, max_size=6))
+def test_orientation_is_exact_for_doubles(values):
+    values = [value if abs(value) > 1e-100 else 0.0 for value in values]
+    assert np.sign(orient(*values)) == exact_sign(*values)
+
+
+@settings(deadline=None)
+@given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
+def test_orientation_is_exact_next_to_a_line(x, y, up, right, k, m):
+    point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
+    values = (x, y, *point, x * m, y * m)
+    assert np.sign(orient(*values)) == exact_sign(*values)
+
+
+def test_grids_are_recognised():
+    rng = np.random.default_rng(0)
+    assert on_grid(rng.integers(-(2**22), 2**22, (50, 2)) / 256)
+    assert on_grid(rng.integers(0, 100, (50, 2)) * 1.0)
+    assert not on_grid(rng.random((50, 2)))
+
+
+def test_visible_pairs_are_the_diagonals():
+    rng = np.random.default_rng(8)
+    for _ in range(150):
+        polygon = random_simple(rng, int(rng.integers(3, 16)), 12)
+        ring = cycle_of(boundary(polygon), "test")
+        n = len(ring.cycle)
+        tails = np.repeat(np.arange(n), np.diff(ring.start))
+        pairs = np.sort(ring.cycle[np.column_stack((tails, ring.target))], axis=1)
+        assert {tuple(pair) for pair in pairs.tolist()} == diagonals(polygon), polygon.wkt
+        outline = boundary(polygon)
+        start = starts(outline)[0]
+        everywhere = visible_sites(outline.points, start, neighbours(start, n))
+        assert {tuple(pair) for pair in everywhere.tolist()} == diagonals(polygon)
+
+
+@pytest.mark.parametrize("depth_first", [False, True])
+def test_unfolding_and_folding_back_changes_nothing(depth_first):
+    polygon = star(60)
+    outline = boundary(polygon)
+    triangles = np.ascontiguousarray(starts(outline)[0])
+    across = neighbours(triangles, 60)
+    for root in range(0, 58, 7):
+        tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
+        assert grow(across, root, 20, depth_first, root % 3, tree, rows) == 20
+        cycle, local, around = unfold(triangles, across, tree, root, 20)
+        assert sorted(map(sorted, cycle[local].tolist())) == sorted(
+            map(sorted, triangles[rows].tolist())
+        )
+        fold_back(triangles, across, rows, cycle, around, local)
+        assert np.array_equal(across, neighbours(triangles, 60))
+    assert verify(polygon, triangles).conforming

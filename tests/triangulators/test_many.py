@@ -1,0 +1,82 @@
+"""Batches."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
+from triangulators import Ragged, UnknownName, triangulate, triangulate_many, vertices
+from triangulators.batch import polygon_at, ragged
+from triangulators.criteria import predict
+from triangulators.verify import verify
+
+
+def mixture(count=120):
+    rng = np.random.default_rng(1)
+    polygons = [random_simple(rng, int(rng.integers(3, 30)), 40) for _ in range(count)]
+    polygons += [with_hole(rng, 10, 4) for _ in range(15)] + [star(150), convex(90)]
+    return [shapely.reverse(p) if index % 2 else p for index, p in enumerate(polygons)]
+
+
+@pytest.mark.parametrize(
+    "name", ["optimal:half-perimeter", "worst:overdraw", "optimal:edge-length"]
+)
+def test_gives_what_one_at_a_time_gives(name):
+    polygons = mixture()
+    key = name.partition(":")[2].replace("-", "_")
+    result = triangulate_many(polygons, name)
+    assert len(result) == len(polygons)
+    assert not result.failed
+    for polygon, triangles in zip(polygons, result, strict=True):
+        assert verify(polygon, triangles).conforming
+        if not polygon.interiors:
+            points = vertices(polygon)
+            expected = predict(points, triangulate(polygon, name))[key]
+            assert predict(points, triangles)[key] == pytest.approx(expected, rel=1e-9)
+
+
+def test_other_triangulators_and_criteria_go_one_at_a_time():
+    polygons = mixture(10)
+    for name in ("delaunay", "optimal:shape"):
+        for polygon, triangles in zip(polygons, triangulate_many(polygons, name), strict=True):
+            assert np.array_equal(triangles, triangulate(polygon, name))
+
+
+def test_ragged_arrays_and_polygons_are_the_same():
+    polygons = mixture(30)
+    arrays = ragged(polygons)
+    assert isinstance(arrays, Ragged)
+    for index, polygon in enumerate(polygons):
+        assert polygon_at(arrays, index).equals_exact(polygon, 0.0)
+    by_arrays, by_polygons = triangulate_many(arrays), triangulate_many(polygons)
+    assert np.array_equal(by_arrays.triangles, by_polygons.triangles)
+    assert np.array_equal(by_arrays.starts, by_polygons.starts)
+
+
+def test_a_bad_polygon_is_named_and_the_rest_done():
+    bow_tie = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
+    repeated = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (0, 4)])
+    polygons = [shapely.box(0, 0, 1, 1), bow_tie, repeated, shapely.Polygon(), star(20)]
+    result = triangulate_many(polygons)
+    assert sorted(result.failed) == [1, 3]
+    assert "Self-intersection" in result.failed[1]
+    assert [len(triangles) for triangles in result] == [2, 0, 2, 0, 18]
+    assert verify(repeated, result[2]).conforming
+
+
+def test_threads_and_unknown_names():
+    polygons = mixture(400)
+    one, three = (triangulate_many(polygons, threads=count) for count in (1, 3))
+    assert np.array_equal(one.triangles, three.triangles)
+    with pytest.raises(UnknownName):
+        triangulate_many(polygons, "optimal:nothing")
+
+
+def test_real_buildings():
+    polygons = [polygon for _, polygon in shared("helsinki.json")]
+    result = triangulate_many(polygons)
+    bad = {index for index, polygon in enumerate(polygons) if not polygon.is_valid}
+    assert set(result.failed) == bad
+    for index in range(len(polygons)):
+        if index not in bad:
+            assert verify(polygons[index], result[index]).conforming
