@@ -176,9 +176,12 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     measured = [record for record in outcome.records if record["status"] == "ok"]
     if measured:
         from harness.plots import plot_run
+        from harness.report import write_report
 
         with reporter.stage("plotting", 1):
-            plot_run(read_run(outcome.path))
+            stored = read_run(outcome.path)
+            plot_run(stored)
+            write_report(stored)
     console.print(f"results: {os.path.relpath(outcome.path)}", markup=False, soft_wrap=True)
     if outcome.interrupted:
         console.print(f"stopped early; go on with: harness run --resume {outcome.path}")
