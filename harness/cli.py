@@ -8,7 +8,20 @@ import typer
 from rich.console import Console
 
 from harness import __version__
-from harness.commands import catalogue, compare, history, report, run, validate
+from harness.commands import (
+    calibrate,
+    catalogue,
+    compare,
+    doctor,
+    enumeration,
+    export,
+    gains,
+    history,
+    inspect,
+    report,
+    run,
+    validate,
+)
 from harness.errors import HarnessError
 
 app = typer.Typer(
@@ -19,12 +32,21 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-run.add_to(app)
-validate.add_to(app)
-compare.add_to(app)
-history.add_to(app)
-report.add_to(app)
-catalogue.add_to(app)
+for command in (
+    run,
+    validate,
+    calibrate,
+    compare,
+    history,
+    report,
+    enumeration,
+    inspect,
+    export,
+    gains,
+    doctor,
+    catalogue,
+):
+    command.add_to(app)
 
 
 @app.callback(invoke_without_command=True)

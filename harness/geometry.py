@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,11 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
     before = _read(Run(store.path, {}, []), key)
     if before is not None and np.array_equal(before.points, frame.points):
         triangles = {**before.triangles, **triangles}
-    columns = {"points": frame.points, "offsets": frame.offsets, "source": frame.source}
+    columns: dict[str, NDArray[Any]] = {
+        "points": frame.points,
+        "offsets": frame.offsets,
+        "source": frame.source,
+    }
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
     store.write_arrays(key, columns | named, FOLDER)
 

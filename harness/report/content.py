@@ -45,6 +45,7 @@ def content_of(run: Run) -> Content:
         "metrics": [_metric(name) for name in METRICS],
         "measures": MEASURES,
         "criteria": CRITERIA,
+        "triangulators": _triangulators(run),
         "groups": [],
         "cases": [],
         "views": columns.views,
@@ -64,6 +65,7 @@ def content_of(run: Run) -> Content:
     )
     content["study"] = bool(study)
     content["environment"] = facts.rows(run)
+    content["key_facts"] = facts.key_rows(run)
     content["warnings"] = [*run.facts.get("warnings", []), *run.problems]
     return content
 
@@ -204,6 +206,13 @@ def _metric(name: str) -> Content:
         "better": metric.better,
         "exact": metric.exact,
     }
+
+
+def _triangulators(run: Run) -> list[str]:
+    """Return the names in the order of the plan, then those that only records have."""
+    planned = run.facts.get("plan", {}).get("triangulators", [])
+    seen = list(dict.fromkeys(record["triangulator"] for record in run.records))
+    return [name for name in planned if name in seen] + [n for n in seen if n not in planned]
 
 
 def _scene(records: Sequence[Record]) -> str | None:

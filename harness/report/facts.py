@@ -25,6 +25,27 @@ def rows(run: Run) -> list[Row]:
     return found
 
 
+def key_rows(run: Run) -> list[tuple[str, str]]:
+    """Return (name, value) of the few facts that times depend on most, where they are known."""
+    machine = run.facts.get("environment") or {}
+    scene = run.facts.get("scene") or {}
+    found = [("processor", machine.get("cpu")), ("system", machine.get("kernel"))]
+    for label, device in (run.facts.get("devices") or {}).items():
+        details = device.get("details") or {}
+        timer = (device.get("timer") or {}).get("timer", "not timed")
+        names = [details.get("renderer"), details.get("version"), f"timer: {timer}"]
+        found.append((label, ", ".join(str(name) for name in names if name)))
+    for gpu in machine.get("gpus") or []:
+        found.append(("GPU", ", ".join(str(value) for value in gpu.values())))
+    if scene:
+        size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
+        found.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
+    commit = (machine.get("git") or {}).get("commit", "")
+    found.append(("harness", f"{machine.get('harness', '')} {commit[:12]}".strip()))
+    found.append(("command", " ".join(map(str, machine.get("command") or []))))
+    return [(name, str(value)) for name, value in found if value]
+
+
 def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     found = []
     for name, value in values.items():

@@ -68,6 +68,7 @@ def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
         content=content,
         answer=first["answer"] if first else "A study of criteria: see the matrix below.",
         failed=failed,
+        key_facts=content["key_facts"],
         created=facts.get("created", ""),
         version=__version__,
         style=_static("report.css"),

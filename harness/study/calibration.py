@@ -56,7 +56,7 @@ class Fit:
 
 
 def designed_polygons(resolution: int, seed: int = 0) -> list[tuple[Polygon, int]]:
-    """Return (polygon in a viewport of `resolution` px, copies) that vary T, S, H and w*h as independently as polygons can.
+    """Return (polygon in a viewport of `resolution` px, copies) that vary T, S, H and w*h.
 
     Stars of random radii, some squeezed and turned, of every number of vertices in `VERTICES` and
     every extent in `EXTENTS`. Small ones are drawn in many copies, so that a draw's own cost

@@ -3,7 +3,8 @@
 const PAGE = 50;
 const list = { from: 0, sort: null, descending: false };
 
-const FIELDS = [
+/* [heading, name of the figure]; what no case has is left out when the page starts. */
+let fields = [
   ["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
   ["draw [ms]", "draw_ms"], ["time ratio", "time_ratio"], ["verdict", "verdict"], ["helper lanes", "helper_lanes"],
   ["lanes / pixel", "overshading"], ["tests", "bbox_tests"], ["T-junctions", "t_junctions"], ["coverage error", "coverage_error"], ["notes", "reason"],
@@ -12,6 +13,7 @@ const FIELDS = [
 function fieldOf(each, name) {
   if (name === null) return state.report.groups[each.group].condition;
   if (name === "reason") return [each.row.reason, ...each.warnings].filter(Boolean).join("; ");
+  if (name === "verdict" && each.row.triangulator === state.report.groups[each.group].base) return "the base";
   return each.row[name];
 }
 
@@ -25,7 +27,7 @@ function foundCases() {
     return wanted.every((word) => text.includes(word));
   });
   if (list.sort === null) return found;
-  const name = FIELDS[list.sort][1], sign = list.descending ? -1 : 1;
+  const name = fields[list.sort][1], sign = list.descending ? -1 : 1;
   const order = new Intl.Collator("en", { numeric: true });
   const compare = (p, q) => (typeof p === "number" && typeof q === "number" ? p - q : order.compare(p, q));
   return found.sort((p, q) => {
@@ -39,7 +41,7 @@ function drawCases() {
   const found = foundCases();
   list.from = Math.max(0, Math.min(list.from, Math.floor((found.length - 1) / PAGE) * PAGE));
   const shown = found.slice(list.from, list.from + PAGE);
-  const head = element("tr", {}, ...FIELDS.map(([title], column) => {
+  const head = element("tr", {}, ...fields.map(([title], column) => {
     const button = element("button", { type: "button" }, title);
     button.addEventListener("click", () => {
       list.descending = list.sort === column ? !list.descending : false;
@@ -50,10 +52,10 @@ function drawCases() {
     const sorted = list.sort === column ? (list.descending ? "descending" : "ascending") : null;
     return element("th", { scope: "col", "aria-sort": sorted }, button);
   }));
-  const body = shown.map((each) => element("tr", {}, ...FIELDS.map(([, name], column) => {
+  const body = shown.map((each) => element("tr", {}, ...fields.map(([, name], column) => {
     const value = fieldOf(each, name);
     const isNumber = typeof value === "number";
-    const attributes = { class: isNumber ? "number" : name === "reason" ? "reason" : name === "verdict" ? value : null, scope: column ? null : "row" };
+    const attributes = { class: isNumber ? "number" : name === "reason" ? "reason" : name === "verdict" ? `verdict ${value ?? ""}` : null, scope: column ? null : "row" };
     return element(column ? "td" : "th", attributes, isNumber ? number(value) : value ?? "");
   })));
   $("cases").replaceChildren(element("caption", { class: "unseen" }, "Cases, one a row"), element("thead", {}, head), element("tbody", {}, ...body));
@@ -64,6 +66,7 @@ function drawCases() {
 }
 
 function setUpCases() {
+  fields = fields.filter(([, name]) => state.report.cases.some((each) => ![null, undefined, ""].includes(fieldOf(each, name))));
   const again = () => { list.from = 0; drawCases(); };
   $("find").addEventListener("input", again);
   $("state").addEventListener("change", again);

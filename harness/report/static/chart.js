@@ -70,8 +70,8 @@ function drawChart() {
   if (!marks.length) return;
   const stacked = host.clientWidth < 640;
   host.classList.toggle("stacked", stacked);
-  chart.plot ??= echarts.init(host, null, { renderer: "canvas" });
-  chart.plot.resize();
+  if (chart.plot) chart.plot.resize();
+  else chart.plot = echarts.init(host, null, { renderer: "canvas" });
   chart.plot.setOption(chartOption(marks, stacked), { notMerge: true });
   host.setAttribute("aria-label", `Predicted against measured ${words(chosen("measure"))}: ${marks.length} marks`);
 }
@@ -97,7 +97,8 @@ function chartOption(marks, stacked) {
     : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 40, bottom: 58 };
   const axis = (name, i, y) => ({
     type: "log", logBase: 2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
-    nameTextStyle: { color: ink }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true },
+    nameTextStyle: { color: ink }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true,
+      showMinLabel: false, showMaxLabel: false },
     axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } },
     min: (v) => v.min * 0.94, max: (v) => v.max * 1.06,
   });
@@ -106,8 +107,8 @@ function chartOption(marks, stacked) {
   for (const i of [0, 1]) {
     for (const name of namesOfAll()) {
       const data = marks
-        .map((m, position) => [m.x[i], m.y, position, name])
-        .filter(([x, , , n]) => n === name && positive(x));
+        .map((m, position) => [m.x[i], m.y, position, m.case.row.triangulator])
+        .filter(([x, , , owner]) => owner === name && positive(x));
       series.push({ name, type: "scatter", xAxisIndex: i, yAxisIndex: i, data, symbol: shapeOf(name), symbolSize: 7,
         itemStyle: { color: colourOf(name), opacity: 0.55 }, emphasis: { scale: 2, itemStyle: { opacity: 1, borderColor: ink, borderWidth: 1.5 } } });
     }
@@ -197,7 +198,11 @@ function setUpChart() {
   }
   $("chart").addEventListener("keydown", stepThroughMarks);
   let waiting = 0;
-  new ResizeObserver(() => { clearTimeout(waiting); waiting = setTimeout(() => chart.plot && drawChart(), 100); }).observe($("chart").parentElement);
+  new ResizeObserver(() => {
+    if (!chart.plot || chart.plot.getWidth() === $("chart").clientWidth) return;
+    clearTimeout(waiting);
+    waiting = setTimeout(drawChart, 100);
+  }).observe($("chart").parentElement);
   tables.chart = () => csvOfObjects(chart.marks.map((mark) => ({
     triangulator: mark.case.row.triangulator, rasteriser: mark.case.row.rasteriser, device: mark.case.row.device,
     resolution: mark.case.row.resolution, rotation: mark.case.row.rotation,

@@ -55,7 +55,7 @@ function setUpTheme() {
   $("theme").addEventListener("click", () => { at = (at + 1) % themes.length; setTheme(themes[at]); redraw(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   // Paper is white: charts are drawn anew for it, and back again.
-  addEventListener("beforeprint", () => { setTheme("light"); redraw(); });
+  addEventListener("beforeprint", () => { for (const each of document.querySelectorAll("details")) each.open = true; setTheme("light"); redraw(); });
   addEventListener("afterprint", () => { setTheme(themes[at]); redraw(); });
 }
 

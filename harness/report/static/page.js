@@ -54,10 +54,7 @@ const group = () => state.report.groups[state.group];
 const casesOf = (index) => state.report.cases.filter((each) => each.group === index);
 
 /* A triangulator keeps its colour and shape wherever it is shown. */
-function namesOfAll() {
-  state.names ??= [...new Set(state.report.cases.map((each) => each.row.triangulator))];
-  return state.names;
-}
+const namesOfAll = () => state.report.triangulators;
 
 function colourOf(name) {
   const colours = state.dark ? COLOURS_IN_THE_DARK : COLOURS;

@@ -82,8 +82,8 @@ function rankingTable(at, index) {
       element("td", { class: "number" }, each.complete ? String(place + 1) : "–"),
       element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.triangulator)}`, "aria-hidden": "true" }), row.triangulator),
       element("td", {}, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
-      element("td", { class: "number" }, ratio ? `${ratio.value.toFixed(3)}${timed ? half : ""}` : ""),
-      element("td", { class: row.verdict ?? null }, verdict),
+      element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? half : ""}`) : ""),
+      element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
       ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
   });
   return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
