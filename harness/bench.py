@@ -65,7 +65,13 @@ class Bench:
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
 
-    def triangulate(self, name: str, polygons: Sequence[Polygon], seed: int) -> FrameTriangulation:
+    def triangulate(
+        self,
+        name: str,
+        polygons: Sequence[Polygon],
+        seed: int,
+        calibration: Mapping[str, float] | None = None,
+    ) -> FrameTriangulation:
         """Run a triangulator over polygons in px.
 
         Raises
@@ -77,7 +83,9 @@ class Bench:
         label = "triangulators" if own else f"triangulator {name}"
         limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
         with self.clocked("triangulate"):
-            return self._call(label, {}, limit, triangulate_polygons, name, polygons, seed)
+            return self._call(
+                label, {}, limit, triangulate_polygons, name, polygons, seed, calibration
+            )
 
     def open(self, target: Target) -> measure.Opened:
         """Open the device, test its timer, and return what it is; done once.

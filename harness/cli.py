@@ -15,6 +15,7 @@ from harness.commands import (
     doctor,
     enumeration,
     export,
+    gains,
     history,
     inspect,
     report,
@@ -41,6 +42,7 @@ for command in (
     enumeration,
     inspect,
     export,
+    gains,
     doctor,
     catalogue,
 ):

@@ -18,7 +18,7 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import Runner
 from harness.store import Record, Store, read_run
-from harness.triangulation import SEED_MARK, is_builtin
+from harness.triangulation import BEFORE_TURNING, SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
@@ -111,6 +111,8 @@ def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
 
 
 def _full_name(name: str) -> str:
+    if name.endswith(f"{BEFORE_TURNING}0"):
+        return _full_name(name[:-2]) + f"{BEFORE_TURNING}0"
     base, mark, seed = name.partition(SEED_MARK)
     if mark and not (base == "random" and seed.isdigit()):
         raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")

@@ -17,7 +17,7 @@ from harness.plan import Case, Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.store import Record, Store
-from harness.triangulation import FrameTriangulation
+from harness.triangulation import BEFORE_TURNING, FrameTriangulation, carry_over
 from harness.worker import TaskFailed
 from scenes import Scene
 
@@ -116,7 +116,7 @@ class Runner:
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for name in wanted:
                 try:
-                    result = self.bench.triangulate(name, frame.polygons, self.plan.seed)
+                    result = self._cut(name, frame)
                 except TaskFailed as error:
                     self._give_up(name, groups, "failed", str(error))
                 else:
@@ -130,6 +130,18 @@ class Runner:
                         self._give_up(name, groups, status, reason)
                 stage.advance()
         return prepared
+
+    def _cut(self, name: str, frame: Frame) -> FrameTriangulation:
+        """Run one triangulator over the frame, or, as `name@0`, over the scene not yet turned."""
+        base, mark, _ = name.partition(BEFORE_TURNING)
+        if not mark:
+            polygons = frame.polygons
+            return self.bench.triangulate(name, polygons, self.plan.seed, self.plan.calibration)
+        upright = make_frame(self.scene.polygons, replace(frame.view, rotation=0.0))
+        before = self.bench.triangulate(
+            base, upright.polygons, self.plan.seed, self.plan.calibration
+        )
+        return carry_over(before, upright, frame)
 
     def _give_up(self, name: str, groups: list[Group], status: str, reason: str) -> None:
         for group in groups:

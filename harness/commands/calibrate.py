@@ -11,6 +11,7 @@ from rich.table import Table
 
 from harness import rasterisers
 from harness.bench import Bench, Target
+from harness.commands.run import CALIBRATIONS
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.run import load_scene
@@ -18,8 +19,6 @@ from harness.study import calibrate as study
 from harness.study import calibration
 from harness.timing import Settings
 from harness.worker import Worker
-
-FOLDER = Path("results") / "calibration"
 
 
 def calibrate(
@@ -54,7 +53,7 @@ def calibrate(
         described = bench.describe()[target.label]
     finally:
         bench.close()
-    file = out or FOLDER / f"{target.device.name}.json"
+    file = out or CALIBRATIONS / f"{target.device.name}.json"
     facts = {
         "rasteriser": rasteriser,
         "name": target.device.name,

@@ -9,7 +9,7 @@ from dataclasses import replace
 from harness.compare import times
 from harness.compare.counters import compare_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
-from harness.compare.matching import Match, match
+from harness.compare.matching import Match, match, printable
 from harness.compare.model import (
     CaseChange,
     Comparison,
@@ -113,7 +113,7 @@ def _comparable(base: Record, head: Record) -> tuple[Status, str]:
 
 
 def _reason(record: Record) -> str:
-    return str(record.get("reason") or "")
+    return printable(record.get("reason") or "")
 
 
 def _timed(

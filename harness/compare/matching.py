@@ -31,15 +31,21 @@ def case_name(record: Record) -> CaseName:
     """Return what the record's case means; fields that older runs lack get their usual value."""
     options = {**USUAL, **(record.get("options") or {})}
     return CaseName(
-        scene=str(record.get("scene", "?")),
-        triangulator=str(record.get("triangulator", "?")),
-        rasteriser=str(record.get("rasteriser", "?")),
-        device=str(record.get("device", "?")),
+        scene=printable(record.get("scene", "?")),
+        triangulator=printable(record.get("triangulator", "?")),
+        rasteriser=printable(record.get("rasteriser", "?")),
+        device=printable(record.get("device", "?")),
         resolution=int(record.get("resolution") or 0),
         rotation=float(record.get("rotation") or 0.0),
         fit=str(record.get("fit") or "box"),
         options=tuple(sorted(options.items())),
     )
+
+
+def printable(text: object) -> str:
+    """Write any text in one line that neither a terminal nor XML takes for more than text."""
+    line = " ".join(str(text).split())
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in line)
 
 
 def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:

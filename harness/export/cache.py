@@ -134,18 +134,22 @@ class Cache:
             self._say(f"cache {self.path} was not used: {error}")
         except sqlite3.DatabaseError as error:
             self._database.close()
-            self._set_aside(error)
-            self._database = self._opened()
+            self._database = self._opened(error)
         return otherwise
 
-    def _opened(self) -> sqlite3.Connection:
-        try:
-            return self._connected()
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError as error:
-            self._set_aside(error)
-            return self._connected()
+    def _opened(self, damage: Exception | None = None) -> sqlite3.Connection:
+        """Open the file, first setting it aside if it is damaged."""
+        # one process at a time: SQLite does not wait while another turns the log on
+        with _locked(self.path.with_name(self.path.name + ".lock")):
+            if damage is not None:
+                self._set_aside(damage)
+            try:
+                return self._connected()
+            except sqlite3.OperationalError:
+                raise
+            except sqlite3.DatabaseError as error:
+                self._set_aside(error)
+                return self._connected()
 
     def _connected(self) -> sqlite3.Connection:
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
@@ -171,13 +175,12 @@ class Cache:
 
     def _set_aside(self, error: Exception) -> None:
         """Rename the damaged file, unless another process has done so already."""
-        with _locked(self.path.with_name(self.path.name + ".lock")):
-            if _sound(self.path):
-                return
-            aside = self.path.with_name(f"{self.path.name}.damaged-{time.time_ns()}")
-            self.path.rename(aside)
-            for suffix in ("-wal", "-shm"):
-                self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+        if _sound(self.path):
+            return
+        aside = self.path.with_name(f"{self.path.name}.damaged-{time.time_ns()}")
+        self.path.rename(aside)
+        for suffix in ("-wal", "-shm"):
+            self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
         self._say(f"cache {self.path} was damaged ({error}): set aside as {aside.name}, begun anew")
 
 

@@ -73,7 +73,14 @@ def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
                     label=f"{label} ({len(part)})",
                 )
         axes.step(
-            front[:, 0], front[:, 1], where="post", color=COLOURS[2], label="Pareto front", zorder=0
+            front[:, 0],
+            front[:, 1],
+            where="post",
+            color=COLOURS[2],
+            marker="o",
+            markersize=8,
+            fillstyle="none",
+            label=f"Pareto front ({len(front)})",
         )
         axes.set_xlabel("A, bounding-box overdraw (square units)")
         axes.set_ylabel("D, shape deviation (degrees)")
