@@ -37,8 +37,9 @@ Content = dict[str, Any]
 def content_of(run: Run) -> Content:
     """Return everything the report of `run` shows, JSON-ready."""
     found = groups(run.records)
-    # A GPU is what most readers ask about, then what was timed, then what was only counted.
-    found.sort(key=_interest)
+    # A GPU is what most readers ask about, then what was timed; else in the order measured.
+    place = {record["key"]: number for number, record in enumerate(run.records)}
+    found.sort(key=lambda members: (_interest(members), min(place[r["key"]] for r in members)))
     columns = _Polygons(run, found)
     content: Content = {
         "name": run.facts.get("scene", {}).get("name") or _scene(run.records) or run.path.name,
