@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city test check format bench lock clean
+.PHONY: help setup city test check format bench study compare-demo lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -28,8 +28,14 @@ format: setup  ## let ruff format the code
 	$(PY) -m ruff check --fix $(SOURCES)
 	$(PY) -m ruff format $(SOURCES)
 
+compare-demo: setup  ## what CI does: a baseline, an equal run, a regression; writes the reports
+	@scripts/compare-demo.sh
+
 bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
+
+study: setup  ## the studies behind docs/findings.md; half an hour on a quiet machine
+	scripts/study.sh
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra dev \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol, TypeVar
@@ -64,6 +65,8 @@ class Bench:
         self._opened: dict[str, measure.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
+        self._background = ThreadPoolExecutor(max_workers=1)
+        self._opening: dict[str, Future[measure.Opened]] = {}
 
     def triangulate(
         self,
@@ -96,9 +99,19 @@ class Bench:
             if it cannot be opened
         """
         if target.label not in self._opened:
+            opening = self._opening.pop(target.label, None)
             with self.clocked("open"):
-                self._opened[target.label] = self._on(target, measure.open_device)
+                self._opened[target.label] = (
+                    opening.result() if opening else self._on(target, measure.open_device)
+                )
         return self._opened[target.label]
+
+    def open_soon(self, target: Target) -> None:
+        """Begin to open a device, in its own process, while this one does something else."""
+        if target.label not in self._opened and target.label not in self._opening:
+            self._opening[target.label] = self._background.submit(
+                self._on, target, measure.open_device
+            )
 
     def count(
         self, target: Target, frame: Frame, triangles: Triangles, options: Options
@@ -163,6 +176,7 @@ class Bench:
 
     def close(self) -> None:
         """End all processes."""
+        self._background.shutdown(wait=True, cancel_futures=True)
         for worker in self._workers.values():
             worker.close()
         self._workers.clear()

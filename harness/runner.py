@@ -71,6 +71,8 @@ class Runner:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
                 continue
+            # Drivers take a second to load; meanwhile another process can triangulate.
+            self.bench.open_soon(groups[0].target)
             frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
             prepared = self._triangulate(frame, groups)

@@ -226,8 +226,8 @@ def decide(
         return "improved", ""
     if -bound <= low and high <= bound:
         return "unchanged", ""
-    width = math.expm1((high - low) / 2)
-    return "inconclusive", f"too noisy: known to ±{width:.0%}, the threshold is {threshold:.1%}"
+    found = f"{math.expm1(low) * 100:+.1f} % to {math.expm1(high) * 100:+.1f} %"
+    return "inconclusive", f"somewhere in {found}, the threshold is ±{threshold * 100:g} %"
 
 
 def _drift(

@@ -81,8 +81,11 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
         for (polygon, copies), part in zip(shapes, results, strict=True):
             if part is not None:
                 points = np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32)
-                frame = bare_frame(resolution, points)
-                draws.append((frame, np.tile(part, (copies, 1))))
+                # Each copy has vertices of its own, as polygons have: their cost goes with T.
+                starts = np.arange(copies, dtype=np.int32) * len(points)
+                triangles = (part[None] + starts[:, None, None]).reshape(-1, 3)
+                frame = bare_frame(resolution, np.tile(points, (copies, 1)))
+                draws.append((frame, triangles))
     return draws
 
 

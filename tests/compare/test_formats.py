@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from pathlib import Path
@@ -26,14 +27,14 @@ SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
 XSD = etree.XMLSchema(etree.parse(Path(__file__).parent / "junit.xsd"))
 
 
-@pytest.fixture(params=SCENARIOS)
-def comparison(request, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    SCENARIOS[request.param].make()
-    head = read_run(Path("head"))
-    if not Path("base").exists():
-        return no_baseline("base", head, Settings())
-    return compare_runs(read_run(Path("base")), head)
+@pytest.fixture(scope="module", params=SCENARIOS)
+def comparison(request, tmp_path_factory):
+    with contextlib.chdir(tmp_path_factory.mktemp(request.param)):
+        SCENARIOS[request.param].make()
+        head = read_run(Path("head"))
+        if not Path("base").exists():
+            return no_baseline("base", head, Settings())
+        return compare_runs(read_run(Path("base")), head)
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ def test_equal_runs_hardly_ever_regress(noise):
 def test_noise_never_passes_for_unchanged():
     changes, _ = judge(pairs(np.random.default_rng(4), [0] * 4, noise=0.6, rounds=12))
     assert {change.outcome for change in changes} == {"inconclusive"}
-    assert all("too noisy" in change.reason for change in changes)
+    assert all("somewhere in" in change.reason for change in changes)
 
 
 def test_all_cases_together_regress_only_beyond_the_reference_draw():
