@@ -16,7 +16,8 @@ setup:  ## make .venv and see that OpenGL works without a screen
 city: setup  ## measure a city of 500 footprints; prints the table, writes results/
 	$(PY) -m harness run --scene city
 
-test: setup  ## run the test suite
+test:  ## run the test suite
+	@scripts/setup.sh test
 	$(PY) -m pytest
 
 check: setup  ## ruff and mypy
