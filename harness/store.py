@@ -179,7 +179,10 @@ def read_run(path: Path) -> Run:
     with _clear_errors(path):
         if facts_file.exists():
             try:
-                facts = json.loads(facts_file.read_bytes())
+                found = json.loads(facts_file.read_bytes())
+                facts = found if isinstance(found, dict) else {}
+                if found is not facts:
+                    problems.append(f"{facts_file} does not hold an object")
             except ValueError as error:
                 problems.append(f"{facts_file} is not JSON: {error}")
         content = cases.read_bytes() if cases.exists() else b""

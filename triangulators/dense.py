@@ -145,6 +145,8 @@ def trace_box_table(
             cost = table[i, k] + table[j, k] + weights[0] * (w + h) + weights[1] * (w * h)
             if cost < best:
                 best, apex = cost, k
+        if apex < 0:
+            return 0
         triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
         found += 1
         stack[height, 0], stack[height, 1] = i, apex

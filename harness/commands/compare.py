@@ -121,12 +121,13 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
 
 def _show(found: Comparison, head: Run, output: Format) -> None:
     from harness.compare.benchmark_action import to_benchmark_action
+    from harness.compare.checking import checked
     from harness.compare.terminal import print_comparison
 
     if output is Format.table:
         print_comparison(found, Console())
     elif output is Format.benchmark_action:
-        typer.echo(_json(to_benchmark_action(head)), nl=False)
+        typer.echo(_json(to_benchmark_action(checked(head))), nl=False)
     else:
         typer.echo(_text(found, output.value), nl=False)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.compare import times
+from harness.compare.checking import checked
 from harness.compare.counters import compare_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
 from harness.compare.matching import Match, match, printable
@@ -33,6 +34,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
         if the runs are of different devices and `settings` do not ask for that
     """
     settings = settings or Settings()
+    base, head = checked(base), checked(head)
     matches = match(base, head, across_devices=settings.across_devices)
     before, after = machine(base.facts), machine(head.facts)
     machines_differ = bool(before and after and before != after) or _across(matches)
@@ -55,6 +57,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, whose baseline at `path` is still to come."""
+    head = checked(head)
     matches = match(Run(head.path, {}, []), head, across_devices=True)
     return Comparison(
         verdict="no-baseline",
@@ -181,7 +184,8 @@ def _verdict(found: Comparison) -> Verdict:
     if found.regressed() or found.drifted():
         return "regression"
     compared = found.compared()
-    if not compared:
+    untimed = all(case.time is None for case in compared)
+    if not compared or (untimed and "counters" not in found.settings.gates):
         return "nothing-comparable"
     times_shown = [case.time for case in compared if case.time is not None]
     if found.settings.gates_time and any(t.outcome == "inconclusive" for t in times_shown):

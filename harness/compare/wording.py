@@ -180,6 +180,8 @@ def _loose_ends(comparison: Comparison) -> str:
 def _why_nothing(comparison: Comparison) -> str:
     if not comparison.cases:
         return "neither run holds a case"
+    if comparison.compared():
+        return "only times are gated, and no case was timed"
     statuses = Counter(case.status for case in comparison.cases)
     parts = [f"{count(number, 'case')} {_SHORT[status]}" for status, number in statuses.items()]
     return ", ".join(parts)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.compare.checking import checked
 from harness.compare.matching import case_name
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
@@ -59,7 +60,7 @@ def find_runs(folders: Iterable[Path]) -> list[Run]:
             raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
         for path in found or [folder]:
             paths[path.resolve()] = path
-    runs = [read_run(path) for path in paths.values()]
+    runs = [checked(read_run(path)) for path in paths.values()]
     return sorted(runs, key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
 
 
