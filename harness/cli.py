@@ -24,7 +24,8 @@ from harness.commands import (
     run,
     validate,
 )
-from harness.errors import HarnessError
+from harness.errors import BAD_INPUT, HarnessError
+from scenes import SceneError
 
 app = typer.Typer(
     name="harness",
@@ -80,10 +81,10 @@ def main() -> None:
     """Run the command line; errors that a user can cause are one line and an exit code."""
     try:
         app()
-    except HarnessError as error:
+    except (HarnessError, SceneError) as error:
         Console(stderr=True, highlight=False).print(
             f"error: {error}", style="red", markup=False, soft_wrap=True
         )
-        sys.exit(error.exit_code)
+        sys.exit(error.exit_code if isinstance(error, HarnessError) else BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(130)
