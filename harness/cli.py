@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import sys
 
 import typer
@@ -14,6 +15,7 @@ from harness.commands import (
     compare,
     doctor,
     enumeration,
+    examples,
     export,
     gains,
     history,
@@ -48,15 +50,31 @@ for command in (
     catalogue,
 ):
     command.add_to(app)
+examples.add_to(app)
 
 
 @app.callback(invoke_without_command=True)
 def _options(
-    version: bool = typer.Option(False, "--version", help="Show the version and exit."),
+    version: bool = typer.Option(
+        False, "--version", help="Show the version, and OpenGL's on each device, and exit."
+    ),
 ) -> None:
     if version:
-        typer.echo(f"raster-harness {__version__}")
+        typer.echo(_versions())
         raise typer.Exit
+
+
+def _versions() -> str:
+    from harness.rasterisers import egl
+
+    lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
+    devices, problems = egl.probe()
+    for device in devices:
+        driver = [str(device.details.get(name)) for name in ("renderer", "version")]
+        lines.append(f"OpenGL on {device.name}: {', '.join(driver)}")
+    if not devices:
+        lines.append(f"no OpenGL here ({'; '.join(problems) or 'no device'}); see: harness doctor")
+    return "\n".join(lines)
 
 
 def main() -> None:
