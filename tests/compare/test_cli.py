@@ -232,6 +232,18 @@ def test_another_triangulator_under_the_same_name_is_found(tmp_path):
     assert "delaunay" not in first
 
 
+def test_a_reader_that_stops_early_does_not_change_the_exit_code(tmp_path):
+    write_run(tmp_path / "base", seed=1)
+    write_run(tmp_path / "head", seed=2)
+    command = f"{sys.executable} -m harness compare {tmp_path}/base {tmp_path}/head"
+    # The reader is gone before anything is written.
+    script = f"{{ sleep 0.2; {command}; echo $? >&2; }} | true"
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stderr.strip() == "0"
+
+
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     path = f"{ROOT}{os.pathsep}{folder}"
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
