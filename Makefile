@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city test check format bench study compare-demo lock clean
+.PHONY: help setup city helsinki test check format bench study compare-demo lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -16,7 +16,11 @@ setup:  ## make .venv and see that OpenGL works without a screen
 city: setup  ## measure a city of 500 footprints; prints the table, writes results/
 	$(PY) -m harness run --scene city
 
-test: setup  ## run the test suite
+helsinki: setup  ## measure real footprints of Helsinki, (c) OpenStreetMap contributors
+	$(PY) -m harness run --scene helsinki
+
+test:  ## run the test suite
+	@scripts/setup.sh test
 	$(PY) -m pytest
 
 check: setup  ## ruff and mypy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import sys
 
 import typer
@@ -14,6 +15,7 @@ from harness.commands import (
     compare,
     doctor,
     enumeration,
+    examples,
     export,
     gains,
     history,
@@ -22,7 +24,8 @@ from harness.commands import (
     run,
     validate,
 )
-from harness.errors import HarnessError
+from harness.errors import BAD_INPUT, HarnessError
+from scenes import SceneError
 
 app = typer.Typer(
     name="harness",
@@ -47,25 +50,41 @@ for command in (
     catalogue,
 ):
     command.add_to(app)
+examples.add_to(app)
 
 
 @app.callback(invoke_without_command=True)
 def _options(
-    version: bool = typer.Option(False, "--version", help="Show the version and exit."),
+    version: bool = typer.Option(
+        False, "--version", help="Show the version, and OpenGL's on each device, and exit."
+    ),
 ) -> None:
     if version:
-        typer.echo(f"raster-harness {__version__}")
+        typer.echo(_versions())
         raise typer.Exit
+
+
+def _versions() -> str:
+    from harness.rasterisers import egl
+
+    lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
+    devices, problems = egl.probe()
+    for device in devices:
+        driver = [str(device.details.get(name)) for name in ("renderer", "version")]
+        lines.append(f"OpenGL on {device.name}: {', '.join(driver)}")
+    if not devices:
+        lines.append(f"no OpenGL here ({'; '.join(problems) or 'no device'}); see: harness doctor")
+    return "\n".join(lines)
 
 
 def main() -> None:
     """Run the command line; errors that a user can cause are one line and an exit code."""
     try:
         app()
-    except HarnessError as error:
+    except (HarnessError, SceneError) as error:
         Console(stderr=True, highlight=False).print(
             f"error: {error}", style="red", markup=False, soft_wrap=True
         )
-        sys.exit(error.exit_code)
+        sys.exit(error.exit_code if isinstance(error, HarnessError) else BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(130)

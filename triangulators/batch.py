@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -81,49 +81,91 @@ def triangulate_many(
 ) -> Triangulations:
     """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
 
-    polygons: shapely polygons, or `Ragged` arrays. Polygons of up to 64 vertices without holes go
-    through compiled code on all threads if `name` is the optimum (or worst) of half-perimeter,
-    overdraw, edge-length or a calibrated criterion; the others go one at a time through
-    `triangulate`. check: test shapely polygons for validity first. threads: by default one for each
-    core this process may use. parameters: as for
-    `triangulate`. Raises `UnknownName`.
+    polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
+    half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does them on all
+    threads: exactly without holes; with holes from ear clipping on, trying a few cuts. What is
+    left, and everything under other names, goes one at a time through `triangulate`. check: test
+    shapely polygons for validity first. threads: by default one for each core this process may
+    use. parameters: as for `triangulate`. Raises `UnknownName`.
     """
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
-    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-    owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
-    begins = rings[owners]
-    count = len(owners) - 1
-    done = np.zeros(count, dtype=np.bool_)
-    room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
-    starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
-    triangles = np.empty((starts[-1], 3), dtype=np.int32)
+    work = _Work.of(arrays)
     cost = _box_cost(choice.entry.name, choice.criterion, parameters)
     if cost is not None:
-        sound = np.ones(count, dtype=np.bool_)
+        sound = np.ones(len(work.done), dtype=np.bool_)
         if check and not isinstance(polygons, Ragged):
             sound = shapely.is_valid(np.asarray(polygons, dtype=object))
-        lengths = np.diff(begins)
-        one_ring = np.diff(owners) == 1
-        by_table = sound & one_ring & (lengths <= SMALL) & (lengths >= 3)
-        _in_threads(
-            do_rings,
-            count,
+        _compiled(work, cost, sound, threads or _cores())
+    if work.done.all():
+        return Triangulations(work.triangles, work.starts)
+    return _finish(arrays, polygons, name, parameters, work)
+
+
+class _Work(NamedTuple):
+    """Arrays of a batch of p polygons.
+
+    coordinates (n, 2); rings (r + 1,): bounds of rings in it; owners (p + 1,): bounds of polygons
+    in `rings`; begins (p + 1,): bounds of polygons in `coordinates`; starts (p + 1,): bounds of
+    polygons in `triangles` (m, 3), where there is room for each one's; done (p,).
+    """
+
+    coordinates: np.ndarray
+    rings: np.ndarray
+    owners: np.ndarray
+    begins: np.ndarray
+    starts: np.ndarray
+    triangles: np.ndarray
+    done: np.ndarray
+
+    @classmethod
+    def of(cls, arrays: Ragged) -> "_Work":
+        coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
+        rings = np.r_[0, arrays.ring_ends].astype(np.int64)
+        owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
+        begins = rings[owners]
+        room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
+        starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
+        triangles = np.empty((starts[-1], 3), dtype=np.int32)
+        done = np.zeros(len(owners) - 1, dtype=np.bool_)
+        return cls(coordinates, rings, owners, begins, starts, triangles, done)
+
+
+def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
+    """Do what compiled code can; marks it in `work.done`."""
+    lengths, one_ring = np.diff(work.begins), np.diff(work.owners) == 1
+    sound &= lengths >= 3
+    by_table = sound & one_ring & (lengths <= SMALL)
+    others = np.flatnonzero(sound & ~by_table & (lengths <= MEDIUM))
+    with ThreadPoolExecutor(threads) as pool:
+        running = _share(
+            pool,
             threads,
-            coordinates,
-            begins,
-            by_table,
-            cost.box,
-            starts,
-            triangles,
-            done,
+            len(work.done),
+            do_rings,
+            *(work.coordinates, work.begins, by_table, cost.box),
+            *(work.starts, work.triangles, work.done),
         )
-        others = np.flatnonzero(sound & ~done & (lengths >= 3) & (lengths <= MEDIUM))
-        _improve_earcut(coordinates, rings, owners, others, cost, starts, triangles, done, threads)
-    if done.all():
-        return Triangulations(triangles, starts)
-    return _finish(arrays, polygons, name, parameters, done, starts, triangles)
+        raw = _earcut(work, others)  # in this thread, meanwhile
+        _wait(running)
+        if len(raw) == 0:
+            return
+        bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
+        joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
+        improved = np.zeros(len(others), dtype=np.bool_)
+        running = _share(
+            pool,
+            threads,
+            len(others),
+            improve_many,
+            *(work.coordinates, work.rings[1:], work.owners, others),
+            *(cost.weights, cost.function, cost.box, joined, bounds, improved),
+        )
+        _wait(running)
+    for task in np.flatnonzero(improved).tolist():
+        start, end = work.starts[others[task]], work.starts[others[task] + 1]
+        work.triangles[start:end] = joined[bounds[task] : bounds[task + 1]]
+    work.done[others] = improved
 
 
 def _cores() -> int:
@@ -132,52 +174,35 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _in_threads(
-    kernel: Callable[..., None], count: int, threads: int | None, *arguments: Any
-) -> None:
-    """Run a compiled kernel(first, last, *arguments) over 0..count - 1, in chunks."""
-    threads = threads or _cores()
-    if threads == 1 or count < 256:
-        kernel(0, count, *arguments)
-        return
-    bounds = np.linspace(0, count, 8 * threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        tasks = [pool.submit(kernel, *chunk, *arguments) for chunk in pairwise(bounds)]
-        for task in tasks:
-            task.result()
+def _share(
+    pool: ThreadPoolExecutor,
+    threads: int,
+    count: int,
+    kernel: Callable[..., None],
+    *arguments: Any,
+) -> list[Future[None]]:
+    """Start a compiled kernel(first, last, *arguments) over 0..count - 1, in chunks."""
+    chunks = max(1, min(8 * threads, count // 64))
+    bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
+    return [pool.submit(kernel, *chunk, *arguments) for chunk in pairwise(bounds)]
 
 
-def _improve_earcut(
-    coordinates: np.ndarray,
-    rings: np.ndarray,
-    owners: np.ndarray,
-    which: np.ndarray,
-    cost: Cost,
-    starts: np.ndarray,
-    triangles: np.ndarray,
-    done: np.ndarray,
-    threads: int | None,
-) -> None:
-    """Do polygons with holes, or too large for the table, starting from ear clipping.
+def _wait(running: list[Future[None]]) -> None:
+    for task in running:
+        task.result()
 
-    Writes into `triangles` and `done`; what earcut did not triangulate properly stays undone.
-    """
+
+def _earcut(work: _Work, which: np.ndarray) -> list[np.ndarray]:
+    """Return earcut's flat indices for each of some polygons."""
+    coordinates, rings = work.coordinates, work.rings
     raw = []
-    for index in which.tolist():
-        ends = rings[owners[index] : owners[index + 1] + 1]
+    for first, last in zip(
+        work.owners[which].tolist(), work.owners[which + 1].tolist(), strict=True
+    ):
+        ends = rings[first : last + 1]
         piece = coordinates[ends[0] : ends[-1]]
         raw.append(triangulate_float64(piece, (ends[1:] - ends[0]).astype(np.uint32)))
-    if not raw:
-        return
-    bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
-    joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-    improved = np.zeros(len(which), dtype=np.bool_)
-    kernel = (cost.weights, cost.function, cost.box, joined, bounds, improved)
-    _in_threads(improve_many, len(which), threads, coordinates, rings[1:], owners, which, *kernel)
-    for task in np.flatnonzero(improved).tolist():
-        index = which[task]
-        triangles[starts[index] : starts[index + 1]] = joined[bounds[task] : bounds[task + 1]]
-    done[which] = improved
+    return raw
 
 
 def _box_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
@@ -207,16 +232,15 @@ def _finish(
     polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
     name: str,
     parameters: dict[str, Any],
-    done: np.ndarray,
-    starts: np.ndarray,
-    triangles: np.ndarray,
+    work: _Work,
 ) -> Triangulations:
     """Do what compiled code left, one polygon at a time, and put all in order."""
+    starts, triangles = work.starts, work.triangles
     failed: dict[int, str] = {}
     pieces: list[np.ndarray] = []
     lengths = np.diff(starts)
     copied = 0
-    for index in np.flatnonzero(~done).tolist():
+    for index in np.flatnonzero(~work.done).tolist():
         pieces.append(triangles[starts[copied] : starts[index]])
         copied = index + 1
         given = polygon_at(arrays, index) if isinstance(polygons, Ragged) else polygons[index]

@@ -12,7 +12,7 @@ from triangulators.sparse import fill_pairs, trace_pairs
 from triangulators.unfold import fold_back, grow, neighbours_of, unfold
 from triangulators.visibility import visible_pairs
 
-SMALL = 64  # corners up to which the table is used
+SMALL = 128  # corners up to which the table is used
 _CUTS = 4  # choices of cuts tried on a polygon with holes
 
 

@@ -12,9 +12,9 @@ from triangulators.cost import Cost, evaluate
 from triangulators.exact import optimum
 from triangulators.unfold import fold_back, grow, neighbours, unfold
 
-PIECE = 400  # triangles in a window of a large polygon
-_ROUNDS = 4  # sweeps of windows at most
-_ENOUGH = 1e-3  # a sweep that gains less than this part of the cost is the last
+PIECE = 200  # triangles in a window of a large polygon
+_ROUNDS = 12  # sweeps of windows at most
+_ENOUGH = 5e-3  # a sweep that gains less than this part of the cost is the last
 _PATIENCE = 6  # cuts tried in a row without gain before giving up on better ones
 
 

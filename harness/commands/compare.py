@@ -77,8 +77,8 @@ def compare(
     """Say what changed from BASE to HEAD; exit with 1 where it became dearer.
 
     Counters are exact: any difference is real. Times are statistical: regressed, improved,
-    unchanged, or inconclusive. Settings are also read from [tool.raster-harness] in
-    pyproject.toml. The Markdown is added to the file that $GITHUB_STEP_SUMMARY names.
+    unchanged, or inconclusive. Settings are also read from pyproject.toml,
+    table tool.raster-harness. The Markdown is added to the file that $GITHUB_STEP_SUMMARY names.
 
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """

@@ -10,14 +10,6 @@ import typer
 
 from harness.store import read_run
 
-EXAMPLES = """\
-Examples:
-
-  harness report results/city-20260101-120000
-
-  harness report results/city-20260101-120000 --out city.html
-"""
-
 
 def report(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a study, or its cases.jsonl.")],
@@ -35,4 +27,4 @@ def report(
 
 def add_to(app: typer.Typer) -> None:
     """Add the command."""
-    app.command(epilog=EXAMPLES)(report)
+    app.command()(report)

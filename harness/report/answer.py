@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from harness.metrics import METRICS
 from harness.pairs import Ratio
@@ -32,6 +33,37 @@ def answer(members: Sequence[Record], measure: str | None, correlations: Correla
     told = _foretold(measure, correlations)
     cost = _by_time(whole) or _by_counter(whole, measure) or _alone(first)
     return f"{place}{cost}{told}."
+
+
+def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return one sentence about a study's first matrix, None where it has no figure to name.
+
+    Helper lanes come first, then bounding-box tests, then whatever was measured.
+    """
+    if not matrices:
+        return None
+    matrix = matrices[0]
+    columns = [column["measure"] for column in matrix["columns"]]
+    wanted = [name for name in MEASURES if name in columns] + columns
+    place = columns.index(wanted[0])
+    known = {
+        row["title"]: cells[place]
+        for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
+        if row["name"] in CRITERIA and cells[place] and cells[place][0] is not None
+    }
+    if not known:
+        return None
+    best = max(known, key=lambda title: known[title][0])
+    value, low, high = known[best]
+    interval = "" if low is None else f", 95 % interval {low:.2f} to {high:.2f}"
+    column = matrix["columns"][place]
+    where = f"{column['rasteriser']} on {column['device']}"
+    words = f"{best} foretells the {column['title']} of {where} best "
+    words += f"({matrix['title']} {value:.2f}{interval})"
+    paper = CRITERIA["overdraw"]
+    if best != paper and paper in known:
+        words += f"; {paper} reaches {known[paper][0]:.2f}"
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def _by_time(records: Sequence[Record]) -> str | None:

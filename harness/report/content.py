@@ -19,7 +19,7 @@ from harness.polygons import (
     measures_in,
 )
 from harness.report import drawings, facts, matrix
-from harness.report.answer import answer
+from harness.report.answer import answer, answer_of_study
 from harness.store import Record, Run
 from harness.summary import base_of, groups, row_of
 
@@ -64,7 +64,7 @@ def content_of(run: Run) -> Content:
     content["matrices"] = study or matrix.from_run(
         (where, values) for where, values, view in told if view == first
     )
-    content["study"] = bool(study)
+    content["study"] = answer_of_study(study)
     content["environment"] = facts.rows(run)
     content["key_facts"] = facts.key_rows(run)
     content["warnings"] = [*run.facts.get("warnings", []), *run.problems]

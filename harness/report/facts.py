@@ -12,10 +12,8 @@ Row = tuple[str, str, str]
 
 def rows(run: Run) -> list[Row]:
     """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
-    found: list[Row] = []
-    for name in ("created", "schema_version", "interrupted", "resumed"):
-        if name in run.facts:
-            found.append(("run", name, _text(run.facts[name])))
+    known = ("created", "schema_version", "interrupted", "resumed")
+    found = [("run", name, _text(run.facts[name])) for name in known if name in run.facts]
     for section in ("scene", "environment", "plan", "devices", "frames", "seconds"):
         values = run.facts.get(section)
         if isinstance(values, list):
@@ -35,8 +33,8 @@ def key_rows(run: Run) -> list[tuple[str, str]]:
         timer = (device.get("timer") or {}).get("timer", "not timed")
         names = [details.get("renderer"), details.get("version"), f"timer: {timer}"]
         found.append((label, ", ".join(str(name) for name in names if name)))
-    for gpu in machine.get("gpus") or []:
-        found.append(("GPU", ", ".join(str(value) for value in gpu.values())))
+    gpus = machine.get("gpus") or []
+    found += [("GPU", ", ".join(str(value) for value in gpu.values())) for gpu in gpus]
     if scene:
         size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
         found.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))

@@ -66,7 +66,7 @@ def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
     failed = sum(case["row"]["status"] == "failed" for case in content["cases"])
     return environment.get_template("report.html").render(
         content=content,
-        answer=first["answer"] if first else "A study of criteria: see the matrix below.",
+        answer=content["study"] or (first["answer"] if first else "A study without a figure."),
         failed=failed,
         key_facts=content["key_facts"],
         created=facts.get("created", ""),

@@ -75,17 +75,22 @@ def calibrate(
 def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
     """Return the draws of the designed polygons, each cut in several ways."""
     draws = []
+    random = np.random.default_rng(seed)
     shapes = calibration.designed_polygons(resolution, seed)
     for name in calibration.CUTS:
         results = bench.triangulate(name, [polygon for polygon, _ in shapes], seed).parts
         for (polygon, copies), part in zip(shapes, results, strict=True):
             if part is not None:
                 points = np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32)
-                # Each copy has vertices of its own, as polygons have: their cost goes with T.
+                # Copies lie apart, since drivers may drop what another hides, and have vertices
+                # of their own, whose cost goes with T.
+                room = resolution * SUBPIXEL - points.max(axis=0)
+                shifts = random.integers(-points.min(axis=0), room + 1, (copies, 2))
+                shifts[0] = 0
                 starts = np.arange(copies, dtype=np.int32) * len(points)
                 triangles = (part[None] + starts[:, None, None]).reshape(-1, 3)
-                frame = bare_frame(resolution, np.tile(points, (copies, 1)))
-                draws.append((frame, triangles))
+                spread = (points[None] + shifts[:, None]).reshape(-1, 2).astype(np.int32)
+                draws.append((bare_frame(resolution, spread), triangles))
     return draws
 
 

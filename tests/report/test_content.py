@@ -131,6 +131,8 @@ def test_a_run_that_lost_a_part_is_shown_without_it(copy, browser, lost):
     assert browser.evaluate("document.querySelectorAll('#ranking tbody tr').length") == 5
     has_heatmap = browser.evaluate("!document.getElementById('heatmap').hidden")
     assert has_heatmap is (lost == "run.json")
+    browser.evaluate("openMark(chart.marks[0])")
+    assert browser.evaluate("document.activeElement.id") == "heatmap-title"
     assert browser.errors == []
 
 
@@ -140,6 +142,11 @@ def test_a_study_shows_its_matrix_with_intervals(copy, browser):
     shown = browser.evaluate("document.getElementById('matrix').innerText")
     assert "0.990" in shown
     assert "0.985 to 0.995" in shown
+    answer = browser.evaluate("document.getElementById('answer').textContent")
+    assert answer == (
+        "Half-perimeter H foretells the helper lanes of opengl on llvmpipe best (rank correlation "
+        "within a polygon 0.99, 95 % interval 0.98 to 0.99); the paper's A reaches 0.70."
+    )
     options = "[...document.getElementById('statistic').options].map((each) => each.value)"
     assert browser.evaluate(options) == ["spearman_within", "slope_within"]
     best = "[...document.querySelectorAll('#matrix .best')].map((each) => each.firstChild.data)"

@@ -96,7 +96,7 @@ function chartOption(marks, stacked) {
     ? { left: 62, right: 16, top: i ? "56%" : 40, height: "36%" }
     : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 40, bottom: 58 };
   const axis = (name, i, y) => ({
-    type: "log", logBase: 2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
+    type: "log", logBase: spread(marks.map((m) => (y ? m.y : m.x[i]))) > 4 ? 2 : Math.SQRT2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
     nameTextStyle: { color: ink }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true,
       showMinLabel: false, showMaxLabel: false },
     axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } },
@@ -148,6 +148,11 @@ function sampleEnds(values) {
   return values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 }
 
+function spread(values) {
+  const [low, high] = sampleEnds(values.filter(positive));
+  return high / low;
+}
+
 function linesOn(mark) {
   const { row } = mark.case;
   const at = state.report.groups[mark.case.group];
@@ -171,8 +176,8 @@ function tooltip(mark) {
 function openMark(mark) {
   if (mark.case.group !== state.group) choose(mark.case.group);
   const other = mark.case.row.triangulator;
-  const k = mark.polygon ?? mostDifferent(group().base, other)[0];
-  openHeatmap(k, group().base, other);
+  const view = state.report.views[group().view];
+  openHeatmap(mark.polygon ?? (view ? mostDifferent(group().base, other)[0] : 0), group().base, other);
 }
 
 function stepThroughMarks(event) {

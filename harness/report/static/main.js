@@ -7,7 +7,7 @@ function choose(index) {
   const conditions = [...new Set(groups.map((each) => `${each.scene}, ${each.condition}`))];
   options($("condition"), conditions.map((text) => [text, text]), `${group().scene}, ${group().condition}`);
   options($("target"), groupsAlike().map(([each, i]) => [String(i), `${each.rasteriser} on ${each.device}`]), String(index));
-  $("answer").textContent = group().answer;
+  $("answer").textContent = state.report.study || group().answer;
   fillChart();
   drawRanking();
   fillHeatmap();
@@ -74,6 +74,7 @@ async function start() {
   $("filters").addEventListener("submit", (event) => event.preventDefault());
   $("condition").addEventListener("change", chooseCondition);
   $("target").addEventListener("change", () => { choose(+$("target").value); $("status").textContent = `Showing ${$("target").selectedOptions[0].text}`; });
+  if (state.report.study) $("level").value = "cases";
   if (groups.length) choose(0);
   else for (const id of ["filters", "chart-controls", "chart", "chart-keys", "heatmap-section"]) $(id).hidden = true;
   redrawKeys();

@@ -61,7 +61,11 @@ function colourOf(name) {
   return colours[namesOfAll().indexOf(name) % colours.length];
 }
 
-const shapeOf = (name) => SHAPES[namesOfAll().indexOf(name) % SHAPES.length];
+/* The second seven have the first seven's colours, with other shapes. */
+function shapeOf(name) {
+  const place = namesOfAll().indexOf(name);
+  return SHAPES[(place + Math.floor(place / SHAPES.length)) % SHAPES.length];
+}
 
 /* The colour a style variable has now, light or dark. */
 function styled(variable) {
