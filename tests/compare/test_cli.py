@@ -82,11 +82,14 @@ def test_other_devices_are_refused_unless_asked_for(runs, harness):
     assert "no counter differs" in out
 
 
-def test_the_same_device_name_on_other_hardware_is_refused(runs):
+def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     devices = {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H200/PCIe/SSE2"}}}
     code, _, err = runs(facts={"devices": devices})
     assert code == 2
     assert_one_line(err, "NVIDIA H200", "--across-devices")
+    code, out, _ = harness("compare", "base", "head", "--across-devices", "--format", "json")
+    assert code == 0
+    assert json.loads(out)["machines_differ"] is True
 
 
 def test_a_driver_update_is_reported_not_refused(runs):
