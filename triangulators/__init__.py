@@ -1,8 +1,16 @@
 """Triangulators: polygon -> triangles over the polygon's own vertices; none is ever added.
 
-from triangulators import triangulate, vertices
-triangles = triangulate(polygon, "optimal:half-perimeter")   # (m, 3) int32
-corners = vertices(polygon)[triangles]                       # (m, 3, 2) float64
+    from triangulators import triangulate, vertices
+    triangles = triangulate(polygon, "optimal:half-perimeter")   # (m, 3) int32
+    corners = vertices(polygon)[triangles]                       # (m, 3, 2) float64
+
+What is guaranteed: orientations are decided exactly for all doubles (no overflow or underflow), so
+every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`
+is a conforming triangulation of the polygon as given, and `verify` is exact in what it says about
+coverage. Only which of two triangulations is cheaper is a matter of rounding. Libraries' results
+(`ear-clipping`, `delaunay`, `sweep`, `manifold`) are passed on as they are, wound
+counter-clockwise; where coordinates are not on a grid (see `predicates.on_grid`), a vertex within
+rounding error of an edge counts as on it when they are verified or repaired.
 """
 
 from triangulators import criteria

@@ -83,11 +83,10 @@ def triangulate_many(
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does them on all
-    threads: exactly up to 128 vertices without holes, otherwise from ear clipping on, which is exact
-    without holes and tries a few cuts with them. What is left, and everything under other names,
-    goes one at a time through `triangulate`. check: test shapely polygons for validity first.
-    threads: by default one for each core this process may use. parameters: as for `triangulate`.
-    Raises `UnknownName`.
+    threads: exactly without holes; with holes from ear clipping on, trying a few cuts. What is
+    left, and everything under other names, goes one at a time through `triangulate`. check: test
+    shapely polygons for validity first. threads: by default one for each core this process may
+    use. parameters: as for `triangulate`. Raises `UnknownName`.
     """
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)

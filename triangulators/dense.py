@@ -20,25 +20,29 @@ _FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}  # all but the assumption
 
 @njit(cache=True, fastmath=_FAST)
 def _best_apex(
-    row_i: np.ndarray,
-    row_j: np.ndarray,
+    table: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
-    ends: tuple[float, float, float, float],
+    i: np.uint64,
+    j: np.uint64,
     by_half_perimeter: float,
     by_box: float,
     flat: float,
 ) -> float:
-    """Return the minimum over k of row_i[k] + row_j[k] + cost of the triangle i, k, j."""
-    xi, yi, xj, yj = ends
+    """Return the minimum over k of table[i, k] + table[j, k] + cost of the triangle i, k, j.
+
+    Unsigned indices spare the test for negative ones, which would stop SIMD; slices instead of
+    them cost more than the loop where the polygon is small.
+    """
+    xi, yi, xj, yj = x[i], y[i], x[j], y[j]
     low_x, high_x = min(xi, xj), max(xi, xj)
     low_y, high_y = min(yi, yj), max(yi, yj)
     dx, dy = xj - xi, yj - yi
     best = NONE
-    for k in range(len(x)):
+    for k in range(i + np.uint64(1), j):
         w = max(high_x, x[k]) - min(low_x, x[k])
         h = max(high_y, y[k]) - min(low_y, y[k])
-        cost = row_i[k] + row_j[k] + by_half_perimeter * (w + h) + by_box * (w * h)
+        cost = table[i, k] + table[j, k] + by_half_perimeter * (w + h) + by_box * (w * h)
         left = (x[k] - xi) * dy - (y[k] - yi) * dx > flat
         best = fmin(best, cost if left else NONE)
     return best
@@ -98,17 +102,7 @@ def fill_box_table(
             if not inward[j]:
                 table[i, j] = table[j, i] = NONE
                 continue
-            inner = slice(i + 1, j)
-            best = _best_apex(
-                table[i, inner],
-                table[j, inner],
-                x[inner],
-                y[inner],
-                (x[i], y[i], x[j], y[j]),
-                weights[0],
-                weights[1],
-                flat,
-            )
+            best = _best_apex(table, x, y, np.uint64(i), np.uint64(j), weights[0], weights[1], flat)
             if best < NONE and weights[2] != 0.0:
                 # A diagonal is an edge of two triangles; the last one closes the polygon.
                 best += 2.0 * weights[2] * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)

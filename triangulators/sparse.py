@@ -21,21 +21,23 @@ from triangulators.simd import fmin
 def _best_box(
     row: np.ndarray,
     apex: np.ndarray,
-    column: tuple[np.ndarray, np.ndarray, np.ndarray],
+    column: np.ndarray,
+    first: np.uint64,
+    end: np.uint64,
     ends: tuple[float, float, float, float],
     by_half_perimeter: float,
     by_box: float,
 ) -> float:
-    """Least cost over the apexes k of a list; `column` holds cost(k, j), x[k] and y[k]."""
+    """Least cost over the apexes k at first..end - 1; `column` holds cost(k, j), x[k] and y[k]."""
     xi, yi, xj, yj = ends
     low_x, high_x = min(xi, xj), max(xi, xj)
     low_y, high_y = min(yi, yj), max(yi, yj)
     best = NONE
-    cost, x, y = column
-    for r in range(len(apex)):
-        w = max(high_x, x[r]) - min(low_x, x[r])
-        h = max(high_y, y[r]) - min(low_y, y[r])
-        best = fmin(best, row[apex[r]] + cost[r] + by_half_perimeter * (w + h) + by_box * (w * h))
+    for r in range(first, end):
+        w = max(high_x, column[1, r]) - min(low_x, column[1, r])
+        h = max(high_y, column[2, r]) - min(low_y, column[2, r])
+        below = row[np.uint32(apex[r])] + column[0, r]
+        best = fmin(best, below + by_half_perimeter * (w + h) + by_box * (w * h))
     return best
 
 
@@ -43,7 +45,9 @@ def _best_box(
 def _best_any(
     row: np.ndarray,
     apex: np.ndarray,
-    column: tuple[np.ndarray, np.ndarray, np.ndarray],
+    column: np.ndarray,
+    first: int,
+    end: int,
     ends: tuple[float, float, float, float],
     weights: np.ndarray,
     function: Any,
@@ -54,12 +58,11 @@ def _best_any(
     """`_best_box` for any cost, summed or its maximum taken."""
     xi, yi, xj, yj = ends
     best = NONE
-    costs, x, y = column
-    for r in range(len(apex)):
-        left, right = row[apex[r]], costs[r]
+    for r in range(first, end):
+        left, right = row[apex[r]], column[0, r]
         if left >= NONE or (maximum and max(left, right) >= best):
             continue
-        cost = triangle_cost(weights, function, custom, xi, yi, x[r], y[r], xj, yj)
+        cost = triangle_cost(weights, function, custom, xi, yi, column[1, r], column[2, r], xj, yj)
         cost = sign * cost if custom else cost
         total = max(left, right, cost) if maximum else left + right + cost
         best = min(best, total)
@@ -95,17 +98,17 @@ def fill_pairs(
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
             j = target[p]
-            here = slice(first[j], end[j])
-            entries = (column[0, here], column[1, here], column[2, here])
             ends = (x[i], y[i], x[j], y[j])
             if j == i + 1:
                 best = -NONE if maximum else 0.0
             elif is_box:
-                best = _best_box(row, apex[here], entries, ends, box[0], box[1])
+                low, high = np.uint64(first[j]), np.uint64(end[j])
+                best = _best_box(row, apex, column, low, high, ends, box[0], box[1])
                 best += 2.0 * box[2] * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
             else:
                 best = _best_any(
-                    row, apex[here], entries, ends, weights, function, custom, sign, maximum
+                    *(row, apex, column, first[j], end[j], ends),
+                    *(weights, function, custom, sign, maximum),
                 )
             row[j] = row_cost[p] = best
             apex[end[j]] = i

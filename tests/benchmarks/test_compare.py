@@ -21,8 +21,8 @@ from tests.compare.heavy import EXTRA, WHICH
 from tests.conftest import ROOT
 
 PAIRS, DEARER = 40, 20
-DELAUNAY = "2"
-"""Its place in the default plan."""
+THIRD = "2"
+"""Which drawing of a run is the dearer one; any will do, but fan, which leaves polygons out."""
 
 
 def measure(out: Path, **variables: str) -> Path:
@@ -31,7 +31,7 @@ def measure(out: Path, **variables: str) -> Path:
     command += ["--rasterisers", "tests.compare.heavy:HeavyOpenGL", "--out", str(out)]
     environment = {**os.environ, **variables}
     done = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stderr
     return out
@@ -47,7 +47,7 @@ def codes(tmp_path_factory) -> dict[str, Counter[int]]:
         head = read_run(measure(folder / f"head-{number}"))
         found["equal"][compare_runs(base, head).exit_code] += 1
         if number < DEARER:
-            more = measure(folder / f"dearer-{number}", **{WHICH: DELAUNAY, EXTRA: "0.1"})
+            more = measure(folder / f"dearer-{number}", **{WHICH: THIRD, EXTRA: "0.1"})
             found["dearer"][compare_runs(base, read_run(more)).exit_code] += 1
     for name, counter in found.items():
         print(f"\n{name}: exit codes {dict(sorted(counter.items()))}")
