@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city test check format bench lock clean
+.PHONY: help setup city helsinki test check format bench study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -16,7 +16,11 @@ setup:  ## make .venv and see that OpenGL works without a screen
 city: setup  ## measure a city of 500 footprints; prints the table, writes results/
 	$(PY) -m harness run --scene city
 
-test: setup  ## run the test suite
+helsinki: setup  ## measure real footprints of Helsinki, (c) OpenStreetMap contributors
+	$(PY) -m harness run --scene helsinki
+
+test:  ## run the test suite
+	@scripts/setup.sh test
 	$(PY) -m pytest
 
 check: setup  ## ruff and mypy
@@ -28,8 +32,20 @@ format: setup  ## let ruff format the code
 	$(PY) -m ruff check --fix $(SOURCES)
 	$(PY) -m ruff format $(SOURCES)
 
+compare-demo: setup  ## what CI does: a baseline, an equal run, a regression; writes the reports
+	@scripts/compare-demo.sh
+
 bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
+
+study: setup  ## the studies behind docs/findings.md; half an hour on a quiet machine
+	scripts/study.sh
+
+docs: setup  ## build the documents into site/, warnings as errors
+	$(PY) -m mkdocs build --strict --quiet
+
+docs-full: setup  ## run every command of README and docs, the slow ones too
+	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra dev \

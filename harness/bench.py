@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol, TypeVar
@@ -64,8 +65,16 @@ class Bench:
         self._opened: dict[str, measure.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
+        self._background = ThreadPoolExecutor(max_workers=1)
+        self._opening: dict[str, Future[measure.Opened]] = {}
 
-    def triangulate(self, name: str, polygons: Sequence[Polygon], seed: int) -> FrameTriangulation:
+    def triangulate(
+        self,
+        name: str,
+        polygons: Sequence[Polygon],
+        seed: int,
+        calibration: Mapping[str, float] | None = None,
+    ) -> FrameTriangulation:
         """Run a triangulator over polygons in px.
 
         Raises
@@ -77,7 +86,9 @@ class Bench:
         label = "triangulators" if own else f"triangulator {name}"
         limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
         with self.clocked("triangulate"):
-            return self._call(label, {}, limit, triangulate_polygons, name, polygons, seed)
+            return self._call(
+                label, {}, limit, triangulate_polygons, name, polygons, seed, calibration
+            )
 
     def open(self, target: Target) -> measure.Opened:
         """Open the device, test its timer, and return what it is; done once.
@@ -88,9 +99,19 @@ class Bench:
             if it cannot be opened
         """
         if target.label not in self._opened:
+            opening = self._opening.pop(target.label, None)
             with self.clocked("open"):
-                self._opened[target.label] = self._on(target, measure.open_device)
+                self._opened[target.label] = (
+                    opening.result() if opening else self._on(target, measure.open_device)
+                )
         return self._opened[target.label]
+
+    def open_soon(self, target: Target) -> None:
+        """Begin to open a device, in its own process, while this one does something else."""
+        if target.label not in self._opened and target.label not in self._opening:
+            self._opening[target.label] = self._background.submit(
+                self._on, target, measure.open_device
+            )
 
     def count(
         self, target: Target, frame: Frame, triangles: Triangles, options: Options
@@ -109,14 +130,13 @@ class Bench:
     def time(
         self,
         target: Target,
-        frame: Frame,
-        candidates: Mapping[str, Triangles],
+        candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
         settings: Settings,
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates together, in shuffled rounds.
+        """Time the candidates, (frame, triangles), together, in shuffled rounds.
 
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
@@ -125,7 +145,7 @@ class Bench:
         """
         test = self.open(target).timer
         timeout_s = self._timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
-        arguments = (frame, dict(candidates), options, settings, test, seed)
+        arguments = (dict(candidates), options, settings, test, seed)
         try:
             with self.clocked("time"):
                 group = self._on(
@@ -136,9 +156,9 @@ class Bench:
                 return {}, {next(iter(candidates)): str(error)}
             groups: dict[str, dict[str, Times]] = {}
             failures: dict[str, str] = {}
-            for name, triangles in candidates.items():
-                alone = {name: triangles}
-                more, failed = self.time(target, frame, alone, options, settings, seed, tick)
+            for name, candidate in candidates.items():
+                alone = {name: candidate}
+                more, failed = self.time(target, alone, options, settings, seed, tick)
                 groups |= more
                 failures |= failed
             return groups, failures
@@ -156,6 +176,7 @@ class Bench:
 
     def close(self) -> None:
         """End all processes."""
+        self._background.shutdown(wait=True, cancel_futures=True)
         for worker in self._workers.values():
             worker.close()
         self._workers.clear()

@@ -73,15 +73,18 @@ def image(
 def time_group(
     name: str,
     device: Device,
-    frame: Frame,
-    candidates: Mapping[str, Triangles],
+    candidates: Mapping[str, tuple[Frame, Triangles]],
     options: Options,
     settings: Settings,
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
-    """Time the candidates together; the result has EMPTY and REFERENCE beside them."""
+    """Time the candidates, (frame, triangles), together.
+
+    All frames have one size. The result has EMPTY and REFERENCE beside the candidates.
+    """
     rasteriser = _opened(name, device)
+    frame = next(iter(candidates.values()))[0]
     reference = bare_frame(frame.width, _corner_triangle(frame.width))
     with contextlib.ExitStack() as stack:
         drawings = {
@@ -89,8 +92,8 @@ def time_group(
             REFERENCE: rasteriser.prepare(reference, np.array([[0, 1, 2]], np.int32), options),
         }
         drawings |= {
-            key: rasteriser.prepare(frame, triangles, options)
-            for key, triangles in candidates.items()
+            key: rasteriser.prepare(own_frame, triangles, options)
+            for key, (own_frame, triangles) in candidates.items()
         }
         for drawing in drawings.values():
             stack.enter_context(drawing)

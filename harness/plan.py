@@ -28,6 +28,7 @@ class Plan:
 
     devices : () lets every rasteriser choose its best device
     timeout_s : longest that one triangulation, count or timing task may take
+    calibration : a device's coefficients, which optimal:calibrated minimises
     """
 
     scene: str
@@ -39,6 +40,7 @@ class Plan:
     options: tuple[Options, ...] = (Options(),)
     timing: Settings = field(default_factory=Settings)
     timeout_s: float = 600.0
+    calibration: Mapping[str, float] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values."""

@@ -7,9 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.store import Record, Run, read_arrays
+from harness.polygons import (
+    CRITERIA,
+    MEASURES,
+    PREDICTED,
+    Columns,
+    columns_of,
+    measures_in,
+    rank_correlation,
+    ratios,
+)
+from harness.store import Record, Run
 from harness.summary import BASE, groups
 
 if TYPE_CHECKING:
@@ -33,12 +42,14 @@ STYLE: Any = {
     "svg.hashsalt": "raster-harness",
 }
 
-MEASURES = {"helper_lanes": "helper lanes", "bbox_tests": "bounding-box tests"}
-"""Counters worth predicting, the first that a rasteriser has is plotted."""
+ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
+"""Widths in inches of one and of two columns of a paper."""
 
-CRITERIA = {"overdraw": "the paper's A", "half_perimeter": "half-perimeter H"}
+MOST_VECTOR_MARKS = 20_000
+"""Marks beyond which a panel's marks become a picture inside the SVG, to keep it small."""
 
-Columns = dict[str, NDArray[Any]]
+PANELS = ("overdraw", "half_perimeter")
+"""Criteria that get a panel each."""
 
 
 def plot_run(run: Run) -> list[Path]:
@@ -50,26 +61,32 @@ def plot_run(run: Run) -> list[Path]:
     folder.mkdir(exist_ok=True)
     files = []
     chosen = [m for m in groups(run.records) if any(r["status"] == "ok" for r in m)]
+    place = {record["key"]: number for number, record in enumerate(run.records)}
+    chosen.sort(key=lambda members: min(place[record["key"]] for record in members))
     for number, members in enumerate(chosen):
-        with matplotlib.rc_context(STYLE):
-            figure = predicted_against_measured(run, members)
-        if figure is None:
-            continue
-        name = "predicted-vs-measured" if number == 0 else _file_name(members[0])
-        for suffix in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{suffix}")
-            files.append(folder / f"{name}.{suffix}")
+        for name, draw in (
+            ("predicted-vs-measured", predicted_against_measured),
+            ("ranking", ranking),
+        ):
+            with matplotlib.rc_context(STYLE):
+                figure = draw(run, members)
+                if figure is None:
+                    continue
+                stem = name if number == 0 else _file_name(name, members[0])
+                for suffix in ("png", "svg"):
+                    figure.savefig(folder / f"{stem}.{suffix}")
+                    files.append(folder / f"{stem}.{suffix}")
     return files
 
 
-def _file_name(record: Record) -> str:
+def _file_name(plot: str, record: Record) -> str:
     parts = (
         record["rasteriser"],
         record["device"],
         record["resolution"],
         f"{record['rotation']:g}",
     )
-    words = "-".join(["predicted-vs-measured", *(str(part) for part in parts)])
+    words = "-".join([plot, *(str(part) for part in parts)])
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in words)
 
 
@@ -84,18 +101,19 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     columns = {
         record["triangulator"]: arrays
         for record in members
-        if record["status"] == "ok" and (arrays := read_arrays(run, record["key"])) is not None
+        if record["status"] == "ok" and (arrays := columns_of(run, record)) is not None
     }
     base = BASE if BASE in columns else next(iter(columns), None)
-    measure = next((m for m in MEASURES if base and m in columns[base]), None)
+    measure = next(iter(measures_in(columns[base])), None) if base else None
     if base is None or measure is None or len(columns) < 2:
         return None
-    figure = Figure(figsize=(7.0, 3.6))
-    panels = figure.subplots(1, len(CRITERIA), sharey=True)
-    for panel, (criterion, title) in zip(panels, CRITERIA.items(), strict=True):
+    figure = Figure(figsize=(TWO_COLUMNS, 3.6))
+    panels = figure.subplots(1, len(PANELS), sharey=True)
+    for panel, criterion in zip(panels, PANELS, strict=True):
         _scatter(panel, columns, base, criterion, measure)
-        panel.set_xlabel(f"predicted {title}, against {base}")
-    panels[0].set_ylabel(f"counted {MEASURES[measure]}, against {base}")
+        panel.set_xlabel(f"predicted {CRITERIA[criterion]}, ratio to {base}")
+    title = MEASURES.get(measure, measure.replace("_", " "))
+    panels[0].set_ylabel(f"counted {title}, ratio to {base}")
     first = members[0]
     figure.suptitle(
         f"{first['scene']} at {first['resolution']} px, {first['rasteriser']} on "
@@ -110,14 +128,12 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
 def _scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> None:
-    from scipy.stats import spearmanr
-
     xs, ys = [], []
     others = [name for name in columns if name != base]
     for index, name in enumerate(others):
-        x = _against(columns[name], columns[base], f"predicted_{criterion}")
-        y = _against(columns[name], columns[base], measure)
-        fits = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
+        x = ratios(columns[name], columns[base], PREDICTED + criterion)
+        y = ratios(columns[name], columns[base], measure)
+        fits = np.isfinite(x) & np.isfinite(y)
         xs.append(x[fits])
         ys.append(y[fits])
         panel.scatter(
@@ -129,24 +145,52 @@ def _scatter(
             color=COLOURS[index % len(COLOURS)],
             marker=MARKERS[index % len(MARKERS)],
             label=name,
-            rasterized=True,
+            rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )
     every_x, every_y = np.concatenate(xs), np.concatenate(ys)
     panel.set_xscale("log", base=2)
     panel.set_yscale("log", base=2)
     for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_formatter("{x:g}")
+        axis.set_major_formatter("{x:.2g}")
     if len(every_x):
         low, high = min(every_y.min(), 1.0), max(every_y.max(), 1.0)
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
         panel.annotate("as predicted", (high, high), fontsize=6, ha="right", va="bottom")
-    if len(set(every_x)) > 1 and len(set(every_y)) > 1:
-        rank = float(spearmanr(every_x, every_y).statistic)
+    rank = rank_correlation(every_x, every_y)
+    if rank is not None:
         panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
 
 
-def _against(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
-    drawn = (columns["predicted_triangles"] > 0) & (base["predicted_triangles"] > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = columns[name].astype(float) / base[name].astype(float)
-    return np.where(drawn, ratio, np.nan)
+def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
+    """Draw the median time of each complete triangulation with its 95 % interval, fastest on top.
+
+    None where fewer than two were timed.
+    """
+    from matplotlib.figure import Figure
+
+    timed = [record for record in members if record["status"] == "ok" and record.get("time")]
+    most = max((record["polygons"] for record in timed), default=0)
+    timed = [record for record in timed if record["polygons"] == most]
+    if len(timed) < 2:
+        return None
+    timed.sort(key=lambda record: record["time"]["median_s"], reverse=True)
+    figure = Figure(figsize=(ONE_COLUMN, 1.1 + 0.22 * len(timed)))
+    panel = figure.subplots()
+    for place, record in enumerate(timed):
+        low, high = (1e3 * bound for bound in record["time"]["ci95_s"])
+        colour = COLOURS[1] if record["triangulator"] == BASE else COLOURS[0]
+        panel.plot([low, high], [place, place], color=colour, linewidth=2)
+        panel.plot(1e3 * record["time"]["median_s"], place, "o", color=colour, markersize=4)
+    panel.set_yticks(range(len(timed)), [record["triangulator"] for record in timed])
+    panel.set_ylim(-0.6, len(timed) - 0.4)
+    panel.set_xlabel("draw time [ms], 95 % interval")
+    first = timed[0]
+    figure.suptitle(
+        f"{first['scene']}, {first['resolution']} px, {first['rasteriser']} on {first['device']}",
+        fontsize=8,
+    )
+    return figure
+
+
+PLOTS = {"predicted-vs-measured": predicted_against_measured, "ranking": ranking}
+"""Names of files, and what draws them."""

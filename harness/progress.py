@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -66,6 +66,22 @@ class Reporter:
     def warn(self, message: str) -> None:
         """Show one line that is shown with --quiet, too."""
         self.console.print(f"warning: {message}", markup=False, style="yellow", soft_wrap=True)
+
+    @contextmanager
+    def counting(self, title: str) -> Iterator[Callable[[int], None]]:
+        """Begin a stage of unknown length; gives a function that is told the count so far."""
+        if not self._bars:
+            self.say(f"{title} ...")
+            yield lambda count: None  # noqa: ARG005 - plain output has no running count
+            return
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            TextColumn("{task.completed:,.0f}"),
+        )
+        with Progress(*columns, TimeElapsedColumn(), console=self.console) as bars:
+            task = bars.add_task(title, total=None)
+            yield lambda count: bars.update(task, completed=count)
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Stage]:

@@ -111,16 +111,21 @@ def time_fields(
     times = group[key]
     return {
         "timer": test.timer,
-        "samples_s": times.samples_s,
+        "samples_s": _rounded(times.samples_s),
         "median_s": times.median_s,
         "ci95_s": list(times.ci95_s),
         "repeats": times.repeats,
         "precision": settings.precision,
         "precision_reached": times.precision_reached,
-        "empty_s": group[EMPTY].samples_s,
-        "reference_s": group[REFERENCE].samples_s,
+        "empty_s": _rounded(group[EMPTY].samples_s),
+        "reference_s": _rounded(group[REFERENCE].samples_s),
         "warnings": time_warnings(times),
     }
+
+
+def _rounded(seconds: Sequence[float]) -> list[float]:
+    """Round to six digits: more than any timer resolves, and half the size on disk."""
+    return [float(f"{value:.6g}") for value in seconds]
 
 
 def time_warnings(times: Times) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -18,7 +18,7 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import Runner
 from harness.store import Record, Store, read_run
-from harness.triangulation import SEED_MARK, is_builtin
+from harness.triangulation import BEFORE_TURNING, SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
@@ -59,8 +59,8 @@ def run(
         if nothing can be measured as asked, or the folder cannot be written
     """
     began = time.perf_counter()
-    plan = with_full_names(plan)
-    scene = load_scene(plan, reporter)
+    plan = replace(plan, triangulators=full_names(plan.triangulators))
+    scene = load_scene(plan.scene, plan.seed, reporter)
     targets = find_targets(plan)
     facts = _facts(plan, scene)
     store, done = _open_store(out, facts, resume=resume, force=force)
@@ -79,9 +79,10 @@ def run(
                 for number, (part_label, part) in enumerate(parts):
                     if len(parts) > 1:
                         reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
-                    Runner(
+                    runner = Runner(
                         plan, part_label, part, targets, store, reporter, bench, done, frames
-                    ).go()
+                    )
+                    runner.go(keep_geometry=split is None)
         finally:
             bench.close()
             facts["frames"] = frames or facts["frames"]
@@ -92,24 +93,26 @@ def run(
     return Outcome(out, list(done.values()), bench.stopping)
 
 
-def with_full_names(plan: Plan) -> Plan:
-    """Return the plan with each triangulator's full name, e.g. optimal:overdraw for optimal.
+def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
+    """Return each triangulator's full name once, e.g. optimal:overdraw for optimal.
 
     Raises
     ------
     UsageError
-        if a name is unknown, or given twice
+        if a name is unknown, or there is none
     """
     try:
-        names = tuple(_full_name(name) for name in plan.triangulators)
+        names = tuple(_full_name(name) for name in triangulators)
     except UnknownName as error:
         raise UsageError(str(error)) from error
     if not names:
         raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
-    return replace(plan, triangulators=tuple(dict.fromkeys(names)))
+    return tuple(dict.fromkeys(names))
 
 
 def _full_name(name: str) -> str:
+    if name.endswith(f"{BEFORE_TURNING}0"):
+        return _full_name(name[:-2]) + f"{BEFORE_TURNING}0"
     base, mark, seed = name.partition(SEED_MARK)
     if mark and not (base == "random" and seed.isdigit()):
         raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")
@@ -125,8 +128,8 @@ def _is_foreign(name: str) -> bool:
         return False
 
 
-def load_scene(plan: Plan, reporter: Reporter) -> Scene:
-    """Load the plan's scene and say what it left out.
+def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
+    """Load a scene and say what it left out.
 
     Raises
     ------
@@ -134,7 +137,7 @@ def load_scene(plan: Plan, reporter: Reporter) -> Scene:
         if it cannot be loaded
     """
     try:
-        scene = load(plan.scene, seed=plan.seed)
+        scene = load(name, seed=seed)
     except SceneError as error:
         raise UsageError(str(error)) from error
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import rasterisers, records
+from harness import geometry, rasterisers, records
 from harness.bench import Bench, Target
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
@@ -17,7 +17,7 @@ from harness.plan import Case, Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.store import Record, Store
-from harness.triangulation import FrameTriangulation
+from harness.triangulation import BEFORE_TURNING, FrameTriangulation, carry_over
 from harness.worker import TaskFailed
 from scenes import Scene
 
@@ -62,15 +62,23 @@ class Runner:
     done: dict[str, Record] = field(default_factory=dict)
     frames: list[dict[str, Any]] = field(default_factory=list)
 
-    def go(self) -> None:
-        """Measure until all is done, or `bench.stopping` is set."""
+    def go(self, *, keep_geometry: bool = True) -> None:
+        """Measure until all is done, or `bench.stopping` is set.
+
+        keep_geometry : store what was drawn, for pictures; a study of many parts does not
+        """
         for view in self.plan.views:
             groups = [group for group in self._groups(view) if group.cases]
             if not groups or self.bench.stopping:
                 continue
+            # Drivers take a second to load; meanwhile another process can triangulate.
+            self.bench.open_soon(groups[0].target)
             frame = make_frame(self.scene.polygons, view)
             self._report_frame(view, frame)
             prepared = self._triangulate(frame, groups)
+            if keep_geometry:
+                triangles = {name: ready.triangles for name, ready in prepared.items()}
+                geometry.write(self.store, frame, triangles)
             for group in groups:
                 if group.cases and not self.bench.stopping:
                     self._measure(group, frame, prepared)
@@ -110,7 +118,7 @@ class Runner:
         with self.reporter.stage("triangulating", len(wanted)) as stage:
             for name in wanted:
                 try:
-                    result = self.bench.triangulate(name, frame.polygons, self.plan.seed)
+                    result = self._cut(name, frame)
                 except TaskFailed as error:
                     self._give_up(name, groups, "failed", str(error))
                 else:
@@ -124,6 +132,18 @@ class Runner:
                         self._give_up(name, groups, status, reason)
                 stage.advance()
         return prepared
+
+    def _cut(self, name: str, frame: Frame) -> FrameTriangulation:
+        """Run one triangulator over the frame, or, as `name@0`, over the scene not yet turned."""
+        base, mark, _ = name.partition(BEFORE_TURNING)
+        if not mark:
+            polygons = frame.polygons
+            return self.bench.triangulate(name, polygons, self.plan.seed, self.plan.calibration)
+        upright = make_frame(self.scene.polygons, replace(frame.view, rotation=0.0))
+        before = self.bench.triangulate(
+            base, upright.polygons, self.plan.seed, self.plan.calibration
+        )
+        return carry_over(before, upright, frame)
 
     def _give_up(self, name: str, groups: list[Group], status: str, reason: str) -> None:
         for group in groups:
@@ -207,8 +227,7 @@ class Runner:
         with self.reporter.stage(f"timing: {group.target.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 group.target,
-                frame,
-                drawn,
+                {name: (frame, triangles) for name, triangles in drawn.items()},
                 group.options,
                 settings,
                 self.plan.seed,

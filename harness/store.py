@@ -12,6 +12,7 @@ import errno
 import json
 import os
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,9 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 
 SCHEMA_VERSION = 1
+
+POLYGONS = "polygons"
+"""Folder of each case's per-polygon columns."""
 
 Record = dict[str, Any]
 
@@ -99,12 +103,14 @@ class Store:
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         self._replace("run.json", (text + "\n").encode())
 
-    def write_arrays(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Store a case's per-polygon columns, each (p,), as `polygons/<key>.npz`."""
+    def write_arrays(
+        self, key: str, arrays: Mapping[str, NDArray[Any]], folder: str = POLYGONS
+    ) -> None:
+        """Store arrays as `<folder>/<key>.npz`; by default a case's columns, each (p,)."""
         with _clear_errors(self.path):
-            folder = self.path / "polygons"
-            folder.mkdir(exist_ok=True)
-            with (folder / f"{key}.npz").open("wb") as file:
+            place = self.path / folder
+            place.mkdir(exist_ok=True)
+            with (place / f"{key}.npz").open("wb") as file:
                 np.savez_compressed(file, allow_pickle=False, **arrays)
 
     def append(self, record: Record) -> None:
@@ -173,7 +179,10 @@ def read_run(path: Path) -> Run:
     with _clear_errors(path):
         if facts_file.exists():
             try:
-                facts = json.loads(facts_file.read_bytes())
+                found = json.loads(facts_file.read_bytes())
+                facts = found if isinstance(found, dict) else {}
+                if found is not facts:
+                    problems.append(f"{facts_file} does not hold an object")
             except ValueError as error:
                 problems.append(f"{facts_file} is not JSON: {error}")
         content = cases.read_bytes() if cases.exists() else b""
@@ -203,14 +212,14 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
     return list(records.values())
 
 
-def read_arrays(run: Run, key: str) -> dict[str, NDArray[Any]] | None:
+def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
     """Return the per-polygon columns of the case `key`, or None if they were not kept."""
-    folder = run.path if run.path.is_dir() else run.path.parent
-    file = folder / "polygons" / f"{key}.npz"
+    place = run.path if run.path.is_dir() else run.path.parent
+    file = place / folder / f"{key}.npz"
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError):
+    except (OSError, ValueError, zipfile.BadZipFile):
         return None
 
 

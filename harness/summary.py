@@ -27,6 +27,9 @@ COLUMNS = {
 }
 """Metrics of the table, each with its heading and format; 80 characters hold them all."""
 
+BAR = 8
+"""Characters of the longest bar."""
+
 WORDS = {"faster": "faster", "slower": "slower", "no difference shown": "no diff."}
 
 
@@ -58,36 +61,58 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok"]
         if good:
-            console.print(_table(good))
+            console.print(_table(good, plain=console.options.ascii_only))
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
 
 
-def _table(records: list[Record]) -> Table:
+def _table(records: list[Record], *, plain: bool) -> Table:
+    """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
     first = records[0]
     title = (
         f"{first['scene']}, {first['resolution']} px: {first['rasteriser']} on {first['device']}"
     )
     if first["rotation"]:
         title += f", turned by {first['rotation']:g} degrees"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
-    table.add_column("triangulator", no_wrap=True)
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        header_style="bold",
+    )
+    table.add_column("triangulator", overflow="fold")
     shown = [name for name in COLUMNS if any(METRICS[name](record) for record in records)]
     for name in shown:
         table.add_column(COLUMNS[name][0], justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     table.add_column(f"time vs {BASE}", no_wrap=True)
     complete = max(record["polygons"] for record in records)
+    most = max(_rank(record, complete)[1] for record in records)
     base = next((record for record in records if record["triangulator"] == BASE), None)
     for record in sorted(records, key=lambda record: _rank(record, complete)):
+        rank = _rank(record, complete)
         cells = [_number(METRICS[name](record), COLUMNS[name][1]) for name in shown]
         table.add_row(
             record["triangulator"],
             *cells,
-            _against(record, base, complete),
-            style="" if record["polygons"] == complete else "dim",
+            _bar(rank[1] / most if most else 0.0, plain=plain),
+            _against(record, base, complete, plain=plain),
+            style="dim" if rank[0] else "",
         )
     return table
+
+
+def _bar(share: float, *, plain: bool) -> Text:
+    """Return a bar of `share` of the longest, in eighths of a character where there are such."""
+    eighths = round(8 * BAR * share)
+    if plain:
+        return Text("#" * max(1, eighths // 8))
+    part = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
+    return Text("█" * (eighths // 8) + part, style="cyan")
 
 
 def _rank(record: Record, complete: int) -> tuple[bool, float, str]:
@@ -98,7 +123,7 @@ def _rank(record: Record, complete: int) -> tuple[bool, float, str]:
     return record["polygons"] != complete, cost, record["triangulator"]
 
 
-def _against(record: Record, base: Record | None, complete: int) -> Text:
+def _against(record: Record, base: Record | None, complete: int, *, plain: bool) -> Text:
     if record is base:
         return Text("-")
     if record["polygons"] != complete:
@@ -108,7 +133,8 @@ def _against(record: Record, base: Record | None, complete: int) -> Text:
         return Text("")
     colour = {"faster": "green", "slower": "red"}.get(ratio.verdict, "")
     half = (ratio.high - ratio.low) / 2
-    return Text(f"{ratio.value:.3f} ±{half:.3f} {WORDS[ratio.verdict]}", style=colour)
+    give = "+-" if plain else "±"
+    return Text(f"{ratio.value:.3f} {give}{half:.3f} {WORDS[ratio.verdict]}", style=colour)
 
 
 def _note(record: Record) -> Text:
@@ -126,12 +152,18 @@ def write_csv(records: Sequence[Record], file: Path) -> None:
 
     rows = []
     for members in groups(records):
-        base = next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
-        rows += [_row(record, base) for record in members]
+        base = base_of(members)
+        rows += [row_of(record, base) for record in members]
     pd.DataFrame(rows).to_csv(file, index=False)
 
 
-def _row(record: Record, base: Record | None) -> dict[str, Any]:
+def base_of(members: Sequence[Record]) -> Record | None:
+    """Return the record of a group that the others are measured against, None without one."""
+    return next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
+
+
+def row_of(record: Record, base: Record | None) -> dict[str, Any]:
+    """Return a case's identity, counters and metrics, and its time against `base`'s, by name."""
     names = ("key", "scene", "triangulator", "rasteriser", "device", "resolution", "rotation")
     row: dict[str, Any] = {name: record.get(name) for name in names}
     row |= {name: record.get(name) for name in ("status", "reason", "polygons", "conforming")}

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.lines import numbered_lines
 from scenes.scene import SceneError
 
 
@@ -18,18 +19,17 @@ def parse(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        for number, line in enumerate(stream, 1):
-            words = line.split()
-            try:
-                if words[:1] == ["v"]:
-                    x, y, z = map(float, words[1:4])
-                    vertices.append([x, y, z])
-                elif words[:1] == ["f"]:
-                    faces.append(_face(words[1:], len(vertices)))
-            except ValueError as error:
-                text = line.strip()[:60]
-                raise SceneError(f"{path} line {number} is not OBJ: {text!r}") from error
+    for number, line in numbered_lines(path):
+        words = line.split()
+        try:
+            if words[:1] == ["v"]:
+                x, y, z = map(float, words[1:4])
+                vertices.append([x, y, z])
+            elif words[:1] == ["f"]:
+                faces.append(_face(words[1:], len(vertices)))
+        except ValueError as error:
+            text = line.strip()[:60]
+            raise SceneError(f"{path} line {number} is not OBJ: {text!r}") from error
     if not faces:
         raise SceneError(f"{path} holds no face: give a model with faces")
     return np.array(vertices, dtype=float).reshape(-1, 3), faces

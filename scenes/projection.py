@@ -49,9 +49,7 @@ def to_metres(
     return np.column_stack([x, _RADIUS * k * north])
 
 
-def to_degrees(
-    metres: NDArray[np.float64], centre: tuple[float, float]
-) -> NDArray[np.float64]:
+def to_degrees(metres: NDArray[np.float64], centre: tuple[float, float]) -> NDArray[np.float64]:
     """Undo `to_metres`: (n, 2) metres about `centre` to longitude and latitude in degrees.
 
     Snyder, eqs 20-14, 20-15, 20-18 and the iteration 3-16; exact to about 1e-11 degrees.
@@ -62,9 +60,7 @@ def to_degrees(
     c = 2.0 * np.arcsin(np.clip(rho / (2.0 * _RADIUS), -1.0, 1.0))
     slope = np.divide(y * np.sin(c), rho, out=np.zeros_like(rho), where=rho > 0)
     sine = np.cos(c) * np.sin(beta0) + slope * np.cos(beta0)
-    lon = np.arctan2(
-        x * np.sin(c), rho * np.cos(beta0) * np.cos(c) - y * np.sin(beta0) * np.sin(c)
-    )
+    lon = np.arctan2(x * np.sin(c), rho * np.cos(beta0) * np.cos(c) - y * np.sin(beta0) * np.sin(c))
     lon = np.where(rho > 0, lon, 0.0)
     lat = np.arcsin(np.clip(sine, -1.0, 1.0))
     wanted = sine * _Q_POLE

@@ -140,6 +140,18 @@ def load(name_or_path: str | Path, *, seed: int = 0, **parameters: Any) -> Scene
     return scene if limit is None else scene.head(_converted("limit", limit, int))
 
 
+def split(text: str) -> tuple[str, dict[str, Any], bool]:
+    """ "name:key=value" to the name, its parameters as `load` would pass them, and if it is a file.
+
+    An existing path stays whole. Parameters of a file are converted and checked; raises SceneError.
+    """
+    name, given = _split(text)
+    if not _is_path(name):
+        return name, given, False
+    function = importlib.import_module("scenes.files").read
+    return name, _arguments(name, function, given), True
+
+
 def _split(text: str) -> tuple[str, dict[str, Any]]:
     """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole."""
     if _exists(text):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import warnings
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -40,37 +41,71 @@ def read(source: Source, size: int) -> Iterator[Raw]:
         warnings.simplefilter("ignore")
         try:
             layer = _layer(source)
-            start = 0
-            while True:
-                raw, count = _chunk(source, layer, start, size)
-                yield raw
-                if count < size:
-                    return
-                start += count
+            # OSM files have no index and are read in one go
+            whole = source.path.suffix.lower() in (".pbf", ".osm")
+            if find_spec("pyarrow") is not None and not whole:
+                yield from _streamed(source, layer, size)
+            else:
+                yield from _by_skipping(source, layer, None if whole else size)
         except _FAULTS as error:
             raise SceneError(_message(source, error)) from error
 
 
-def _chunk(source: Source, layer: str, start: int, size: int) -> tuple[Raw, int]:
-    """Features start .. start + size, and how many there were."""
-    # OSM files have no index: skipping would parse the file afresh for every chunk
-    whole = source.path.suffix.lower() in (".pbf", ".osm")
-    meta, fids, wkb, columns = pyogrio.raw.read(
+def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
+    """Chunks of one pass over the file."""
+    opened = pyogrio.raw.open_arrow(
         source.path,
         layer=layer,
         where=source.where,
-        skip_features=start,
-        max_features=None if whole else size,
-        force_2d=True,
+        batch_size=size,
+        use_pyarrow=True,
         return_fids=True,
     )
-    if wkb is None:
-        raise SceneError(f"{source.path} has no geometry in layer {layer}: give one with polygons")
+    with opened as (meta, batches):
+        if meta["geometry_type"] is None:
+            raise SceneError(_no_geometry(source, layer))
+        for batch in batches:
+            # the feature's number, its attributes, its geometry
+            wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
+            table = batch.select(range(1, batch.num_columns - 1)).to_pandas()
+            yield _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
+
+
+def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
+    """Chunks of one request each; without pyarrow there is no other way."""
+    start = 0
+    while True:
+        meta, fids, wkb, columns = pyogrio.raw.read(
+            source.path,
+            layer=layer,
+            where=source.where,
+            skip_features=start,
+            max_features=size,
+            return_fids=True,
+        )
+        if wkb is None:
+            raise SceneError(_no_geometry(source, layer))
+        named = dict(zip(meta["fields"], columns, strict=True))
+        yield _raw(fids.tolist(), wkb, pd.DataFrame(named, index=range(len(wkb))), meta["crs"])
+        start += len(wkb)
+        if size is None or len(wkb) < size:
+            return
+
+
+def _no_geometry(source: Source, layer: str) -> str:
+    return f"{source.path} has no geometry in layer {layer}: give one with polygons"
+
+
+def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame, crs: str | None) -> Raw:
+    """A chunk, its geometries parsed; what cannot be parsed is noted and left out."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = _geometries(wkb, labels)
-    table = pd.DataFrame(dict(zip(meta["fields"], columns, strict=True)), index=range(len(wkb)))
-    raw = Raw(geometries, labels, table, meta["crs"], "units", dropped, repaired)
-    return _without(raw, dropped), 0 if whole else len(wkb)
+    if dropped:
+        gone = {which for which, _ in dropped}
+        keep = [i for i, label in enumerate(labels) if label not in gone]
+        geometries, labels = geometries[keep], [labels[i] for i in keep]
+        table = table.iloc[keep].reset_index(drop=True)
+    return Raw(geometries, labels, table, crs, "units", dropped, repaired)
 
 
 def _geometries(
@@ -87,23 +122,6 @@ def _geometries(
         else:
             repaired.append((labels[i], "has a ring that is not closed; closed"))
     return geometries, dropped, repaired
-
-
-def _without(raw: Raw, dropped: list[Note]) -> Raw:
-    """The chunk less the features that are noted already."""
-    if not dropped:
-        return raw
-    gone = {which for which, _ in dropped}
-    keep = [i for i, label in enumerate(raw.labels) if label not in gone]
-    return Raw(
-        np.asarray(raw.geometries, dtype=object)[keep],
-        [raw.labels[i] for i in keep],
-        None if raw.attributes is None else raw.attributes.iloc[keep].reset_index(drop=True),
-        raw.crs,
-        raw.units,
-        raw.dropped,
-        raw.repaired,
-    )
 
 
 def _layer(source: Source) -> str:
@@ -128,7 +146,7 @@ def _layer(source: Source) -> str:
 
 def _message(source: Source, error: Exception) -> str:
     text = " ".join(str(error).split())
-    if "SQL" in text and source.where is not None:
+    if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
         return f"{source.path}: condition {source.where!r} is not valid: {text}"
     if "not recognized as being in a supported file format" in text:
         if source.path.is_dir():

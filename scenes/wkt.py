@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from scenes.files import Raw, Source
+from scenes.lines import numbered_lines
 from scenes.scene import Note, SceneError
 
 _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
@@ -22,10 +23,9 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
     if whole is not None:
         yield whole
         return
-    with source.path.open(encoding="utf-8", errors="replace") as stream:
-        numbered = enumerate(stream, 1)
-        while chunk := list(islice(numbered, size)):
-            yield _lines(chunk)
+    numbered = numbered_lines(source.path)
+    while chunk := list(islice(numbered, size)):
+        yield _lines(chunk)
 
 
 def _single(source: Source) -> Raw | None:

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes .venv from the two lock files and sees that OpenGL works without a screen.
-# Both steps leave a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
+# With the argument `test` it also finds the browser that the tests of reports need.
+# Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -70,5 +71,15 @@ find_gl() {
     touch .venv/gl-works
 }
 
+find_browser() {
+    if ! command -v chromium >/dev/null; then
+        is_root || fail "the tests of the reports need a browser; run: sudo apt-get install -y chromium"
+        say "installing chromium, which opens the reports in the tests"
+        apt_install chromium || fail "apt-get install chromium failed"
+    fi
+    touch .venv/browser-works
+}
+
 cat requirements.lock requirements-data.lock | cmp -s - .venv/installed.lock || make_venv
 [ -e .venv/gl-works ] || find_gl
+[ "${1:-}" != test ] || [ -e .venv/browser-works ] || find_browser

@@ -22,6 +22,8 @@ from harness.store import read_run
 from harness.summary import print_summary, write_csv
 from harness.timing import Settings
 
+CALIBRATIONS = Path("results") / "calibration"
+
 INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as shells have it."""
 
@@ -109,6 +111,9 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Resume even if plan, code or device differ.")
     ] = False,
+    calibration: Annotated[
+        Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
+    ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
     ] = False,
@@ -142,11 +147,24 @@ def run(
             ),
             timing=timing,
             timeout_s=timeout,
+            calibration=_coefficients(calibration, triangulators, device),
         )
     folder = resume or out or default_folder(plan.scene)
     reporter = Reporter(quiet=quiet)
     outcome = carry_out(plan, folder, reporter, resume=resume is not None, force=force)
     finish(outcome, Console(), reporter)
+
+
+def _coefficients(file: Path | None, triangulators: str, device: str) -> dict[str, float] | None:
+    """Read the calibration that optimal:calibrated needs, that of the device if none is given."""
+    if not any(name.endswith(":calibrated") for name in split_names(triangulators)):
+        return None
+    from harness.study.calibrate import read_coefficients
+
+    devices = split_names(device)
+    if file is None and len(devices) != 1:
+        raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
+    return read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
 
 
 def _stored_plan(folder: Path) -> Plan:
@@ -176,9 +194,12 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     measured = [record for record in outcome.records if record["status"] == "ok"]
     if measured:
         from harness.plots import plot_run
+        from harness.report import write_report
 
         with reporter.stage("plotting", 1):
-            plot_run(read_run(outcome.path))
+            stored = read_run(outcome.path)
+            plot_run(stored)
+            write_report(stored)
     console.print(f"results: {os.path.relpath(outcome.path)}", markup=False, soft_wrap=True)
     if outcome.interrupted:
         console.print(f"stopped early; go on with: harness run --resume {outcome.path}")

@@ -14,7 +14,9 @@ from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
+from harness.report import write_report
 from harness.run import run as carry_out
+from harness.store import read_run
 from harness.study import analysis, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.timing import Settings
@@ -77,6 +79,7 @@ def validate(
     with reporter.stage("correlating", 1):
         correlations = analysis.write_correlations(outcome.records, folder)
         matrix.plot_study(correlations, analysis.tabulate(outcome.records), folder)
+        write_report(read_run(folder))
     console = Console()
     matrix.print_matrix(correlations, console)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)

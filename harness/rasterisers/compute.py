@@ -62,7 +62,7 @@ class BoundingBox(GLRasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        self._check(frame, options)
+        self._check(options)
         totals = np.zeros((len(frame.offsets) - 1, len(self.counters)), np.int64)
         for part in batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
@@ -78,25 +78,22 @@ class BoundingBox(GLRasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
-        self._check(frame, options)
+        self._check(options)
         return _Dispatched(self.context, self._draw, frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
-        self._check(frame, options)
+        self._check(options)
         with _Dispatched(self.context, self._draw, frame, triangles) as drawing:
+            drawing.picture.clear()
             drawing.sample(1)
-            pixels = np.frombuffer(drawing.picture.read(), np.uint8)
+            pixels = np.frombuffer(drawing.picture.texture.read(), np.uint8)
         self.context.check("reading the picture")
         return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
 
-    def _check(self, frame: Frame, options: Options) -> None:
+    def _check(self, options: Options) -> None:
         if options.samples != 1 or options.work:
             raise UsageError(f"{self.name} has neither multisampling nor fragment work; use opengl")
-        if max(frame.width, frame.height) > self.context.max_size:
-            raise UsageError(
-                f"{frame.width}x{frame.height} px is more than the device's {self.context.max_size}"
-            )
 
 
 class Scanline(BoundingBox):
@@ -111,14 +108,13 @@ class _Dispatched(Drawing):
     def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
         self.context = owner
         self.program = program
+        self.picture = owner.picture(frame.width, frame.height)
         self.jobs = _Jobs(owner, frame, triangles)
-        self.picture = owner.ctx.texture((frame.width, frame.height), 1, dtype="u4")
-        self.picture.write(np.zeros((frame.height, frame.width), np.uint32))
 
     def sample(self, repeats: int) -> Sample:
         """Dispatch `repeats` times; each waits for the one before."""
         self.context.activate()
-        self.picture.bind_to_image(0, read=False, write=True)
+        self.picture.texture.bind_to_image(0, read=False, write=True)
         self.context.wait()
         with self.context.queries(repeats) as timers:
             start = time.perf_counter()
@@ -136,7 +132,6 @@ class _Dispatched(Drawing):
 
     def close(self) -> None:
         self.jobs.close()
-        self.picture.release()
 
 
 class _Jobs:

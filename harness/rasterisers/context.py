@@ -68,6 +68,23 @@ class Target:
         self.alive = False
 
 
+class Picture:
+    """A texture of one uint a pixel for compute shaders to write to, freed like a Target."""
+
+    def __init__(self, owner: Context, width: int, height: int) -> None:
+        self._owner = owner
+        self.texture = owner.ctx.texture((width, height), 1, dtype="u4")
+
+    def clear(self) -> None:
+        """Set all pixels to 0."""
+        self.texture.write(np.zeros(self.texture.size[::-1], np.uint32))
+
+    def __del__(self) -> None:
+        if not self._owner.closed and hasattr(self, "texture"):
+            self._owner.activate()
+            self.texture.release()
+
+
 class Context:
     """One OpenGL context; whoever uses it calls `activate` first, for there may be several.
 
@@ -82,6 +99,7 @@ class Context:
         self.closed = False
         self._backend = backend
         self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
+        self._pictures: WeakValueDictionary[tuple[int, int], Picture] = WeakValueDictionary()
         self._idle = Target(self, 1, 1, 1)
         self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
         self._gen_queries = self._function("glGenQueries", None, "int", "pointer")
@@ -156,10 +174,7 @@ class Context:
         UsageError
             if the device has none that large or with so many samples
         """
-        if max(width, height) > self.max_size:
-            raise UsageError(
-                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
-            )
+        self._check_size(width, height)
         if samples > max(self.max_samples, 1):
             raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
         key = (width, height, samples)
@@ -167,6 +182,20 @@ class Context:
         if target is None:
             target = self._targets[key] = Target(self, width, height, samples, self._idle)
         return target
+
+    def picture(self, width: int, height: int) -> Picture:
+        """Return a picture, shared like a target; raises UsageError if it is too large."""
+        self._check_size(width, height)
+        picture = self._pictures.get((width, height))
+        if picture is None:
+            picture = self._pictures[width, height] = Picture(self, width, height)
+        return picture
+
+    def _check_size(self, width: int, height: int) -> None:
+        if max(width, height) > self.max_size:
+            raise UsageError(
+                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
+            )
 
     @contextmanager
     def queries(self, number: int) -> Iterator[Queries]:

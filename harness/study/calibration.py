@@ -17,21 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from shapely import Polygon
 
-from harness.frame import SUBPIXEL, Frame
-from harness.measure import bare_frame
+from harness.frame import SUBPIXEL
 
 TERMS = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
 """Columns of a design: one for the draw itself, then T, S, H and the sum of w*h."""
 
 UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2")
 
-RESOLUTION = 1024
-SIZES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
-ASPECTS = (1.0, 4.0, 16.0)
-COUNTS = (64, 256, 1024)
-MOST_AREA_PX = 4e6
-"""Designed draws that would cover more than this are left out: they would take seconds."""
+VERTICES = (6, 12, 24, 48, 96)
+EXTENTS = (0.03, 0.06, 0.12, 0.25, 0.5, 0.95)
+"""Sizes of the designed polygons as shares of the viewport."""
+
+CUTS = ("delaunay", "optimal:half-perimeter", "worst:half-perimeter", "random#0", "random#1")
 
 Design = NDArray[np.float64]
 
@@ -56,39 +55,34 @@ class Fit:
         return {**asdict(self), "units": dict(zip(TERMS, UNITS, strict=True))}
 
 
-def designed_draws(seed: int = 0) -> list[tuple[Frame, NDArray[np.int32]]]:
-    """Return (frame, triangles) of draws that vary T, S, H and w*h independently.
+def designed_polygons(resolution: int, seed: int = 0) -> list[tuple[Polygon, int]]:
+    """Return (polygon in a viewport of `resolution` px, copies) that vary T, S, H and w*h.
 
-    Each is many triangles of one size and aspect at random places, turned by a random angle or
-    lying along an axis: the angle changes H and w*h while S stays.
+    Stars of random radii, some squeezed and turned, of every number of vertices in `VERTICES` and
+    every extent in `EXTENTS`. Small ones are drawn in many copies, so that a draw's own cost
+    can be told from that of its triangles.
     """
     random = np.random.default_rng(seed)
-    draws = []
-    for count in COUNTS:
-        for size in SIZES_PX:
-            for aspect in ASPECTS:
-                if count * size * size / 2 > MOST_AREA_PX or size * np.sqrt(aspect) > 700:
-                    continue
-                for turned in (False, True):
-                    draws.append(_scattered(random, count, size, aspect, turned))  # noqa: PERF401
-    return draws
+    found = []
+    for number in VERTICES:
+        for extent in EXTENTS:
+            for squeeze in (1.0, 0.25):
+                copies = 8 if extent < 0.2 and random.random() < 0.5 else 1
+                found.append((_star(random, resolution, number, extent, squeeze), copies))
+    return found
 
 
-def _scattered(
-    random: np.random.Generator, count: int, size: float, aspect: float, turned: bool
-) -> tuple[Frame, NDArray[np.int32]]:
-    long, short = size * np.sqrt(aspect), size / np.sqrt(aspect)
-    corner = np.array([[0.0, 0.0], [long, 0.0], [random.uniform(0, 1) * long, short]])
-    angle = random.uniform(0, 2 * np.pi, count) if turned else np.zeros(count)
-    cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-    corners = np.einsum("tij,vj->tvi", turn, corner)
-    corners -= corners.min(axis=1, keepdims=True)
-    room = RESOLUTION - corners.max(axis=(0, 1)) - 2
-    corners += 1 + random.uniform(0, 1, (count, 1, 2)) * room
-    points = np.rint(corners.reshape(-1, 2) * SUBPIXEL).astype(np.int32)
-    triangles = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    return bare_frame(RESOLUTION, points), triangles
+def _star(
+    random: np.random.Generator, resolution: int, number: int, share: float, squeeze: float
+) -> Polygon:
+    extent = share * resolution
+    turn = 2 * np.pi * (np.arange(number) + random.uniform(-0.3, 0.3, number)) / number
+    radius = random.uniform(0.35, 1.0, number) * extent / 2
+    xy = np.column_stack([radius * np.cos(turn), squeeze * radius * np.sin(turn)])
+    angle = random.uniform(0, np.pi)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    centre = resolution / 2 + random.uniform(-0.5, 0.5, 2) * (resolution - extent - 4)
+    return Polygon(np.rint((xy @ rotation.T + centre) * SUBPIXEL) / SUBPIXEL)
 
 
 def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
@@ -126,10 +120,13 @@ def _solve(design: Design, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
     weighted = design / seconds[:, None]
     scale = np.abs(weighted).max(axis=0)
     scaled = weighted / scale
+
+    def relative_errors(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(scaled @ coefficients - 1.0)
+
     result = least_squares(
-        lambda c: scaled @ c - 1.0,
+        relative_errors,
         np.full(design.shape[1], 0.1),
-        jac=lambda c: scaled,  # noqa: ARG005 - linear: the same everywhere
         bounds=(0.0, np.inf),
         loss="soft_l1",
         f_scale=0.05,

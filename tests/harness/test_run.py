@@ -187,3 +187,27 @@ def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypat
     }
     assert reason in records["fan"]["reason"]
     assert records["delaunay"]["triangles"] == 14
+
+
+def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, tmp_path):
+    from harness.frame import View
+
+    names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
+    views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
+    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
+    seen = {(r["triangulator"], r["rotation"]): r for r in outcome.records}
+    assert {record["status"] for record in outcome.records} == {"ok"}
+    fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
+    overdraw = {key: record["predicted"]["overdraw"] for key, record in seen.items()}
+    assert overdraw[carried, 0.0] == overdraw[fresh, 0.0]
+    # Cut afresh it is the best there is; carried over it cannot be better.
+    assert overdraw[carried, 35.0] >= overdraw[fresh, 35.0]
+    assert seen[carried, 35.0]["coverage_error"] == 0
+
+
+def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
+    plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
+    records = measure(plan, tmp_path / "out").records
+    assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
+    with pytest.raises(UsageError, match="a seed is written random#7"):
+        measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")

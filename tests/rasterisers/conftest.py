@@ -66,23 +66,26 @@ def native() -> Options:
 
 
 @pytest.fixture(scope="session")
-def opened() -> Iterator[Callable[[str], Rasteriser]]:
+def _open_rasterisers() -> dict[str, Rasteriser]:
+    """Rasterisers that are open in this process, by name."""
+    return {}
+
+
+@pytest.fixture(scope="session")
+def opened(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[Callable[[str], Rasteriser]]:
     """Open a rasteriser on llvmpipe in this process, each once."""
     device = find_device("opengl", "llvmpipe")
     before = {key: os.environ.get(key) for key in device.environment}
     os.environ.update(device.environment)
-    rasterisers: dict[str, Rasteriser] = {}
 
     def open_(name: str) -> Rasteriser:
-        if name not in rasterisers:
-            rasterisers[name] = get(name)(device)
-        rasterisers[name].context.activate()
-        return rasterisers[name]
+        if name not in _open_rasterisers:
+            _open_rasterisers[name] = get(name)(device)
+        return _open_rasterisers[name]
 
     yield open_
-    for rasteriser in rasterisers.values():
-        rasteriser.context.activate()
-        rasteriser.close()
+    while _open_rasterisers:
+        _open_rasterisers.popitem()[1].close()
     for key, value in before.items():
         if value is None:
             del os.environ[key]
@@ -90,10 +93,20 @@ def opened() -> Iterator[Callable[[str], Rasteriser]]:
             os.environ[key] = value
 
 
+@pytest.fixture(autouse=True)
+def _no_error_in_opengl(_open_rasterisers: dict[str, Rasteriser]) -> Iterator[None]:
+    """No OpenGL error may be pending before or after a test, in any context."""
+    _check_errors(_open_rasterisers)
+    yield
+    _check_errors(_open_rasterisers)
+
+
+def _check_errors(rasterisers: dict[str, Rasteriser]) -> None:
+    for name, rasteriser in rasterisers.items():
+        rasteriser.context.activate()
+        assert rasteriser.ctx.error == "GL_NO_ERROR", name
+
+
 @pytest.fixture
-def llvmpipe(opened: Callable[[str], Rasteriser]) -> Iterator[Rasteriser]:
-    """OpenGL on llvmpipe; no OpenGL error may be pending before or after."""
-    rasteriser = opened("opengl")
-    assert rasteriser.ctx.error == "GL_NO_ERROR"
-    yield rasteriser
-    assert rasteriser.ctx.error == "GL_NO_ERROR"
+def llvmpipe(opened: Callable[[str], Rasteriser]) -> Rasteriser:
+    return opened("opengl")

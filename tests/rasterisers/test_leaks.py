@@ -31,5 +31,3 @@ def test_a_thousand_frames_leak_nothing(opened, reference, scattered, name):
             drawing.sample(2)
     grown = process.memory_info().rss - before
     assert grown < ALLOWED_BYTES, f"{grown / 2**20:.1f} MiB"
-    if name != "reference":
-        assert rasteriser.ctx.error == "GL_NO_ERROR"

@@ -154,11 +154,15 @@ def test_limit(tmp_path):
         load(path, limit=0)
 
 
-def test_chunks_together_are_the_file(tmp_path):
+@pytest.mark.parametrize("streaming", [True, False])
+def test_chunks_together_are_the_file(tmp_path, streaming, monkeypatch):
+    if not streaming:  # as where pyarrow is not installed
+        monkeypatch.setattr("scenes.vector.find_spec", lambda name: None)
     boxes = [shapely.box(i, 0, i + 0.5, 1) for i in range(25)]
     path = write(tmp_path / "many.gpkg", boxes, crs="EPSG:4326")
     chunks = list(read_chunks(path, size=10))
     assert [len(c.cleaned.polygons) for c in chunks] == [10, 10, 5]
+    assert [h for c in chunks for h in c.attributes["height"]] == [3.5 * i for i in range(25)]
     assert all(c.units == "m" for c in chunks)
     together = [p for c in chunks for p in c.cleaned.polygons]
     # neighbours in different chunks keep their distance: one projection serves all

@@ -140,3 +140,11 @@ def test_a_condition_cannot_do_more_than_select(tmp_path):
     for condition in ("1); DROP TABLE features; --", "h = 1; SELECT 1", "load_extension('x')"):
         with pytest.raises(SceneError, match="is not valid"):
             load(path, where=condition)
+
+
+@pytest.mark.parametrize("suffix", [".wkt", ".obj", ".geojson", ".gpkg", ".ply", ".svg", ".json"])
+def test_a_gigabyte_of_nothing(tmp_path, suffix):
+    path = tmp_path / f"huge{suffix}"
+    with path.open("wb") as stream:  # a hole: it takes no room on the disk
+        stream.truncate(2**30)
+    assert sound_or_refused(path) is None

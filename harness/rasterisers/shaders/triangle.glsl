@@ -59,15 +59,15 @@ int64_t area(ivec2 a, ivec2 b, ivec2 c) {
 ivec2 first_pixel(ivec2 low) { return (low + 127) >> 8; }
 ivec2 last_pixel(ivec2 high) { return (high - 128) >> 8; }
 
-Triangle load(ivec4 job) {
-    int start = 3 * job.x;
+Triangle load(ivec4 part) {
+    int start = 3 * part.x;
     ivec2 a = points[indices[start]];
     ivec2 b = points[indices[start + 1]];
     ivec2 c = points[indices[start + 2]];
     Triangle t;
     t.polygon = polygons[indices[start]];
-    t.first = ivec2(first_pixel(min(a, min(b, c))).x, job.y);
-    t.last = ivec2(last_pixel(max(a, max(b, c))).x, job.z);
+    t.first = ivec2(first_pixel(min(a, min(b, c))).x, part.y);
+    t.last = ivec2(last_pixel(max(a, max(b, c))).x, part.z);
     int64_t doubled = area(a, b, c);
     t.solid = doubled != 0L;
     if (doubled < 0L) {

@@ -1,0 +1,84 @@
+"""`harness calibrate`: what a device's time is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from harness import rasterisers
+from harness.bench import Bench, Target
+from harness.commands.run import CALIBRATIONS
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.run import load_scene
+from harness.study import calibrate as study
+from harness.study import calibration
+from harness.timing import Settings
+from harness.worker import Worker
+
+
+def calibrate(
+    device: Annotated[str | None, typer.Option(help="The best one by default.")] = None,
+    rasteriser: Annotated[str, typer.Option(help="What draws.")] = "opengl",
+    scene: Annotated[str, typer.Option(help="Polygons the fit is tested on.")] = "city",
+    resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
+    work: Annotated[int, typer.Option(min=0, help="Arithmetic a fragment.")] = 0,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing a draw may cost.")] = 0.2,
+    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="results/calibration/<device>.json if absent.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> None:
+    """Fit time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) on designed draws; test it on polygons."""
+    reporter = Reporter(quiet=quiet)
+    target = Target(rasteriser, rasterisers.find_device(rasteriser, device))
+    loaded = load_scene(scene, seed, reporter)
+    bench = Bench(Worker, timeout_s=600)
+    try:
+        fit, validation = study.calibrate(
+            target,
+            bench,
+            loaded,
+            Settings(
+                precision=0.005, budget_s=budget, warm_up_s=0.05, min_batch_s=5e-3, paired=False
+            ),
+            Options(work=work),
+            resolution,
+            reporter,
+            seed,
+        )
+        described = bench.describe()[target.label]
+    finally:
+        bench.close()
+    file = out or CALIBRATIONS / f"{target.device.name}.json"
+    facts = {
+        "rasteriser": rasteriser,
+        "name": target.device.name,
+        "resolution": resolution,
+        "work": work,
+        **described,
+    }
+    study.write(fit, validation, facts, file)
+    table = Table(title=f"time of a draw: {target.label}", title_justify="left", box=None)
+    for heading in ("term", "coefficient", "95 % interval", "unit"):
+        table.add_column(heading)
+    for term, unit in zip(calibration.TERMS, calibration.UNITS, strict=True):
+        low, high = fit.intervals[term]
+        table.add_row(term, f"{fit.coefficients[term]:.3g}", f"{low:.3g} to {high:.3g}", unit)
+    console = Console(highlight=False)
+    console.print(table)
+    console.print(
+        f"R2 on {validation.draws} draws of {validation.polygons} held-out polygons: "
+        f"{validation.r2_over:.4f} over polygons, {validation.r2_within:.4f} within"
+    )
+    console.print(f"calibration: {file}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(calibrate)

@@ -1,0 +1,187 @@
+"""`harness compare`: what changed between two runs, and whether it may be merged."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from harness.errors import UsageError
+from harness.store import Run, read_run
+
+if TYPE_CHECKING:
+    from harness.compare import Comparison
+
+
+class Format(StrEnum):
+    """What is written to standard output."""
+
+    table = "table"
+    markdown = "markdown"
+    json = "json"
+    benchmark_action = "github-action-benchmark"
+
+
+class Normalise(StrEnum):
+    """What takes the machine out of times."""
+
+    auto = "auto"
+    reference = "reference"
+    none = "none"
+
+
+def compare(
+    base: Annotated[Path, typer.Argument(help="The run to compare with: a folder or cases.jsonl.")],
+    head: Annotated[Path, typer.Argument(help="The run that is judged.")],
+    gate: Annotated[
+        str | None,
+        typer.Option(help="What may fail: counters, time, or both, comma-separated; both."),
+    ] = None,
+    threshold: Annotated[
+        list[str] | None,
+        typer.Option(help="Growth to let pass, e.g. time=5% or quads=0%; repeatable."),
+    ] = None,
+    normalise: Annotated[
+        Normalise | None,
+        typer.Option(help="What takes the machine out of times: peers, else the reference draw."),
+    ] = None,
+    across_devices: Annotated[
+        bool, typer.Option("--across-devices", help="Compare runs of different devices.")
+    ] = False,
+    require_all: Annotated[
+        bool, typer.Option("--require-all", help="Fail if HEAD lacks or skipped a case of BASE.")
+    ] = False,
+    allow_inconclusive: Annotated[
+        bool, typer.Option("--allow-inconclusive", help="Exit with 0 where times are too noisy.")
+    ] = False,
+    allow_missing_baseline: Annotated[
+        bool, typer.Option("--allow-missing-baseline", help="Exit with 0 if BASE is not there yet.")
+    ] = False,
+    output: Annotated[
+        Format, typer.Option("--format", help="What to write to standard output.")
+    ] = Format.table,
+    markdown: Annotated[Path | None, typer.Option(help="Write Markdown to this file.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write JSON to this file.")
+    ] = None,
+    html: Annotated[Path | None, typer.Option(help="Write one HTML page to this file.")] = None,
+) -> None:
+    """Say what changed from BASE to HEAD; exit with 1 where it became dearer.
+
+    Counters are exact: any difference is real. Times are statistical: regressed, improved,
+    unchanged, or inconclusive. Settings are also read from pyproject.toml,
+    table tool.raster-harness. The Markdown is added to the file that $GITHUB_STEP_SUMMARY names.
+
+    Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
+    """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.compare import compare_runs, no_baseline
+    from harness.compare.settings import from_project, parse_gates, parse_threshold
+
+    settings = from_project(Path.cwd())
+    settings = replace(
+        settings,
+        gates=settings.gates if gate is None else parse_gates(gate),
+        thresholds={**settings.thresholds, **dict(map(parse_threshold, threshold or []))},
+        normalise=settings.normalise if normalise is None else normalise.value,
+        across_devices=across_devices,
+        require_all=require_all or settings.require_all,
+        allow_inconclusive=allow_inconclusive or settings.allow_inconclusive,
+    )
+    after = read_run(head)
+    before = _baseline(base, allow_missing=allow_missing_baseline)
+    if before is None:
+        found = no_baseline(str(base), after, settings)
+    else:
+        found = compare_runs(before, after, settings)
+    _show(found, after, output)
+    _write_files(found, {"markdown": markdown, "junit": junit, "json": json_file, "html": html})
+    raise typer.Exit(found.exit_code)
+
+
+def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
+    """Read BASE; None where it is not there and may be missing."""
+    there = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
+    if there:
+        return read_run(path)
+    if allow_missing:
+        return None
+    raise UsageError(
+        f"no baseline: {path} holds no run; keep one there, or give --allow-missing-baseline "
+        "to let a first run pass"
+    )
+
+
+def _show(found: Comparison, head: Run, output: Format) -> None:
+    """Write to standard output; a reader that stops early must not change the exit code."""
+    try:
+        typer.echo(_shown(found, head, output), nl=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _shown(found: Comparison, head: Run, output: Format) -> str:
+    from harness.compare.benchmark_action import to_benchmark_action
+    from harness.compare.checking import checked
+    from harness.compare.terminal import print_comparison
+
+    if output is Format.table:
+        console = Console()
+        with console.capture() as text:
+            print_comparison(found, console)
+        return text.get()
+    if output is Format.benchmark_action:
+        return _json(to_benchmark_action(checked(head)))
+    return _text(found, output.value)
+
+
+def _json(content: object) -> str:
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write_files(found: Comparison, files: dict[str, Path | None]) -> None:
+    for kind, file in files.items():
+        if file is not None:
+            _write(file, _text(found, kind))
+    summary = os.environ.get("GITHUB_STEP_SUMMARY")
+    if summary:
+        _write(Path(summary), _text(found, "markdown"), append=True)
+
+
+def _text(found: Comparison, kind: str) -> str:
+    if kind == "markdown":
+        from harness.compare.markdown import to_markdown
+
+        return to_markdown(found)
+    if kind == "junit":
+        from harness.compare.junit import to_junit
+
+        return to_junit(found)
+    if kind == "html":
+        from harness.compare.html import to_html
+
+        return to_html(found)
+    return _json(found.to_json())
+
+
+def _write(file: Path, text: str, *, append: bool = False) -> None:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("a" if append else "w", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror}") from error
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(compare)

@@ -1,0 +1,34 @@
+"""`harness doctor`: what works here, and how to mend what does not."""
+
+from __future__ import annotations
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from harness.errors import NoRasteriser
+
+COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
+
+
+def doctor() -> None:
+    """Examine devices, drivers, extensions and timers; each line with its fix if it is missing."""
+    from harness.doctor import examine
+
+    console = Console(highlight=False)
+    findings = examine()
+    width = max(len(finding.name) for finding in findings)
+    for finding in findings:
+        line = Text(f"{finding.status:<8}", style=COLOURS[finding.status])
+        line.append(f"{finding.name:<{width}}  {finding.detail}", style="default")
+        console.print(line, soft_wrap=True)
+        if finding.fix:
+            console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
+    opengl = [finding for finding in findings if finding.name.startswith("opengl")]
+    if opengl and all(finding.status == "missing" for finding in opengl):
+        raise NoRasteriser("no OpenGL device works here; the lines above say what to install")
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(doctor)

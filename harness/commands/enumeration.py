@@ -1,0 +1,61 @@
+"""`harness enumerate`: every triangulation of a polygon, as the paper lists them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from harness.commands.run import default_folder
+from harness.errors import UsageError
+from harness.progress import Reporter
+from harness.run import load_scene
+from harness.study import enumeration
+from triangulators import Skipped, TriangulationError
+
+
+def enumerate_(
+    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
+    polygon: Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")] = 0,
+    mode: Annotated[
+        str,
+        typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
+    ] = "conforming",
+    out: Annotated[Path | None, typer.Option(help="Folder for triangulations.csv.")] = None,
+) -> None:
+    """List every triangulation with its criteria; draw D against A and the Pareto front."""
+    loaded = load_scene(scene, 0, Reporter())
+    if polygon >= len(loaded.polygons):
+        raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
+    if mode not in ("conforming", "paper"):
+        raise UsageError(f"mode '{mode}' is unknown; say conforming or paper")
+    kind: Literal["conforming", "paper"] = "paper" if mode == "paper" else "conforming"
+    folder = out or default_folder(f"enumerate-{loaded.name}")
+    try:
+        table = enumeration.tabulate(loaded.polygons[polygon], kind)
+        enumeration.write(table, loaded.polygons[polygon], folder)
+    except (Skipped, TriangulationError) as reason:
+        raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason
+    except OSError as error:
+        raise UsageError(f"cannot use {folder}: {error.strerror or error}") from error
+    console = Console(highlight=False)
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
+    for name in columns:
+        shown.add_column(name, justify="right")
+    for row in table.head(10)[list(columns)].itertuples(index=False):
+        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
+    console.print(shown)
+    console.print(
+        f"{len(table):,} triangulations; all in {folder}/triangulations.csv",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("enumerate")(enumerate_)

@@ -1,0 +1,43 @@
+"""The examples that `--help` shows; a test runs each of them."""
+
+from __future__ import annotations
+
+import typer
+
+PROGRAM = "python -m harness"
+RUN = "results/city-20260101-120000"
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "run": (
+        "run --scene city",
+        "run --scene buildings.geojson --triangulators delaunay,optimal:half-perimeter",
+        "run --scene city:buildings=50 --resolution 256,512 --rotation 0,30 --quick",
+    ),
+    "validate": ("validate --scene city --quick",),
+    "calibrate": ("calibrate --scene city:buildings=50 --budget 0.05",),
+    "compare": (
+        f"compare {RUN} {RUN}",
+        f"compare {RUN} {RUN} --gate counters --html comparison.html",
+    ),
+    "history": ("history results",),
+    "report": (
+        f"report {RUN}",
+        f"report {RUN} --out city.html",
+    ),
+    "enumerate": ("enumerate --scene paper --mode paper",),
+    "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
+    "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
+    "gains": (f"gains {RUN} --out results/gains",),
+    "doctor": ("doctor",),
+    "list": ("list triangulators", "list scenes"),
+    "cache": ("cache info",),
+}
+
+
+def add_to(app: typer.Typer) -> None:
+    """Show its examples below the help of each command."""
+    for command in app.registered_commands:
+        name = str(command.name or getattr(command.callback, "__name__", ""))
+        lines = [f"{PROGRAM} {line}" for line in EXAMPLES.get(name, ())]
+        if lines:
+            command.epilog = "\n\n".join(["Examples:", *lines])

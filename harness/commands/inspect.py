@@ -1,0 +1,65 @@
+"""`harness inspect`: see where a polygon's triangulations cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.commands.run import split_names
+from harness.errors import UsageError
+from harness.frame import View, make_frame
+from harness.progress import Reporter
+from harness.run import full_names, load_scene
+from harness.triangulation import triangulate_polygons
+
+
+def inspect(
+    scene: Annotated[str, typer.Option(help="A scene's name or a file.")],
+    polygon: Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")] = 0,
+    triangulator: Annotated[
+        str, typer.Option(help="Comma-separated: one column each.")
+    ] = "ear-clipping,optimal:half-perimeter",
+    resolution: Annotated[
+        int, typer.Option(help="Viewport in pixels, which the polygon fills.")
+    ] = 64,
+    rotation: Annotated[float, typer.Option(help="Degrees, counter-clockwise.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="The PNG; named after the polygon if absent.")
+    ] = None,
+) -> None:
+    """Draw one polygon's overdraw and helper lanes, triangulation on top, side by side."""
+    from harness.heatmaps import draw_heatmaps
+
+    names = full_names(split_names(triangulator))
+    loaded = load_scene(scene, seed, Reporter())
+    if polygon >= len(loaded.polygons):
+        raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
+    frame = make_frame([loaded.polygons[polygon]], View(resolution, rotation))
+    if not frame.polygons:
+        raise UsageError(f"polygon {polygon} of {scene}: {frame.dropped[0][1]}")
+    drawn = {}
+    console = Console(highlight=False)
+    for name in names:
+        result = triangulate_polygons(name, frame.polygons[:1], seed)
+        part = result.parts[0]
+        if part is None:
+            console.print(f"{name}: {[*result.skipped, *result.failed][0][1]}", markup=False)
+        else:
+            drawn[name] = part
+    if not drawn:
+        raise UsageError(f"no triangulator given can do polygon {polygon} of {scene}")
+    file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")
+    try:
+        draw_heatmaps(frame, 0, drawn, file)
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
+    console.print(f"picture: {file}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(inspect)

@@ -1,0 +1,30 @@
+"""`harness report`: one HTML file that shows a run or a study."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.store import read_run
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run or a study, or its cases.jsonl.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
+    ] = None,
+) -> None:
+    """Write the report of a run: one HTML file, which needs no network."""
+    from harness.report import write_report
+
+    file = write_report(read_run(run), out)
+    typer.echo(f"report: {os.path.relpath(file)}")
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(report)

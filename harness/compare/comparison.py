@@ -1,0 +1,194 @@
+"""Puts a comparison together: matches cases, judges counters and times, reaches a verdict."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+from harness.compare import times
+from harness.compare.checking import checked
+from harness.compare.counters import compare_counters, totals
+from harness.compare.differences import environment_changes, machine, plan_changes
+from harness.compare.matching import Match, match, other_hardware, printable
+from harness.compare.model import (
+    CaseChange,
+    Comparison,
+    CounterChange,
+    Drift,
+    RunFacts,
+    Status,
+    Verdict,
+)
+from harness.compare.settings import Settings
+from harness.metrics import METRICS
+from harness.store import Record, Run
+
+
+def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:
+    """Compare `head` with `base`; every case of either run is in the result.
+
+    Raises
+    ------
+    UsageError
+        if the runs are of different devices and `settings` do not ask for that
+    """
+    settings = settings or Settings()
+    base, head = checked(base), checked(head)
+    matches = match(base, head, across_devices=settings.across_devices)
+    before, after = machine(base.facts), machine(head.facts)
+    elsewhere = _across(matches) or bool(other_hardware(base, head))
+    machines_differ = elsewhere or bool(before and after and before != after)
+    cases = [_counted(found, settings) for found in matches]
+    cases, drifts = _timed(matches, cases, settings, machines_differ)
+    found = Comparison(
+        verdict="good",
+        base=_facts(base),
+        head=_facts(head),
+        settings=settings,
+        machines_differ=machines_differ,
+        cases=tuple(cases),
+        totals=totals([case.counters for case in cases if case.status == "compared"]),
+        drifts=tuple(drifts),
+        notes=tuple(_notes(base, head, machines_differ)),
+        changes=(*plan_changes(base, head), *environment_changes(base.facts, head.facts)),
+    )
+    return replace(found, verdict=_verdict(found))
+
+
+def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
+    """Return the comparison of a first run, whose baseline at `path` is still to come."""
+    head = checked(head)
+    matches = match(Run(head.path, {}, []), head, across_devices=True)
+    return Comparison(
+        verdict="no-baseline",
+        base=RunFacts(path),
+        head=_facts(head),
+        settings=settings,
+        cases=tuple(CaseChange(found.name, "only-head") for found in matches),
+        notes=tuple(head.problems),
+    )
+
+
+def _across(matches: Sequence[Match]) -> bool:
+    """Whether any case ran on another device in BASE."""
+    return any(
+        found.base and found.head and found.base.get("device") != found.head.get("device")
+        for found in matches
+    )
+
+
+def _counted(found: Match, settings: Settings) -> CaseChange:
+    """Return the case with its status and, where it can be compared, its counters."""
+    status, reason = _status(found.base, found.head)
+    if status != "compared" or found.base is None or found.head is None:
+        return CaseChange(found.name, status, reason)
+    return CaseChange(
+        found.name, status, reason, compare_counters(found.base, found.head, settings)
+    )
+
+
+def _status(base: Record | None, head: Record | None) -> tuple[Status, str]:
+    """Say whether two records can be compared, and the reason their runs give if not."""
+    if base is None or head is None:
+        record = head or base or {}
+        measured = "" if record.get("status") == "ok" else f"{record.get('status')}: "
+        return ("only-head" if base is None else "only-base"), measured + _reason(record)
+    good = base.get("status") == "ok", head.get("status") == "ok"
+    if good == (True, False):
+        return ("now-failing" if head.get("status") == "failed" else "now-skipped"), _reason(head)
+    if good == (False, True):
+        return "now-measured", f"BASE: {_reason(base)}"
+    if good == (False, False):
+        return "not-measured", _reason(head)
+    return _comparable(base, head)
+
+
+def _comparable(base: Record, head: Record) -> tuple[Status, str]:
+    """The same for two records that were measured."""
+    hashes = base.get("scene_hash"), head.get("scene_hash")
+    if all(hashes) and hashes[0] != hashes[1]:
+        return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
+    before, after = base.get("polygons"), head.get("polygons")
+    if before is not None and after is not None and before != after:
+        status: Status = "fewer-polygons" if after < before else "more-polygons"
+        return status, f"{before} then, {after} now; {_reason(head)}".rstrip("; ")
+    return "compared", ""
+
+
+def _reason(record: Record) -> str:
+    return printable(record.get("reason") or "")
+
+
+def _timed(
+    matches: Sequence[Match], cases: Sequence[CaseChange], settings: Settings, machines_differ: bool
+) -> tuple[list[CaseChange], list[Drift]]:
+    """Return the cases with their times judged, and the drift of each group timed together."""
+    judged = {}
+    groups: dict[str, dict[int, times.Pair]] = defaultdict(dict)
+    for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
+        if case.status == "compared" and found.base and found.head:
+            pair = times.read_pair(found.base, found.head, same_work=_same_work(case.counters))
+            if isinstance(pair, times.Pair):
+                groups[case.name.where][number] = pair
+            elif pair is not None:
+                judged[number] = pair
+    drifts = []
+    for where, pairs in groups.items():
+        changes, drift = times.judge_group(
+            where, list(pairs.values()), settings, machines_differ=machines_differ
+        )
+        judged |= dict(zip(pairs, changes, strict=True))
+        drifts.append(drift)
+    corrected = dict(zip(judged, times.correct(list(judged.values()), settings), strict=True))
+    return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
+
+
+def _same_work(counters: Sequence[CounterChange]) -> bool:
+    """Whether all that was counted is equal; predictions, which are not counted, have a unit."""
+    counted = [c for c in counters if c.metric in METRICS and METRICS[c.metric].unit == ""]
+    return bool(counted) and all(change.exact == "equal" for change in counted)
+
+
+def _facts(run: Run) -> RunFacts:
+    environment = run.facts.get("environment") or {}
+    git = environment.get("git") or {}
+    commit = str(git.get("commit") or "")[:12]
+    return RunFacts(
+        path=str(run.path),
+        created=str(run.facts.get("created") or ""),
+        commit=f"{commit} with local changes" if git.get("dirty") else commit,
+        harness=str(environment.get("harness") or ""),
+        machine=machine(run.facts),
+        cases=len(run.records),
+    )
+
+
+def _notes(base: Run, head: Run, machines_differ: bool) -> list[str]:
+    notes = [f"BASE: {problem}" for problem in base.problems]
+    notes += [f"HEAD: {problem}" for problem in head.problems]
+    for name, run in (("BASE", base), ("HEAD", head)):
+        if not run.records:
+            notes.append(f"{name} holds no cases")
+        if run.facts.get("interrupted"):
+            notes.append(f"{name} was stopped before its end")
+        notes += [f"{name}: {warning}" for warning in run.facts.get("warnings") or []]
+    if machines_differ:
+        notes.append(
+            "the runs are of different machines: times are relative to the other cases, or to the "
+            "reference draw, of their own run"
+        )
+    return notes
+
+
+def _verdict(found: Comparison) -> Verdict:
+    if found.regressed() or found.drifted():
+        return "regression"
+    compared = found.compared()
+    untimed = all(case.time is None for case in compared)
+    if not compared or (untimed and "counters" not in found.settings.gates):
+        return "nothing-comparable"
+    times_shown = [case.time for case in compared if case.time is not None]
+    if found.settings.gates_time and any(t.outcome == "inconclusive" for t in times_shown):
+        return "inconclusive"
+    return "good"

@@ -1,0 +1,105 @@
+"""The comparison as GitHub-flavoured Markdown, for a step summary or a comment."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from harness.compare.model import Comparison
+from harness.compare.rows import (
+    TOTALS_HEADING,
+    Group,
+    Row,
+    affected_totals,
+    groups,
+    run_lines,
+    total_cells,
+)
+from harness.compare.wording import count, headline
+
+LIMIT = 60_000
+"""GitHub refuses comments of more than 65,536 characters."""
+
+MARKER = "<!-- raster-harness compare -->"
+"""Last line of the text, by which a comment is found and replaced."""
+
+
+def to_markdown(comparison: Comparison, limit: int = LIMIT) -> str:
+    """Return the verdict in the first line, then what differs, then all else folded.
+
+    What does not fit into `limit` characters is cut by whole tables, and the cut is said.
+    """
+    verdict, _, rest = headline(comparison).partition(": ")
+    text = f"**{escape(verdict)}:** {escape(rest)}\n"
+    tables = groups(comparison)
+    blocks = [_totals(comparison, counted=True), *(_affected(group) for group in tables)]
+    blocks += [_folded(f"All cases: {group.title}", _table(group)) for group in tables]
+    opinions = _totals(comparison, counted=False)
+    blocks.append(opinions and _folded("Predictions and a driver's own counts", opinions))
+    blocks.append(_folded("Runs, machines and settings", _facts(comparison)))
+    for position, block in enumerate(blocks):
+        if len(text) + len(block) > limit - 200:
+            left = sum(1 for other in blocks[position:] if other)
+            text += f"\n{count(left, 'table')} left out: too long for a comment; see --html.\n"
+            break
+        text += f"\n{block}" if block else ""
+    return f"{text}\n{MARKER}\n"
+
+
+def escape(text: str) -> str:
+    """Make `text` appear as it is in a paragraph or a cell of a table."""
+    text = " ".join(text.split())
+    return re.sub(r"([\\`*_\[\]<>|~#@!$])", r"\\\1", text).replace("\\@", "@\u200b")
+
+
+def _totals(comparison: Comparison, *, counted: bool) -> str:
+    totals = affected_totals(comparison, counted=counted)
+    if not totals:
+        return ""
+    return _rows(TOTALS_HEADING, (0,), (map(escape, total_cells(total)) for total in totals))
+
+
+def _affected(group: Group) -> str:
+    rows = [row for row in group.rows if row.affected]
+    if not rows:
+        return ""
+    title = f"**{escape(group.title)}**: {len(rows)} of {count(len(group.rows), 'case')}"
+    return f"{title}\n\n{_table(group, rows)}"
+
+
+def _table(group: Group, rows: Sequence[Row] | None = None) -> str:
+    chosen = group.rows if rows is None else rows
+    text = _rows(group.heading, (0, len(group.heading) - 1), (_emphasised(row) for row in chosen))
+    return f"{text}\n{escape(group.drift)}\n" if group.drift else text
+
+
+def _emphasised(row: Row) -> tuple[str, ...]:
+    """Return escaped cells; what went wrong is bold."""
+    cells = tuple(escape(cell) for cell in row.cells)
+    return (*cells[:-1], f"**{cells[-1]}**") if row.kind == "bad" else cells
+
+
+def _rows(heading: Sequence[str], words: Sequence[int], rows: Iterable[Iterable[str]]) -> str:
+    """Write a table, columns `words` aligned left; cells in `rows` are escaped already."""
+    rule = ["---" if n in words else "--:" for n in range(len(heading))]
+    lines = [heading, rule, *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _folded(summary: str, content: str) -> str:
+    title = summary.replace("&", "&amp;").replace("<", "&lt;")
+    return f"<details><summary>{title}</summary>\n\n{content}\n</details>\n"
+
+
+def _facts(comparison: Comparison) -> str:
+    settings = comparison.settings
+    lines = [*run_lines(comparison), *comparison.changes, *comparison.notes]
+    lines.append(
+        f"gate: {', '.join(settings.gates)}; threshold of time {settings.time_threshold * 100:g} %"
+    )
+    lines += [
+        f"threshold of {name}: {value * 100:g} %"
+        for name, value in settings.thresholds.items()
+        if name != "time"
+    ]
+    return "".join(f"- {escape(line)}\n" for line in lines)

@@ -1,0 +1,137 @@
+"""Finds for each case of one run the same case of the other, by what it means.
+
+A case's key will not do: it covers the scene's content, and changed content is to be reported.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from harness.compare.model import CaseName
+from harness.errors import UsageError
+from harness.rasterisers.base import Options
+from harness.store import Record, Run
+
+USUAL = asdict(Options())
+
+
+@dataclass(frozen=True)
+class Match:
+    """A case with its record in BASE and in HEAD, None where the run has none."""
+
+    name: CaseName
+    base: Record | None
+    head: Record | None
+
+
+def case_name(record: Record) -> CaseName:
+    """Return what the record's case means; fields that older runs lack get their usual value."""
+    options = {**USUAL, **(record.get("options") or {})}
+    return CaseName(
+        scene=printable(record.get("scene", "?")),
+        triangulator=printable(record.get("triangulator", "?")),
+        rasteriser=printable(record.get("rasteriser", "?")),
+        device=printable(record.get("device", "?")),
+        resolution=int(record.get("resolution") or 0),
+        rotation=float(record.get("rotation") or 0.0),
+        fit=str(record.get("fit") or "box"),
+        options=tuple(sorted(options.items())),
+    )
+
+
+def printable(text: object) -> str:
+    """Write any text in one line that neither a terminal nor XML takes for more than text."""
+    line = " ".join(str(text).split())
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in line)
+
+
+def match(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
+    """Pair the cases of two runs, in HEAD's order, then those that only BASE has.
+
+    across_devices : pair a rasteriser's only device in BASE with its only device in HEAD
+
+    Raises
+    ------
+    UsageError
+        if the runs are of different devices and that was not asked for, or cannot be paired
+    """
+    if across_devices:
+        renamed = _renamed(base, head)
+    else:
+        _refuse_other_devices(base, head)
+        renamed = {}
+    before: dict[CaseName, Record] = {}
+    for record in base.records:
+        name = case_name(record)
+        device = renamed.get((name.rasteriser, name.device), name.device)
+        before[case_name({**record, "device": device})] = record
+    after = {case_name(record): record for record in head.records}
+    names = [*after, *(name for name in before if name not in after)]
+    return [Match(name, before.get(name), after.get(name)) for name in names]
+
+
+def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
+    found = defaultdict(set)
+    for record in records:
+        found[str(record.get("rasteriser", "?"))].add(str(record.get("device", "?")))
+    return found
+
+
+def _renamed(base: Run, head: Run) -> dict[tuple[str, str], str]:
+    """Return (rasteriser, device in BASE) -> device in HEAD."""
+    before, after = _devices(base.records), _devices(head.records)
+    renamed = {}
+    for rasteriser in before.keys() & after.keys():
+        if before[rasteriser] == after[rasteriser]:
+            continue
+        if len(before[rasteriser]) > 1 or len(after[rasteriser]) > 1:
+            raise UsageError(
+                f"{rasteriser} ran on several devices, so it is not clear which to compare "
+                "across; give runs of one device each"
+            )
+        renamed[rasteriser, next(iter(before[rasteriser]))] = next(iter(after[rasteriser]))
+    return renamed
+
+
+def _refuse_other_devices(base: Run, head: Run) -> None:
+    before, after = _devices(base.records), _devices(head.records)
+    shared = before.keys() & after.keys()
+    if shared and not any(before[name] & after[name] for name in shared):
+        raise UsageError(
+            f"BASE ran on {_listed(before, shared)} and HEAD on {_listed(after, shared)}: "
+            "their figures differ without any change; add --across-devices to compare them"
+        )
+    for label, (then, now) in other_hardware(base, head).items():
+        raise UsageError(
+            f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
+            "add --across-devices to compare them"
+        )
+
+
+def other_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
+    """Return the devices that have one name in both runs and are not the same, with renderers."""
+    labels = (base.facts.get("devices") or {}).keys() & (head.facts.get("devices") or {}).keys()
+    names = {label: (renderer(base.facts, label), renderer(head.facts, label)) for label in labels}
+    return {
+        label: (then, now)
+        for label, (then, now) in sorted(names.items())
+        if then and now and hardware(then) != hardware(now)
+    }
+
+
+def _listed(devices: dict[str, set[str]], rasterisers: set[str]) -> str:
+    return ", ".join(sorted(set().union(*(devices[name] for name in rasterisers))))
+
+
+def renderer(facts: dict[str, Any], label: str) -> str:
+    """Return what the driver calls the device `label` of a run, "" if the run does not say."""
+    details = ((facts.get("devices") or {}).get(label) or {}).get("details") or {}
+    return str(details.get("renderer") or "")
+
+
+def hardware(name: str) -> str:
+    """Return a renderer's name without the versions of its driver, which may change."""
+    return name.partition("(")[0].strip()

@@ -1,0 +1,283 @@
+"""What a comparison says: plain data that every output is written from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from harness import errors
+from harness.compare.settings import Settings
+
+SCHEMA_VERSION = 1
+
+Exact = Literal["equal", "better", "worse", "changed"]
+"""What an exact figure did; `changed` where neither direction is better."""
+
+Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
+"""What a time did; `inconclusive` is too noisy to say, and never means good."""
+
+Against = Literal["peers", "reference", "none"]
+
+Status = Literal[
+    "compared",
+    "content-changed",
+    "fewer-polygons",
+    "more-polygons",
+    "now-failing",
+    "now-skipped",
+    "now-measured",
+    "not-measured",
+    "only-base",
+    "only-head",
+]
+"""Whether a case could be compared, and if not, why; see `STATUS_TEXT`."""
+
+STATUS_TEXT: dict[Status, str] = {
+    "compared": "measured in both runs",
+    "content-changed": "the scene's content changed",
+    "fewer-polygons": "HEAD did fewer polygons than BASE",
+    "more-polygons": "HEAD did more polygons than BASE",
+    "now-failing": "measured in BASE, failed in HEAD",
+    "now-skipped": "measured in BASE, skipped in HEAD",
+    "now-measured": "not measured in BASE, measured in HEAD",
+    "not-measured": "measured in neither run",
+    "only-base": "missing from HEAD",
+    "only-head": "new in HEAD",
+}
+
+BROKEN: tuple[Status, ...] = ("now-failing", "fewer-polygons")
+"""What worked in BASE and does not in HEAD: a regression, whatever the gates."""
+
+Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
+
+EXIT_CODES: dict[Verdict, int] = {
+    "good": errors.GOOD,
+    "regression": errors.REGRESSION,
+    "inconclusive": errors.INCONCLUSIVE,
+    "nothing-comparable": errors.NOTHING_MEASURED,
+    "no-baseline": errors.GOOD,
+}
+
+
+@dataclass(frozen=True)
+class CaseName:
+    """What a case means, apart from its content: the same in BASE and in HEAD.
+
+    options : (name, value) of every option of drawing
+    """
+
+    scene: str
+    triangulator: str
+    rasteriser: str
+    device: str
+    resolution: int
+    rotation: float
+    fit: str
+    options: tuple[tuple[str, Any], ...]
+
+    @property
+    def where(self) -> str:
+        """The case without its triangulator, for people: `city 1024 px, opengl on llvmpipe`."""
+        text = f"{self.scene} {self.resolution} px"
+        if self.rotation:
+            text += f" turned {self.rotation:g}°"
+        if self.fit != "box":
+            text += f" fit to a {self.fit}"
+        text += f", {self.rasteriser} on {self.device}"
+        changed = [f"{name}={value}" for name, value in self.options if value != _USUAL.get(name)]
+        return ", ".join([text, *changed])
+
+
+_USUAL = {"samples": 1, "work": 0, "order": "native", "seed": 0}
+
+
+@dataclass(frozen=True)
+class CounterChange:
+    """An exact figure of a case in both runs.
+
+    change : relative, None where BASE has 0
+    threshold : relative growth that is let pass; None where the figure is not gated
+    """
+
+    metric: str
+    base: float
+    head: float
+    change: float | None
+    exact: Exact
+    threshold: float | None
+    regressed: bool
+
+
+@dataclass(frozen=True)
+class TimeChange:
+    """Times of a case in both runs.
+
+    ratio, low, high : HEAD over BASE without what the machine did, with its confidence interval;
+        None where not computable
+    raw_ratio : the same as it was timed
+    against : what tells the machine's part: `peers`, the `reference` draw, or `none`
+    p_value : Mann-Whitney's
+    q_value : the larger of it and the interval's, corrected for the number of cases
+    reason : why it is inconclusive, else ""
+    """
+
+    outcome: Outcome
+    reason: str
+    ratio: float | None = None
+    low: float | None = None
+    high: float | None = None
+    raw_ratio: float | None = None
+    against: Against = "none"
+    p_value: float | None = None
+    q_value: float | None = None
+    base_median_s: float | None = None
+    head_median_s: float | None = None
+    base_rounds: int = 0
+    head_rounds: int = 0
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What all cases that were timed together did together, between BASE and HEAD.
+
+    ratio, low, high : median HEAD over BASE of the cases, with an interval that spans it as timed
+        and over the reference draw's
+    reference : HEAD over BASE of the reference draw, None where a run has none
+    gated : whether `regressed` makes the gate fail; cases without peers are judged alone instead
+    """
+
+    where: str
+    cases: int
+    outcome: Outcome
+    reason: str
+    ratio: float
+    low: float
+    high: float
+    reference: float | None
+    gated: bool
+
+
+@dataclass(frozen=True)
+class CaseChange:
+    """One case of either run or of both."""
+
+    name: CaseName
+    status: Status
+    reason: str = ""
+    counters: tuple[CounterChange, ...] = ()
+    time: TimeChange | None = None
+
+    def regressions(self) -> list[CounterChange]:
+        """Return the counters that grew beyond their thresholds."""
+        return [change for change in self.counters if change.regressed]
+
+
+@dataclass(frozen=True)
+class Total:
+    """One exact figure over all compared cases.
+
+    affected : cases in which it differs, of which `better` and `worse`; base, head : sums
+    """
+
+    metric: str
+    unit: str
+    cases: int
+    affected: int
+    better: int
+    worse: int
+    base: float
+    head: float
+    change: float | None
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """Where a run comes from; "" for what it does not say."""
+
+    path: str
+    created: str = ""
+    commit: str = ""
+    harness: str = ""
+    machine: str = ""
+    cases: int = 0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything that a comparison of two runs found.
+
+    machines_differ : the runs are of different processors or GPUs
+    drifts : of each group of cases that were timed together
+    notes : what the reader should know: devices, normalisation, problems of reading
+    changes : what differs between the runs' plans and environments, one line each
+    """
+
+    verdict: Verdict
+    base: RunFacts
+    head: RunFacts
+    settings: Settings
+    machines_differ: bool = False
+    cases: tuple[CaseChange, ...] = ()
+    totals: tuple[Total, ...] = ()
+    drifts: tuple[Drift, ...] = ()
+    notes: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """Return the exit code of the design."""
+        if self.verdict == "inconclusive" and self.settings.allow_inconclusive:
+            return errors.GOOD
+        return EXIT_CODES[self.verdict]
+
+    def compared(self) -> list[CaseChange]:
+        """Return the cases whose figures can be set against each other."""
+        return [case for case in self.cases if case.status == "compared"]
+
+    def regressed(self) -> list[CaseChange]:
+        """Return the cases that make the gate fail."""
+        return [case for case in self.cases if self.is_regressed(case)]
+
+    def drifted(self) -> list[Drift]:
+        """Return the groups that regressed as a whole, where times decide."""
+        if not self.settings.gates_time:
+            return []
+        return [drift for drift in self.drifts if drift.gated and drift.outcome == "regressed"]
+
+    def is_regressed(self, case: CaseChange) -> bool:
+        """Whether `case` makes the gate fail."""
+        if case.status in BROKEN or (self.settings.require_all and case.status in MISSING):
+            return True
+        slower = case.time is not None and case.time.outcome == "regressed"
+        return bool(case.regressions()) or (slower and self.settings.gates_time)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as JSON-ready values; docs/ci/compare.schema.json describes it."""
+        from harness.compare.wording import headline
+
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "verdict": self.verdict,
+            "exit_code": self.exit_code,
+            "headline": headline(self),
+            "base": asdict(self.base),
+            "head": asdict(self.head),
+            "settings": self.settings.to_json(),
+            "machines_differ": self.machines_differ,
+            "totals": [asdict(total) for total in self.totals],
+            "drifts": [asdict(drift) for drift in self.drifts],
+            "cases": [_case_json(self, case) for case in self.cases],
+            "notes": list(self.notes),
+            "changes": list(self.changes),
+        }
+
+
+MISSING: tuple[Status, ...] = ("only-base", "now-skipped")
+"""What BASE measured and HEAD did not, with no failure: a regression only where asked."""
+
+
+def _case_json(comparison: Comparison, case: CaseChange) -> dict[str, Any]:
+    values = asdict(case)
+    values["name"]["options"] = dict(case.name.options)
+    values["counters"] = list(values["counters"])
+    return {**values, "regressed": comparison.is_regressed(case)}

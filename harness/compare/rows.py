@@ -1,0 +1,152 @@
+"""The cells that the terminal, Markdown and HTML tables share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from harness.compare.model import MISSING, CaseChange, Comparison, CounterChange, Drift, Total
+from harness.compare.settings import is_gated
+from harness.compare.wording import (
+    FIRST,
+    case_verdict,
+    figure,
+    percent,
+    time_text,
+)
+
+Kind = str
+"""`bad`, `good`, `unsure` or `plain`: how a row is to stand out."""
+
+TOTALS_HEADING = ("counter", "affected", "better", "worse", "BASE", "HEAD", "change")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case of a table, its cells in the order of `Group.heading`."""
+
+    cells: tuple[str, ...]
+    kind: Kind
+    affected: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """The cases that differ in their triangulator alone.
+
+    drift : one line on what they did together; "" where nothing was timed
+    """
+
+    title: str
+    heading: tuple[str, ...]
+    rows: tuple[Row, ...]
+    drift: str
+
+
+def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
+    """Return the cases as one table for each scene, view, rasteriser and device.
+
+    counters : most counters to show, so that a narrow terminal can show the rest
+    """
+    titles = dict.fromkeys(case.name.where for case in comparison.cases)
+    drifts = {drift.where: drift for drift in comparison.drifts}
+    return [_group(comparison, title, drifts.get(title), counters) for title in titles]
+
+
+def _group(comparison: Comparison, title: str, drift: Drift | None, counters: int) -> Group:
+    cases = [case for case in comparison.cases if case.name.where == title]
+    shown = [name for name in FIRST if any(_find(case, name) for case in cases)][:counters]
+    timed = any(case.time is not None for case in cases)
+    heading = ("triangulator", *(name.replace("_", " ") for name in shown))
+    heading += ("time vs BASE",) * timed + ("verdict",)
+    ordered = sorted(cases, key=lambda case: ORDER.index(kind(comparison, case)))
+    return Group(
+        title,
+        heading,
+        tuple(_row(comparison, case, shown, timed) for case in ordered),
+        "" if drift is None else drift_text(drift),
+    )
+
+
+def _row(comparison: Comparison, case: CaseChange, shown: list[str], timed: bool) -> Row:
+    counters = [_find(case, name) for name in shown]
+    cells = [case.name.triangulator, *(_counter_cell(change) for change in counters)]
+    cells += [time_text(case.time)] * timed
+    verdict = case_verdict(comparison, case)
+    reason = case.reason or (case.time.reason if case.time is not None else "")
+    cells.append(f"{verdict}: {reason}" if reason and verdict != "unchanged" else verdict)
+    found = kind(comparison, case)
+    return Row(tuple(cells), found, found != "plain" or _differs(case))
+
+
+def _counter_cell(change: CounterChange | None) -> str:
+    """Write HEAD's value and, where it differs from BASE's, the growth."""
+    if change is None:
+        return ""
+    growth = "" if change.change in (0, None) else f" ({percent(change.change or 0)})"
+    return f"{figure(change.head)}{growth}"
+
+
+ORDER = ("bad", "unsure", "good", "plain")
+
+
+def kind(comparison: Comparison, case: CaseChange) -> Kind:
+    """Return how a case is to stand out."""
+    verdict = case_verdict(comparison, case)
+    if comparison.is_regressed(case) or verdict.startswith("regressed"):
+        return "bad"
+    if verdict == "improved":
+        return "good"
+    unsure = verdict == "inconclusive" or case.status in (*MISSING, "content-changed")
+    return "unsure" if unsure else "plain"
+
+
+def _differs(case: CaseChange) -> bool:
+    return case.status != "compared" or any(change.exact != "equal" for change in case.counters)
+
+
+def _find(case: CaseChange, metric: str) -> CounterChange | None:
+    return next((change for change in case.counters if change.metric == metric), None)
+
+
+def drift_text(drift: Drift) -> str:
+    """Say what all cases of a group did together, and what the reference draw did."""
+    text = f"all cases together: time {drift.ratio:.3f}"
+    if drift.reference is not None:
+        text += f", reference draw {drift.reference:.3f}"
+    if drift.outcome == "inconclusive":
+        return f"{text}; the machine's part cannot be told from the code's"
+    return f"{text}: {drift.outcome}"
+
+
+def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
+    """Return the totals of figures that differ in some case.
+
+    counted : those that say what drawing costs; otherwise predictions and a driver's opinions
+    """
+    return [
+        total
+        for total in comparison.totals
+        if total.affected and is_gated(total.metric, {}) == counted
+    ]
+
+
+def total_cells(total: Total) -> tuple[str, ...]:
+    """Return the cells under `TOTALS_HEADING`."""
+    return (
+        total.metric.replace("_", " "),
+        f"{total.affected} of {total.cases}",
+        str(total.better),
+        str(total.worse),
+        figure(total.base),
+        figure(total.head),
+        "" if total.change is None else percent(total.change),
+    )
+
+
+def run_lines(comparison: Comparison) -> list[str]:
+    """Return one line for each run: where it is, when it was made and of which commit."""
+    lines = []
+    for name, run in (("BASE", comparison.base), ("HEAD", comparison.head)):
+        parts = (run.path, run.created, run.commit and f"commit {run.commit}", run.machine)
+        lines.append(f"{name}: {', '.join(part for part in parts if part)}")
+    return lines

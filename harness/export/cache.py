@@ -1,0 +1,270 @@
+"""The model database: triangulations kept by content, so that a second run reads them.
+
+One SQLite file serves several processes at once (write-ahead log). Nothing in it is trusted: each
+entry carries a checksum, and a file that SQLite cannot read is set aside and begun afresh.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import logging
+import os
+import sqlite3
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import cache as once
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+import triangulators
+from harness.errors import UsageError
+
+SCHEMA = 1
+_BATCH = 500  # SQLite takes at least 999 parameters
+_WAIT_S = 30.0
+_LOG = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class CacheInfo:
+    """What `harness cache info` shows: entries and bytes of triangles for each triangulator."""
+
+    path: Path
+    entries: int
+    file_bytes: int
+    by_triangulator: dict[str, tuple[int, int]]
+
+
+def default_path() -> Path:
+    """`RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
+    if given := os.environ.get("RASTER_HARNESS_CACHE"):
+        return Path(given)
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(folder, "raster-harness", "triangulations.sqlite")
+
+
+class Cache:
+    """Triangulations by key; see `key`. Use as a context manager, or call `close`.
+
+    Raises UsageError if the file's folder cannot be written. Damage is never an error: `say` is
+    called with a line that tells what was set aside (by default it is logged as a warning).
+    """
+
+    def __init__(self, path: Path | None = None, say: Callable[[str], None] = _LOG.warning) -> None:
+        self.path = path or default_path()
+        self._say = say
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._database = self._opened()
+        except (OSError, sqlite3.OperationalError) as error:
+            raise UsageError(
+                f"the cache {self.path} cannot be opened: {error}; set RASTER_HARNESS_CACHE"
+            ) from error
+
+    def __enter__(self) -> Cache:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; the cache must not be used afterwards."""
+        self._database.close()
+
+    def get_many(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
+        """The (m, 3) triangles of those keys that are there and whole."""
+        return self._safely(lambda: self._read(keys), {})
+
+    def put_many(self, triangulator: str, items: Iterable[tuple[bytes, NDArray[np.int32]]]) -> None:
+        """Keep triangulations; what is there already under the same key is replaced."""
+        rows = [(key, triangulator, _sealed(key, triangles)) for key, triangles in items]
+        self._safely(lambda: self._write(rows), None)
+
+    def clear(self) -> int:
+        """Forget everything; returns how many triangulations there were."""
+        return self._safely(self._emptied, 0)
+
+    def info(self) -> CacheInfo:
+        """Count what is kept."""
+        query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
+        nothing: list[tuple[str, int, int]] = []
+        rows = self._safely(lambda: self._database.execute(query).fetchall(), nothing)
+        kinds = {name: (count, size) for name, count, size in sorted(rows)}
+        entries = sum(count for count, _ in kinds.values())
+        return CacheInfo(self.path, entries, self.path.stat().st_size, kinds)
+
+    def _read(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
+        found: dict[bytes, NDArray[np.int32]] = {}
+        for batch in _batches(keys):
+            marks = ",".join("?" * len(batch))
+            query = f"SELECT key, value FROM model WHERE key IN ({marks})"
+            for key, value in self._database.execute(query, batch):
+                triangles = _unsealed(key, value)
+                if triangles is None:
+                    self._say(f"cache {self.path}: an entry is damaged and is computed again")
+                else:
+                    found[key] = triangles
+        return found
+
+    def _write(self, rows: list[tuple[bytes, str, bytes]]) -> None:
+        with self._database:
+            self._database.executemany("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", rows)
+
+    def _emptied(self) -> int:
+        with self._database:
+            count = self._database.execute("DELETE FROM model").rowcount
+        self._database.execute("VACUUM")
+        return count
+
+    def _safely(self, act: Callable[[], _Result], otherwise: _Result) -> _Result:
+        """Do it; if the file turns out to be damaged, set it aside and begin a new one."""
+        try:
+            return act()
+        except sqlite3.OperationalError as error:
+            # locked for too long, or the disk is full: the file is sound, go on without it
+            self._say(f"cache {self.path} was not used: {error}")
+        except sqlite3.DatabaseError as error:
+            self._database.close()
+            self._database = self._opened(error)
+        return otherwise
+
+    def _opened(self, damage: Exception | None = None) -> sqlite3.Connection:
+        """Open the file, first setting it aside if it is damaged."""
+        # one process at a time: SQLite does not wait while another turns the log on
+        with _locked(self.path.with_name(self.path.name + ".lock")):
+            if damage is not None:
+                self._set_aside(damage)
+            try:
+                return self._connected()
+            except sqlite3.OperationalError:
+                raise
+            except sqlite3.DatabaseError as error:
+                self._set_aside(error)
+                return self._connected()
+
+    def _connected(self) -> sqlite3.Connection:
+        database = sqlite3.connect(self.path, timeout=_WAIT_S)
+        try:
+            database.execute("PRAGMA journal_mode=WAL")
+            # a crash may lose the last entries, which are computed again, but not the file
+            database.execute("PRAGMA synchronous=NORMAL")
+            (version,) = database.execute("PRAGMA user_version").fetchone()
+            if version not in (0, SCHEMA):
+                raise sqlite3.DatabaseError(f"its schema is {version}, not {SCHEMA}")
+            with database:
+                database.execute(
+                    "CREATE TABLE IF NOT EXISTS model "
+                    "(key BLOB PRIMARY KEY, triangulator TEXT NOT NULL, value BLOB NOT NULL) "
+                    "WITHOUT ROWID"
+                )
+                database.execute(f"PRAGMA user_version={SCHEMA}")
+            database.execute("SELECT key, triangulator, value FROM model LIMIT 1").fetchone()
+        except BaseException:
+            database.close()
+            raise
+        return database
+
+    def _set_aside(self, error: Exception) -> None:
+        """Rename the damaged file, unless another process has done so already."""
+        if _sound(self.path):
+            return
+        aside = self.path.with_name(f"{self.path.name}.damaged-{time.time_ns()}")
+        self.path.rename(aside)
+        for suffix in ("-wal", "-shm"):
+            self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+        self._say(f"cache {self.path} was damaged ({error}): set aside as {aside.name}, begun anew")
+
+
+def key(
+    triangulator: str,
+    parameters: dict[str, Any],
+    coordinates: NDArray[np.float64],
+    ring_ends: Sequence[int],
+) -> bytes:
+    """The key of a triangulation: a hash of the polygon, the triangulator and all its versions.
+
+    coordinates: (n, 2), rings one after another and not closed; ring_ends: where each ends.
+    """
+    digest = prefix(triangulator, parameters).copy()
+    digest.update(np.asarray(ring_ends, dtype="<i8").tobytes())
+    digest.update(np.ascontiguousarray(coordinates, dtype="<f8").tobytes())
+    return digest.digest()
+
+
+def prefix(triangulator: str, parameters: dict[str, Any]) -> Any:
+    """A hash begun with what the triangulations of one batch have in common."""
+    about = [SCHEMA, triangulator, sorted(parameters.items()), code_version()]
+    return hashlib.blake2b(json.dumps(about).encode(), digest_size=20)
+
+
+@once
+def code_version() -> str:
+    """A hash of the triangulators' source and the versions of the libraries they call."""
+    digest = hashlib.blake2b(digest_size=12)
+    for path in sorted(Path(triangulators.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    for name in ("numpy", "shapely", "mapbox-earcut", "manifold3d", "PyOpenGL"):
+        try:
+            digest.update(f"{name} {importlib.metadata.version(name)}".encode())
+        except importlib.metadata.PackageNotFoundError:
+            digest.update(f"no {name}".encode())
+    return digest.hexdigest()
+
+
+def _checksum(key: bytes, data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=8, key=key).digest()
+
+
+def _sealed(key: bytes, triangles: NDArray[np.int32]) -> bytes:
+    data = np.ascontiguousarray(triangles, dtype="<i4").tobytes()
+    return _checksum(key, data) + data
+
+
+def _unsealed(key: bytes, value: Any) -> NDArray[np.int32] | None:
+    if not isinstance(value, bytes) or len(value) % 12 != 8:
+        return None
+    if _checksum(key, value[8:]) != value[:8]:
+        return None
+    return np.frombuffer(value, "<i4", offset=8).reshape(-1, 3).astype(np.int32)
+
+
+def _batches(keys: Sequence[bytes]) -> Iterator[list[bytes]]:
+    rest = iter(keys)
+    while batch := list(islice(rest, _BATCH)):
+        yield batch
+
+
+def _sound(path: Path) -> bool:
+    """Whether SQLite finds nothing wrong with the file, or there is none."""
+    if not path.exists():
+        return True
+    try:
+        with closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
+            (version,) = database.execute("PRAGMA user_version").fetchone()
+            answer = database.execute("PRAGMA quick_check").fetchone()[0]
+            database.execute("SELECT key, triangulator, value FROM model LIMIT 1").fetchone()
+            return bool(answer == "ok" and version == SCHEMA)
+    except sqlite3.Error:
+        return False
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock between processes; on systems without flock, hope that nobody else comes."""
+    with path.open("w") as stream:
+        try:
+            import fcntl
+
+            fcntl.flock(stream, fcntl.LOCK_EX)
+        except ImportError:
+            pass
+        yield

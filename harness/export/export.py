@@ -1,0 +1,286 @@
+"""Polygons in, triangles out: the pipeline behind `harness triangulate FILE -o OUT`."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.export import mesh as meshes
+from harness.export.binary import PlyWriter, StlWriter
+from harness.export.cache import Cache
+from harness.export.geo import GeoJsonWriter, GeoParquetWriter
+from harness.export.gltf import GltfWriter
+from harness.export.npz import NpzWriter
+from harness.export.obj import ObjWriter
+from harness.export.triangulation import triangulate_batch
+from harness.export.writer import About, Output, Writer
+from scenes import load
+from scenes.files import read_chunks
+from scenes.projection import to_degrees
+from scenes.registry import split
+from triangulators import TriangulationError, UnknownName, full_name
+
+CHUNK = 20_000
+"""Polygons that are in memory at a time."""
+
+_NOTES_KEPT = 1000
+
+FORMATS: dict[str, Callable[[Output, About], Writer]] = {
+    ".glb": partial(GltfWriter, binary=True),
+    ".gltf": partial(GltfWriter, binary=False),
+    ".obj": ObjWriter,
+    ".ply": PlyWriter,
+    ".stl": StlWriter,
+    ".npz": NpzWriter,
+    ".geojson": GeoJsonWriter,
+    ".json": GeoJsonWriter,
+    ".parquet": GeoParquetWriter,
+    ".geoparquet": GeoParquetWriter,
+}
+"""Suffix of the output to its writer."""
+
+
+@dataclass
+class Report:
+    """What an export did.
+
+    files : what was written, the target first
+    dropped, repaired, failed : (which, reason), the first thousand of each; failed are polygons
+        that the triangulator could not do; `counts` has all of them, by kind and reason
+    read : triangulations that came from the model database
+    flat : polygons whose height attribute was not usable, which stayed flat
+    seconds, triangulate_s : wall time of all and of triangulating alone
+    """
+
+    files: list[Path] = field(default_factory=list)
+    polygons: int = 0
+    vertices: int = 0
+    triangles: int = 0
+    dropped: list[tuple[str, str]] = field(default_factory=list)
+    repaired: list[tuple[str, str]] = field(default_factory=list)
+    failed: list[tuple[str, str]] = field(default_factory=list)
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    read: int = 0
+    flat: int = 0
+    seconds: float = 0.0
+    triangulate_s: float = 0.0
+
+    def note(self, kind: str, notes: list[tuple[str, str]]) -> None:
+        """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
+        kept: list[tuple[str, str]] = getattr(self, kind)
+        kept.extend(notes[: _NOTES_KEPT - len(kept)])
+        # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
+        self.counts.update((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Polygons of the source that are dealt with together."""
+
+    polygons: NDArray[Any]
+    attributes: pd.DataFrame | None
+    about: dict[str, Any]
+    dropped: list[tuple[str, str]]
+    repaired: list[tuple[str, str]]
+
+
+def export_file(
+    source: str | Path,
+    out: str | Path,
+    triangulator: str = "optimal:half-perimeter",
+    criterion: str | None = None,
+    *,
+    extrude: str | float | None = None,
+    layer: str | None = None,
+    where: str | None = None,
+    limit: int | None = None,
+    project: bool | None = None,
+    cache: Cache | None = None,
+    progress: Callable[[int], None] | None = None,
+    chunk: int = CHUNK,
+    **parameters: Any,
+) -> Report:
+    """Triangulate a scene or a file of polygons and write the triangles to `out`.
+
+    The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
+    units, or the name of an attribute that holds it. Polygons are read, triangulated and written
+    `chunk` at a time, so memory does not grow with the file. `cache` is the model database to use,
+    or None for none. `progress` is called with the number of polygons done so far. `parameters` go
+    to the triangulator. `out` appears when all is written; on an error it stays as it was.
+
+    Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
+    or triangulator, an attribute that is not there, and an output that cannot be written.
+    """
+    begun = time.perf_counter()
+    target = Path(out)
+    make = _format(target)
+    name = _full_name(triangulator, criterion)
+    report = Report()
+    writer: Writer | None = None
+    parts = _parts(str(source), layer, where, limit, project, chunk)
+    try:
+        with Output(target) as output:
+            for part in parts:
+                report.note("dropped", part.dropped)
+                report.note("repaired", part.repaired)
+                if len(part.polygons) == 0:
+                    continue
+                if writer is None:
+                    writer = make(output, About(triangulator=name, **part.about))
+                mesh = _triangulated(part, name, parameters, extrude, cache, report)
+                writer.add(mesh)
+                _count(report, mesh)
+                if progress is not None:
+                    progress(report.polygons)
+            if writer is None or report.triangles == 0:
+                raise UsageError(_nothing(str(source), report))
+            writer.finish()
+            report.files = output.publish()
+    except OSError as error:
+        reason = error.strerror or error
+        raise UsageError(f"{target} cannot be written: {reason}; nothing was changed") from error
+    report.seconds = time.perf_counter() - begun
+    return report
+
+
+def _format(target: Path) -> Callable[[Output, About], Writer]:
+    make = FORMATS.get(target.suffix.lower())
+    if make is None:
+        known = ", ".join(FORMATS)
+        raise UsageError(f"{target} has no suffix of a known format: give one of {known}")
+    if target.is_dir():
+        raise UsageError(f"{target} is a folder: give the name of a file")
+    return make
+
+
+def _full_name(triangulator: str, criterion: str | None) -> str:
+    try:
+        return full_name(f"{triangulator}:{criterion}" if criterion else triangulator)
+    except (UnknownName, TriangulationError) as error:
+        raise UsageError(str(error)) from error
+
+
+def _parts(
+    source: str,
+    layer: str | None,
+    where: str | None,
+    limit: int | None,
+    project: bool | None,
+    size: int,
+) -> Iterator[_Part]:
+    """The source's polygons, a file's in chunks, cut off after `limit`."""
+    if limit is not None and limit < 1:
+        raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
+    name, given, is_file = split(source)
+    if not is_file:
+        if any(value is not None for value in (layer, where, project)):
+            raise UsageError(f"layer, where and project are for files; {name} is a scene")
+        whole = _scene_parts(source, size)
+    else:
+        options = {"layer": layer, "where": where, "project": project}
+        named = {k: v for k, v in options.items() if v is not None}
+        known = {**given, **named}
+        limit = limit if limit is not None else known.pop("limit", None)
+        whole = _file_parts(name, known, size)
+    left = limit
+    for part in whole:
+        if left is not None and len(part.polygons) >= left:
+            table = None if part.attributes is None else part.attributes.iloc[:left]
+            yield _Part(part.polygons[:left], table, part.about, part.dropped, part.repaired)
+            return
+        left = None if left is None else left - len(part.polygons)
+        yield part
+
+
+def _scene_parts(source: str, size: int) -> Iterator[_Part]:
+    scene = load(source)
+    about = {"units": scene.units, "credit": scene.credit}
+    polygons = np.asarray(scene.polygons)
+    for start in range(0, len(polygons), size):
+        table = None
+        if scene.attributes is not None:
+            table = scene.attributes.iloc[start : start + size]
+        first = start == 0
+        yield _Part(
+            polygons[start : start + size],
+            table,
+            about,
+            scene.dropped if first else [],
+            scene.repaired if first else [],
+        )
+
+
+def _file_parts(path: str, options: dict[str, Any], size: int) -> Iterator[_Part]:
+    for chunk in read_chunks(path, size=size, **options):
+        about: dict[str, Any] = {"units": chunk.units, "crs": chunk.crs}
+        if chunk.centre is not None:
+            about["to_source"] = partial(_degrees, centre=chunk.centre)
+        cleaned = chunk.cleaned
+        yield _Part(cleaned.polygons, chunk.attributes, about, cleaned.dropped, cleaned.repaired)
+
+
+def _degrees(metres: NDArray[np.float64], centre: tuple[float, float]) -> NDArray[np.float64]:
+    # eleven decimals are a micrometre, and give most sources back the very numbers they had
+    return np.round(to_degrees(metres, centre), 11)
+
+
+def _triangulated(
+    part: _Part,
+    name: str,
+    parameters: dict[str, Any],
+    extrude: str | float | None,
+    cache: Cache | None,
+    report: Report,
+) -> meshes.Mesh:
+    begun = time.perf_counter()
+    batch = triangulate_batch(part.polygons, name, parameters, cache)
+    report.triangulate_s += time.perf_counter() - begun
+    report.read += batch.read
+    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
+    report.note("failed", failed)
+    mesh = meshes.flat(batch, part.attributes)
+    gone = np.diff(mesh.triangle_starts) == 0
+    if extrude is not None:
+        tops, unusable = _heights(mesh.attributes, extrude)
+        report.flat += unusable
+        mesh = meshes.extruded(mesh, batch, tops)
+    return meshes.without(mesh, gone)
+
+
+def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np.float64], int]:
+    if isinstance(extrude, str) and extrude not in attributes:
+        try:
+            return meshes.heights(attributes, float(extrude))
+        except ValueError:
+            known = [str(column) for column in attributes]
+        near = difflib.get_close_matches(extrude, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}"
+        raise UsageError(f"the source has no attribute {extrude!r} to extrude by; {hint}")
+    if not isinstance(extrude, str) and not (np.isfinite(extrude) and extrude >= 0):
+        raise UsageError(f"extrude={extrude} is not a height: give 0 or more")
+    return meshes.heights(attributes, extrude)
+
+
+def _count(report: Report, mesh: meshes.Mesh) -> None:
+    report.polygons += mesh.polygons
+    report.vertices += len(mesh.vertices)
+    report.triangles += len(mesh.triangles)
+
+
+def _nothing(source: str, report: Report) -> str:
+    notes = report.failed or report.dropped
+    if notes:
+        which, reason = notes[0]
+        return f"{source}: no polygon could be triangulated; {which}: {reason}"
+    return f"{source} holds no polygon: nothing was written"

@@ -1,0 +1,167 @@
+"""GeoJSON and GeoParquet: a feature for each polygon, its triangles as a multi-polygon.
+
+Coordinates are the source's own, so that the triangles lie on the map where the polygons did.
+Triangles share edges, which the simple-features standard does not allow the parts of a
+multi-polygon to do; programs read and draw them all the same, and no other type is read as widely.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.export.mesh import Mesh
+from harness.export.writer import About, Output, plain
+
+_MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
+
+
+class GeoJsonWriter:
+    """One feature a line; other reference systems than longitude and latitude are named in `crs`.
+
+    That member is GeoJSON of 2008, which GDAL and QGIS read; RFC 7946 knows degrees only.
+    """
+
+    def __init__(self, output: Output, about: About) -> None:
+        self._about = about
+        self._stream = output.file(mode="w")
+        self._stream.write('{"type":"FeatureCollection",')
+        if code := _authority(about.crs):
+            name = f"urn:ogc:def:crs:{code.replace(':', '::')}"
+            self._stream.write(
+                f'"crs":{json.dumps({"type": "name", "properties": {"name": name}})},'
+            )
+        self._stream.write('"features":[')
+        self._first = True
+
+    def add(self, mesh: Mesh) -> None:
+        """Write one more batch."""
+        corners = self._about.in_source(mesh.vertices)[mesh.triangles]
+        closed = np.concatenate([corners, corners[:, :1]], axis=1)
+        starts = mesh.triangle_starts.tolist()
+        columns = [str(name) for name in mesh.attributes]
+        rows = mesh.attributes.itertuples(index=False, name=None)
+        for start, end, row in zip(starts[:-1], starts[1:], rows, strict=True):
+            triangles = closed[start:end, None].tolist()
+            feature = {
+                "type": "Feature",
+                "properties": {k: plain(v) for k, v in zip(columns, row, strict=True)},
+                "geometry": {"type": "MultiPolygon", "coordinates": triangles},
+            }
+            self._stream.write("\n" if self._first else ",\n")
+            self._stream.write(json.dumps(feature, separators=(",", ":")))
+            self._first = False
+
+    def finish(self) -> None:
+        """Close the collection."""
+        self._stream.write("\n]}\n")
+
+
+class GeoParquetWriter:
+    """GeoParquet 1.1, WKB in column `geometry`, a row group for each batch.
+
+    A reference system other than longitude and latitude is named in the file's metadata under
+    "raster_harness" only: GeoParquet wants PROJJSON, which needs a projection library to make.
+    """
+
+    def __init__(self, output: Output, about: About) -> None:
+        try:
+            from pyarrow import parquet
+        except ImportError as error:
+            raise UsageError(
+                'GeoParquet needs pyarrow: pip install "raster-harness[geoparquet]"'
+            ) from error
+        self._parquet = parquet
+        self._path = output.path()
+        self._about = about
+        self._writer: Any = None
+
+    def add(self, mesh: Mesh) -> None:
+        """Write one more batch."""
+        import pyarrow as pa
+
+        table = pa.Table.from_pandas(mesh.attributes, preserve_index=False)
+        if "geometry" in table.column_names:
+            renamed = [f"{n}_" if n == "geometry" else n for n in table.column_names]
+            table = table.rename_columns(renamed)
+        for number, kind in enumerate(table.schema.types):
+            if pa.types.is_null(kind):  # nothing but missing values in this batch
+                text = table.column(number).cast(pa.string())
+                table = table.set_column(number, table.column_names[number], text)
+        geometry = pa.array(_wkb(mesh, self._about), pa.binary())
+        if table.num_columns == 0:
+            table = pa.table({"geometry": geometry})
+        else:
+            table = table.append_column("geometry", geometry)
+        if self._writer is None:
+            metadata = {"geo": json.dumps(self._metadata(mesh)), "raster_harness": self._say()}
+            self._schema = table.schema.with_metadata(metadata)
+            self._writer = self._parquet.ParquetWriter(self._path, self._schema)
+        # a column may look different in each batch: all missing in one, text in the next
+        self._writer.write_table(_fitted(table, self._schema, pa))
+
+    def finish(self) -> None:
+        """Write the footer."""
+        if self._writer is None:
+            raise UsageError("there is no polygon to write")
+        self._writer.close()
+
+    def _say(self) -> str:
+        about = self._about
+        crs = about.crs if about.crs is not None else about.units
+        return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})
+
+    def _metadata(self, mesh: Mesh) -> dict[str, Any]:
+        kind = "MultiPolygon Z" if mesh.vertices.shape[1] == 3 else "MultiPolygon"
+        column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
+        if self._about.to_source is None:
+            column["crs"] = None
+        return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+
+
+def _authority(crs: str | None) -> str | None:
+    """EPSG:4326 and its like are GeoJSON's own and need no name."""
+    if crs is None or crs in ("EPSG:4326", "OGC:CRS84") or not crs.startswith("EPSG:"):
+        return None
+    return crs
+
+
+def _fitted(table: Any, schema: Any, pa: Any) -> Any:
+    try:
+        return table.select(schema.names).cast(schema)
+    except (pa.ArrowException, KeyError, ValueError) as error:
+        raise UsageError(f"the attributes change their type within the source: {error}") from error
+
+
+def _wkb(mesh: Mesh, about: About) -> list[bytes]:
+    """Each polygon's triangles as a little-endian WKB multi-polygon."""
+    vertices: NDArray[np.float64] = about.in_source(mesh.vertices)
+    dimensions = vertices.shape[1]
+    extra = _WITH_Z if dimensions == 3 else 0
+    record = np.dtype(
+        [
+            ("order", "u1"),
+            ("type", "<u4"),
+            ("rings", "<u4"),
+            ("points", "<u4"),
+            ("xyz", "<f8", (4, dimensions)),
+        ]
+    )
+    corners = vertices[mesh.triangles]
+    triangles = np.empty(len(corners), record)
+    triangles["order"], triangles["type"], triangles["rings"] = 1, _POLYGON + extra, 1
+    triangles["points"] = 4
+    triangles["xyz"][:, :3] = corners
+    triangles["xyz"][:, 3] = corners[:, 0]
+    head = np.empty(mesh.polygons, np.dtype([("order", "u1"), ("type", "<u4"), ("parts", "<u4")]))
+    head["order"], head["type"] = 1, _MULTIPOLYGON + extra
+    head["parts"] = np.diff(mesh.triangle_starts)
+    heads, body, size = head.tobytes(), triangles.tobytes(), record.itemsize
+    starts = (mesh.triangle_starts * size).tolist()
+    return [
+        heads[9 * i : 9 * i + 9] + body[starts[i] : starts[i + 1]] for i in range(mesh.polygons)
+    ]

@@ -1,0 +1,169 @@
+"""Turns a pile of runs into one series for each case and metric."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.compare.checking import checked
+from harness.compare.matching import case_name
+from harness.compare.model import CaseName
+from harness.compare.times import low_quantile
+from harness.errors import UsageError, unknown
+from harness.history.change_points import changes_of_exact, changes_of_noisy
+from harness.metrics import METRICS
+from harness.store import Record, Run, read_run
+
+TIME = "time"
+"""The one metric of a history that is no record's own: a time beside those of its peers."""
+
+TOGETHER = "(all cases together)"
+"""Stands in place of a triangulator for what all cases of a group did."""
+
+DEFAULT = ("quads", "helper_lanes", "bbox_tests", TIME)
+
+
+@dataclass(frozen=True)
+class Series:
+    """A metric of a case over runs.
+
+    values : (runs,) float64, nan where a run lacks it; for `time` relative to the median run
+    content : (runs,) the scene's content hash, "" where unknown
+    changes : positions of the first run after each change; a change of content is none
+    """
+
+    name: CaseName
+    metric: str
+    exact: bool
+    values: NDArray[np.float64]
+    content: tuple[str, ...]
+    changes: tuple[int, ...]
+
+
+def find_runs(folders: Iterable[Path]) -> list[Run]:
+    """Read the runs in `folders` and below them, in the order they were made.
+
+    Raises
+    ------
+    UsageError
+        if there is none, or one cannot be read
+    """
+    paths = {}
+    for folder in folders:
+        found = sorted(file.parent for file in folder.rglob("run.json")) if folder.is_dir() else []
+        if not found and not folder.is_file():
+            raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
+        for path in found or [folder]:
+            paths[path.resolve()] = path
+    runs = [checked(read_run(path)) for path in paths.values()]
+    return sorted(runs, key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
+
+
+def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[Series]:
+    """Return a series for each case and each of `metrics` that any run has.
+
+    Raises
+    ------
+    UsageError
+        if a metric is unknown
+    """
+    for metric in metrics:
+        if metric != TIME and metric not in METRICS:
+            raise unknown("metric", metric, [TIME, *METRICS])
+    cases = _cases(runs)
+    found = []
+    for metric in metrics:
+        if metric == TIME:
+            found += _times(cases)
+        else:
+            found += [_series(name, metric, records) for name, records in cases.items()]
+    return [series for series in found if np.isfinite(series.values).any()]
+
+
+def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
+    """Return each case's measured record in every run, None where there is none."""
+    cases: dict[CaseName, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
+    for number, run in enumerate(runs):
+        for record in run.records:
+            if record.get("status") == "ok":
+                cases[case_name(record)][number] = record
+    return dict(cases)
+
+
+def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:
+    figures = [METRICS[metric](record) if record else None for record in records]
+    values = np.array([np.nan if value is None else value for value in figures], np.float64)
+    return _with_changes(name, metric, METRICS[metric].exact, values, _contents(records))
+
+
+def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:
+    """Return each case's time beside those of its peers, and what all of a group did together.
+
+    As in a comparison, what the cases of a group do together is taken out: it is the machine's
+    as often as the code's.
+    """
+    groups: dict[str, list[CaseName]] = defaultdict(list)
+    for name in cases:
+        groups[name.where].append(name)
+    found = []
+    for names in groups.values():
+        logs = np.array([[_log_time(record) for record in cases[name]] for name in names])
+        timed = np.isfinite(logs).any(axis=1)
+        if not timed.any():
+            continue
+        names = [name for name, good in zip(names, timed, strict=True) if good]
+        logs = logs[timed]
+        logs = logs - np.nanmedian(logs, axis=1, keepdims=True)
+        together = _median_of_columns(logs)
+        contents = [_contents(cases[name]) for name in names]
+        if len(names) > 1:
+            whole = CaseName(**{**vars(names[0]), "triangulator": TOGETHER})
+            found.append(_with_changes(whole, TIME, False, np.exp(together), contents[0]))
+            logs = logs - together
+        found += [
+            _with_changes(name, TIME, False, np.exp(row), content)
+            for name, row, content in zip(names, logs, contents, strict=True)
+        ]
+    return found
+
+
+def _median_of_columns(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    columns = [column[np.isfinite(column)] for column in logs.T]
+    return np.array([np.median(column) if len(column) else np.nan for column in columns])
+
+
+def _log_time(record: Record | None) -> float:
+    seconds = low_quantile(((record or {}).get("time") or {}).get("samples_s") or [])
+    return np.nan if seconds is None else float(np.log(seconds))
+
+
+def _contents(records: Sequence[Record | None]) -> tuple[str, ...]:
+    return tuple(str((record or {}).get("scene_hash") or "") for record in records)
+
+
+def _with_changes(
+    name: CaseName,
+    metric: str,
+    exact: bool,
+    values: NDArray[np.float64],
+    content: tuple[str, ...],
+) -> Series:
+    """Find the changes, each stretch of the same content by itself."""
+    find = changes_of_exact if exact else changes_of_noisy
+    known = np.flatnonzero(np.isfinite(values))
+    changes = []
+    for stretch in _stretches(known, content):
+        part = values[stretch]
+        changes += [int(stretch[place]) for place in find(part if exact else np.log(part))]
+    return Series(name, metric, exact, values, content, tuple(changes))
+
+
+def _stretches(known: NDArray[np.intp], content: Sequence[str]) -> list[NDArray[np.intp]]:
+    """Split the positions `known` wherever the content differs from the one before."""
+    cuts = [n for n in range(1, len(known)) if content[known[n]] != content[known[n - 1]]]
+    return [part for part in np.split(known, cuts) if len(part)]

@@ -1,0 +1,134 @@
+"""The answer of a report, in one sentence: what was cheapest to draw, and what foretold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from harness.metrics import METRICS
+from harness.pairs import Ratio
+from harness.polygons import CRITERIA, MEASURES
+from harness.store import Record
+from harness.summary import BASE, time_ratio
+
+Correlations = Mapping[str, Mapping[str, float | None]]
+"""measure -> criterion -> rank correlation of ratios."""
+
+
+def answer(members: Sequence[Record], measure: str | None, correlations: Correlations) -> str:
+    """Return one sentence about the records of a group.
+
+    measure : the group's main counter, None if nothing was counted a polygon
+    """
+    good = [record for record in members if record["status"] == "ok"]
+    if not good:
+        return "Nothing was measured: every case was skipped or failed."
+    most = max(record["polygons"] for record in good)
+    whole = [record for record in good if record["polygons"] == most]
+    first = whole[0]
+    place = (
+        f"On {first['device']} ({first['rasteriser']}, {first['resolution']} px), "
+        f"{first['scene']} is "
+    )
+    told = _foretold(measure, correlations)
+    cost = _by_time(whole) or _by_counter(whole, measure) or _alone(first)
+    return f"{place}{cost}{told}."
+
+
+def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return one sentence about a study's first matrix, None where it has no figure to name.
+
+    Helper lanes come first, then bounding-box tests, then whatever was measured.
+    """
+    if not matrices:
+        return None
+    matrix = matrices[0]
+    columns = [column["measure"] for column in matrix["columns"]]
+    wanted = [name for name in MEASURES if name in columns] + columns
+    place = columns.index(wanted[0])
+    known = {
+        row["title"]: cells[place]
+        for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
+        if row["name"] in CRITERIA and cells[place] and cells[place][0] is not None
+    }
+    if not known:
+        return None
+    best = max(known, key=lambda title: known[title][0])
+    value, low, high = known[best]
+    interval = "" if low is None else f", 95 % interval {low:.2f} to {high:.2f}"
+    column = matrix["columns"][place]
+    where = f"{column['rasteriser']} on {column['device']}"
+    words = f"{best} foretells the {column['title']} of {where} best "
+    words += f"({matrix['title']} {value:.2f}{interval})"
+    paper = CRITERIA["overdraw"]
+    if best != paper and paper in known:
+        words += f"; {paper} reaches {known[paper][0]:.2f}"
+    return f"{words[0].upper()}{words[1:]}."
+
+
+def _by_time(records: Sequence[Record]) -> str | None:
+    timed = [record for record in records if METRICS["draw_ms"](record) is not None]
+    if len(timed) < 2:
+        return None
+    ranked = sorted(timed, key=lambda record: METRICS["draw_ms"](record) or 0.0)
+    leader = ranked[0]
+    equals = [r["triangulator"] for r in ranked[1:] if not _is_slower(time_ratio(r, leader))]
+    beside = ""
+    if equals:
+        beside = f" (no difference shown to {_listed(equals)})"
+    base = next((record for record in timed if record["triangulator"] == BASE), None)
+    if base is leader:
+        return f"drawn fastest as {BASE} cuts it{beside}"
+    ratio = time_ratio(leader, base)
+    if ratio is None:
+        return f"drawn fastest as {leader['triangulator']} cuts it{beside}"
+    if ratio.verdict == "no difference shown":
+        return f"drawn as fast however it is cut: no difference to {BASE} is shown"
+    return (
+        f"drawn fastest as {leader['triangulator']} cuts it{beside}: in {ratio.value:.3f} of "
+        f"{BASE}'s time (95 % interval {ratio.low:.3f} to {ratio.high:.3f})"
+    )
+
+
+def _is_slower(ratio: Ratio | None) -> bool:
+    return ratio is not None and ratio.verdict == "slower"
+
+
+def _by_counter(records: Sequence[Record], measure: str | None) -> str | None:
+    counted = [record for record in records if measure in (record.get("counters") or {})]
+    if measure is None or len(counted) < 2:
+        return None
+    best = min(counted, key=lambda record: record["counters"][measure])
+    base = next((record for record in counted if record["triangulator"] == BASE), None)
+    words = f"cheapest as {best['triangulator']} cuts it: {best['counters'][measure]:,} "
+    words += MEASURES.get(measure, measure.replace("_", " "))
+    if base is not None and base is not best:
+        words += f", {best['counters'][measure] / base['counters'][measure]:.3f} of {BASE}'s"
+    return words
+
+
+def _alone(record: Record) -> str:
+    return f"measured as {record['triangulator']} cuts it, with nothing to compare it to"
+
+
+def _foretold(measure: str | None, correlations: Correlations) -> str:
+    known = {
+        name: value
+        for name, value in correlations.get(measure or "", {}).items()
+        if value is not None and name in CRITERIA
+    }
+    if not known:
+        return ""
+    best = max(known, key=lambda name: known[name])
+    title = MEASURES.get(measure or "", (measure or "").replace("_", " "))
+    words = f"; of the criteria, {CRITERIA[best]} foretells {title} best "
+    words += f"(rank correlation {known[best]:.2f}"
+    if best != "overdraw" and "overdraw" in known:
+        words += f"; {CRITERIA['overdraw']} {known['overdraw']:.2f}"
+    return f"{words})"
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return names[0]
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,231 @@
+"""What a report shows, as plain values: groups, cases, polygons, matrix and environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from harness import geometry
+from harness.frame import View
+from harness.metrics import METRICS
+from harness.polygons import (
+    CRITERIA,
+    MEASURES,
+    PREDICTED,
+    Columns,
+    columns_of,
+    correlation_of_ratios,
+    measures_in,
+)
+from harness.report import drawings, facts, matrix
+from harness.report.answer import answer, answer_of_study
+from harness.store import Record, Run
+from harness.summary import base_of, groups, row_of
+
+MOST_MARKS = 6_000
+"""Marks of one chart: a polygon under one triangulator each."""
+
+MOST_VALUES = 600_000
+"""Per-polygon numbers that one report carries."""
+
+FEWEST_POLYGONS = 12
+
+Content = dict[str, Any]
+
+
+def content_of(run: Run) -> Content:
+    """Return everything the report of `run` shows, JSON-ready."""
+    found = groups(run.records)
+    # A GPU is what most readers ask about, then what was timed; else in the order measured.
+    place = {record["key"]: number for number, record in enumerate(run.records)}
+    found.sort(key=lambda members: (_interest(members), min(place[r["key"]] for r in members)))
+    columns = _Polygons(run, found)
+    content: Content = {
+        "name": run.facts.get("scene", {}).get("name") or _scene(run.records) or run.path.name,
+        "metrics": [_metric(name) for name in METRICS],
+        "measures": MEASURES,
+        "criteria": CRITERIA,
+        "triangulators": _triangulators(run),
+        "groups": [],
+        "cases": [],
+        "views": columns.views,
+    }
+    told = []
+    for number, members in enumerate(found):
+        group, correlations = _group(members, columns)
+        content["groups"].append(group)
+        content["cases"] += [_case(number, record, members, columns) for record in members]
+        for measure, values in correlations.items():
+            told.append(((group["rasteriser"], group["device"], measure), values, group["view"]))
+    folder = run.path if run.path.is_dir() else run.path.parent
+    study = matrix.from_study(folder)
+    first = content["groups"][0]["view"] if content["groups"] else ""
+    content["matrices"] = study or matrix.from_run(
+        (where, values) for where, values, view in told if view == first
+    )
+    content["study"] = answer_of_study(study)
+    content["environment"] = facts.rows(run)
+    content["key_facts"] = facts.key_rows(run)
+    content["warnings"] = [*run.facts.get("warnings", []), *run.problems]
+    return content
+
+
+class _Polygons:
+    """Per-polygon columns of the run's cases, and the views that are drawn from them."""
+
+    def __init__(self, run: Run, found: Sequence[Sequence[Record]]) -> None:
+        self._run = run
+        self.views: dict[str, Content] = {}
+        kept = [r for members in found for r in members if r["status"] == "ok"]
+        share = MOST_VALUES // max(1, 8 * len(kept))
+        widest = max((len(members) for members in found), default=1)
+        self._most = max(FEWEST_POLYGONS, min(share, MOST_MARKS // widest))
+        self._chosen: dict[str, Any] = {}
+
+    def read(self, record: Record) -> Columns | None:
+        """Return a case's columns; its view gets its drawings and predictions on the way."""
+        columns = columns_of(self._run, record) if record["status"] == "ok" else None
+        if columns is None:
+            return None
+        key = geometry.name_of(view_of(record))
+        if key not in self._chosen:
+            self._add_view(key, record, len(columns[f"{PREDICTED}triangles"]))
+        predicted = self.views[key]["predicted"]
+        if record["triangulator"] not in predicted:
+            predicted[record["triangulator"]] = {
+                name.removeprefix(PREDICTED): _short(column[self._chosen[key]])
+                for name, column in columns.items()
+                if name.startswith(PREDICTED)
+            }
+        return columns
+
+    def _add_view(self, key: str, record: Record, polygons: int) -> None:
+        chosen = self._chosen[key] = drawings.choose(polygons, self._most)
+        view = {"polygons": polygons, "chosen": chosen.tolist(), "predicted": {}, "drawing": None}
+        kept = geometry.read(self._run, view_of(record))
+        if kept is not None and len(kept.offsets) == polygons + 1:
+            share = len(chosen) / max(1, polygons)
+            triangles = sum(len(rows) for rows in kept.triangles.values())
+            if triangles * share <= drawings.MOST_TRIANGLES / (1 + len(self.views)):
+                view["drawing"] = drawings.pack(kept, chosen)
+        self.views[key] = view
+
+    def counted(self, record: Record, columns: Columns) -> Content:
+        """Return the counters of the chosen polygons."""
+        chosen = self._chosen[geometry.name_of(view_of(record))]
+        return {name: columns[name][chosen].astype(int).tolist() for name in measures_in(columns)}
+
+
+def _group(
+    members: Sequence[Record], polygons: _Polygons
+) -> tuple[Content, dict[str, dict[str, float | None]]]:
+    """Return what is said of one group, and measure -> criterion -> rank correlation."""
+    columns = {
+        record["triangulator"]: kept
+        for record in members
+        if (kept := polygons.read(record)) is not None
+    }
+    first = members[0]
+    base = base_of(members)
+    base_name = base["triangulator"] if base is not None else next(iter(columns), None)
+    measures = measures_in(columns[base_name]) if base_name in columns else []
+    correlations = {
+        measure: {
+            criterion: _rounded(correlation_of_ratios(columns, base_name, criterion, measure))
+            for criterion in CRITERIA
+            if base_name and f"{PREDICTED}{criterion}" in columns[base_name]
+        }
+        for measure in measures
+        if base_name is not None
+    }
+    main = measures[0] if measures else None
+    if main is None:
+        counted = (base or first).get("counters") or {}
+        main = next((name for name in MEASURES if name in counted), None)
+    options = first.get("options") or {}
+    return {
+        "scene": first["scene"],
+        "rasteriser": first["rasteriser"],
+        "device": first["device"],
+        "view": geometry.name_of(view_of(first)),
+        "condition": _condition(first, options),
+        "base": base_name,
+        "measures": measures,
+        "main": main,
+        "correlations": correlations,
+        "answer": answer(members, main, correlations),
+    }, correlations
+
+
+def _case(number: int, record: Record, members: Sequence[Record], polygons: _Polygons) -> Content:
+    row = row_of(record, base_of(members))
+    predicted = {PREDICTED + name: value for name, value in (record.get("predicted") or {}).items()}
+    columns = polygons.read(record)
+    return {
+        "group": number,
+        "row": {name: _rounded(value) for name, value in (row | predicted).items()},
+        "warnings": (record.get("time") or {}).get("warnings", []),
+        "counted": None if columns is None else polygons.counted(record, columns),
+    }
+
+
+def view_of(record: Record) -> View:
+    """Return the view a record was measured in."""
+    return View(record["resolution"], record["rotation"], record.get("fit", "box"))
+
+
+def _condition(record: Record, options: Content) -> str:
+    parts = [f"{record['resolution']} px"]
+    if record["rotation"]:
+        parts.append(f"turned {record['rotation']:g}°")
+    if record.get("fit", "box") != "box":
+        parts.append(f"fit to a {record['fit']}")
+    if options.get("samples", 1) != 1:
+        parts.append(f"{options['samples']} samples a pixel")
+    if options.get("work"):
+        parts.append(f"work {options['work']}")
+    if options.get("order", "native") != "native":
+        parts.append(f"order {options['order']}")
+    return ", ".join(parts)
+
+
+def _interest(members: Sequence[Record]) -> tuple[bool, bool, bool]:
+    good = [record for record in members if record["status"] == "ok"]
+    timed = any(record.get("time") for record in good)
+    gpu = any(str(record["device"]).startswith("gpu") for record in good)
+    main = any(record["rasteriser"] == "opengl" for record in good)
+    return not (gpu and timed), not (main and timed), not timed
+
+
+def _metric(name: str) -> Content:
+    metric = METRICS[name]
+    return {
+        "name": name,
+        "description": metric.description,
+        "unit": metric.unit,
+        "better": metric.better,
+        "exact": metric.exact,
+    }
+
+
+def _triangulators(run: Run) -> list[str]:
+    """Return the names in the order of the plan, then those that only records have."""
+    planned = run.facts.get("plan", {}).get("triangulators", [])
+    seen = list(dict.fromkeys(record["triangulator"] for record in run.records))
+    return [name for name in planned if name in seen] + [n for n in seen if n not in planned]
+
+
+def _scene(records: Sequence[Record]) -> str | None:
+    return records[0]["scene"] if records else None
+
+
+def _short(column: Any) -> list[float]:
+    return [float(f"{value:.6g}") for value in column.tolist()]
+
+
+def _rounded(value: Any) -> Any:
+    """Return a value with at most 7 significant digits; what JSON cannot hold becomes None."""
+    if isinstance(value, float):
+        return float(f"{value:.7g}") if math.isfinite(value) else None
+    return value

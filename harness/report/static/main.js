@@ -1,0 +1,88 @@
+/* Starts the page and keeps its parts in step with what is chosen. */
+
+/* Choose a group: everything that shows one follows. */
+function choose(index) {
+  state.group = index;
+  const { groups } = state.report;
+  const conditions = [...new Set(groups.map((each) => `${each.scene}, ${each.condition}`))];
+  options($("condition"), conditions.map((text) => [text, text]), `${group().scene}, ${group().condition}`);
+  options($("target"), groupsAlike().map(([each, i]) => [String(i), `${each.rasteriser} on ${each.device}`]), String(index));
+  $("answer").textContent = state.report.study || group().answer;
+  fillChart();
+  drawRanking();
+  fillHeatmap();
+}
+
+function chooseCondition() {
+  const { rasteriser, device } = group();
+  const alike = state.report.groups.map((each, i) => [each, i]).filter(([each]) => `${each.scene}, ${each.condition}` === $("condition").value);
+  const same = alike.find(([each]) => each.rasteriser === rasteriser && each.device === device) ?? alike[0];
+  choose(same[1]);
+  $("status").textContent = `Showing ${$("condition").value}`;
+}
+
+function offerNames() {
+  const boxes = namesOfAll().map((name) => {
+    const box = element("input", { type: "checkbox", value: name, checked: "" });
+    box.addEventListener("change", () => {
+      if (box.checked) state.hidden.delete(name); else state.hidden.add(name);
+      drawChart();
+      drawRanking();
+      $("status").textContent = `${name} ${box.checked ? "shown" : "hidden"}`;
+    });
+    return element("label", {}, box, element("span", { class: "key", "data-name": name, "aria-hidden": "true" }), name);
+  });
+  $("names").append(...boxes);
+}
+
+function redraw() {
+  state.dark = isDark();
+  redrawKeys();
+  if (!state.report.groups.length) return;
+  drawChart();
+  drawRanking();
+  if (drawingNow()) { drawGallery(); drawHeatmap(); }
+}
+
+function setTheme(theme) {
+  if (theme) document.documentElement.dataset.theme = theme; else delete document.documentElement.dataset.theme;
+  $("theme").textContent = `Colours: ${theme || "as the system"}`;
+}
+
+function setUpTheme() {
+  const themes = ["", "light", "dark"];
+  let at = 0;
+  $("theme").addEventListener("click", () => { at = (at + 1) % themes.length; setTheme(themes[at]); redraw(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  // Paper is white: charts are drawn anew for it, and back again.
+  addEventListener("beforeprint", () => { for (const each of document.querySelectorAll("details")) each.open = true; setTheme("light"); redraw(); });
+  addEventListener("afterprint", () => { setTheme(themes[at]); redraw(); });
+}
+
+async function start() {
+  state.report = await unpack();
+  state.dark = isDark();
+  offerTables();
+  offerNames();
+  setUpTheme();
+  setUpChart();
+  setUpHeatmap();
+  setUpMatrix();
+  setUpCases();
+  const { environment, groups } = state.report;
+  tables.environment = () => csv(["section", "fact", "value"], environment);
+  $("filters").addEventListener("submit", (event) => event.preventDefault());
+  $("condition").addEventListener("change", chooseCondition);
+  $("target").addEventListener("change", () => { choose(+$("target").value); $("status").textContent = `Showing ${$("target").selectedOptions[0].text}`; });
+  if (state.report.study) $("level").value = "cases";
+  if (groups.length) choose(0);
+  else for (const id of ["filters", "chart-controls", "chart", "chart-keys", "heatmap-section"]) $(id).hidden = true;
+  redrawKeys();
+  document.documentElement.dataset.ready = String(Math.round(performance.now()));
+}
+
+function redrawKeys() {
+  for (const key of document.querySelectorAll("[data-name]")) key.style.background = colourOf(key.dataset.name);
+}
+
+start();

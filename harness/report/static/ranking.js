@@ -1,0 +1,98 @@
+/* The ranking of triangulators, one table for each rasteriser and device of the chosen conditions. */
+
+const WIDTH = 210;
+
+function groupsAlike() {
+  const { groups } = state.report;
+  const { scene, condition } = group();
+  return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
+}
+
+/* Complete triangulations first, then by time, or by the main counter where nothing was timed. */
+function ranked(index) {
+  const main = state.report.groups[index].main;
+  const good = casesOf(index).filter((each) => each.row.status === "ok" && !state.hidden.has(each.row.triangulator));
+  const most = Math.max(...good.map((each) => each.row.polygons));
+  const cost = (each) => each.row.draw_ms ?? each.row[main] ?? Infinity;
+  const complete = (each) => each.row.polygons === most;
+  good.sort((p, q) => complete(q) - complete(p) || cost(p) - cost(q));
+  return good.map((each) => ({ ...each, complete: complete(each), most }));
+}
+
+/* Time against the base with its interval, or the main counter against the base's. */
+function comparison(each, at, base) {
+  const { row } = each;
+  if (!each.complete) return null;
+  if (row.time_ratio) return { value: row.time_ratio, low: row.time_ratio_low, high: row.time_ratio_high };
+  if (row.draw_ms || !base || !row[at.main] || !base.row[at.main]) return null;
+  const value = row[at.main] / base.row[at.main];
+  return { value, low: value, high: value };
+}
+
+function intervalPicture(ratio, low, high, colour) {
+  const x = (value) => 6 + ((value - low) / (high - low)) * (WIDTH - 12);
+  const space = "http://www.w3.org/2000/svg";
+  const part = (name, attributes) => {
+    const made = document.createElementNS(space, name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    return made;
+  };
+  const text = `${ratio.value.toFixed(3)}, 95 % interval ${ratio.low.toFixed(3)} to ${ratio.high.toFixed(3)}`;
+  const picture = part("svg", { viewBox: `0 0 ${WIDTH} 18`, role: "img", "aria-label": text });
+  picture.append(
+    part("line", { x1: x(1), x2: x(1), y1: 0, y2: 18, stroke: "var(--soft)", "stroke-dasharray": "3 2" }),
+    part("rect", { x: Math.min(x(1), x(ratio.value)), width: Math.abs(x(ratio.value) - x(1)), y: 5, height: 8, fill: colour, opacity: 0.3 }),
+    part("line", { x1: x(ratio.low), x2: x(ratio.high), y1: 9, y2: 9, stroke: colour, "stroke-width": 2.5 }),
+    part("circle", { cx: x(ratio.value), cy: 9, r: 4, fill: colour }),
+  );
+  return picture;
+}
+
+/* [heading, unit, row -> text]; a column that no row fills is left out. */
+function rankingColumns(at) {
+  const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
+  return [
+    ["draw, median (95 %)", "ms", interval],
+    [words(at.main || "helper_lanes"), "", (row) => number(row[at.main])],
+    ["lanes shaded / pixel", "", (row) => number(row.overshading)],
+    ["tests / pixel", "", (row) => number(row.bbox_overdraw)],
+    ["to triangulate", "ms", (row) => number(row.triangulate_ms, 3)],
+    ["T-junctions", "", (row) => number(row.t_junctions)],
+  ];
+}
+
+function rankingTable(at, index) {
+  const rows = ranked(index);
+  if (!rows.length) return null;
+  const base = rows.find((each) => each.row.triangulator === at.base);
+  const timed = rows.some((each) => each.row.time_ratio);
+  const ratios = rows.map((each) => comparison(each, at, base));
+  const known = ratios.filter(Boolean);
+  const low = Math.min(1, ...known.map((r) => r.low)) - 0.01, high = Math.max(1, ...known.map((r) => r.high)) + 0.01;
+  const columns = rankingColumns(at).filter(([, , show]) => rows.some((each) => show(each.row)));
+  const heading = (text, name) => element("th", { scope: "col", class: name }, text);
+  const versus = `${timed ? "time" : words(at.main || "")} against ${at.base}`;
+  const head = element("tr", {}, heading("", "number"), heading("triangulator"), heading(versus), heading("ratio", "number"), heading("verdict"),
+    ...columns.map(([title, unit]) => heading(unit ? `${title} [${unit}]` : title, "number")));
+  const body = rows.map((each, place) => {
+    const { row } = each, ratio = ratios[place];
+    const half = ratio ? ` ±${((ratio.high - ratio.low) / 2).toFixed(3)}` : "";
+    const verdict = each === base ? "the base" : each.complete ? row.verdict ?? "" : `${number(row.polygons)} of ${number(each.most)} polygons`;
+    return element("tr", { class: each.complete ? null : "incomplete" },
+      element("td", { class: "number" }, each.complete ? String(place + 1) : "–"),
+      element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.triangulator)}`, "aria-hidden": "true" }), row.triangulator),
+      element("td", {}, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
+      element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? half : ""}`) : ""),
+      element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
+      ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
+  });
+  return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
+    element("table", { class: "ranking" }, element("caption", {}, `${at.rasteriser} on ${at.device}, ${at.condition}`),
+      element("thead", {}, head), element("tbody", {}, ...body)));
+}
+
+function drawRanking() {
+  const made = groupsAlike().map(([at, index]) => rankingTable(at, index)).filter(Boolean);
+  $("ranking").replaceChildren(...(made.length ? made : [element("p", { class: "empty" }, "No triangulator of this choice was measured.")]));
+  tables.ranking = () => csvOfObjects(groupsAlike().flatMap(([, index]) => ranked(index).map((each, place) => ({ rank: each.complete ? place + 1 : "", ...each.row }))));
+}

@@ -1,0 +1,187 @@
+"""Measures designed draws and held-out polygons, and fits a device's cost model to the first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.bench import Bench, Target
+from harness.errors import NothingMeasured, UsageError
+from harness.frame import SUBPIXEL, Frame, View, make_frame
+from harness.measure import bare_frame
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.study import calibration
+from harness.study.design import Design, choose_polygons
+from harness.timing import Settings
+from scenes import Scene
+from triangulators import vertices
+from triangulators.criteria import predict
+
+Draw = tuple[Frame, NDArray[np.int32]]
+
+GROUP = 24
+"""Draws timed together: enough to interleave, few enough for many rounds."""
+
+HELD_OUT = ("ear-clipping", "delaunay", "optimal:half-perimeter", "worst:half-perimeter")
+RANDOM = 12
+
+
+@dataclass(frozen=True)
+class Validation:
+    """How the fitted model predicts polygons it was not fitted on.
+
+    r2_over : of log time over all draws; r2_within : within polygons, their means taken out
+    """
+
+    r2_over: float
+    r2_within: float
+    polygons: int
+    draws: int
+
+
+def calibrate(
+    target: Target,
+    bench: Bench,
+    scene: Scene,
+    settings: Settings,
+    options: Options,
+    resolution: int,
+    reporter: Reporter,
+    seed: int = 0,
+) -> tuple[calibration.Fit, Validation]:
+    """Fit the model on designed draws of `target` and test it on polygons of `scene`."""
+    designed = designed_draws(bench, resolution, seed)
+    seconds = time_draws(target, bench, designed, settings, options, reporter, "designed draws")
+    fit = calibration.fit(design_of(designed), seconds, seed)
+    held_out, polygons = held_out_draws(bench, scene, resolution, seed)
+    measured = time_draws(target, bench, held_out, settings, options, reporter, "polygons")
+    predicted = calibration.predict(fit.coefficients, design_of(held_out))
+    validation = Validation(
+        r2_over=calibration.r_squared(np.log(measured), np.log(predicted)),
+        r2_within=calibration.r_squared_within(measured, predicted, polygons),
+        polygons=len(set(polygons)),
+        draws=len(held_out),
+    )
+    return fit, validation
+
+
+def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
+    """Return the draws of the designed polygons, each cut in several ways."""
+    draws = []
+    random = np.random.default_rng(seed)
+    shapes = calibration.designed_polygons(resolution, seed)
+    for name in calibration.CUTS:
+        results = bench.triangulate(name, [polygon for polygon, _ in shapes], seed).parts
+        for (polygon, copies), part in zip(shapes, results, strict=True):
+            if part is not None:
+                points = np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32)
+                # Copies lie apart, since drivers may drop what another hides, and have vertices
+                # of their own, whose cost goes with T.
+                room = resolution * SUBPIXEL - points.max(axis=0)
+                shifts = random.integers(-points.min(axis=0), room + 1, (copies, 2))
+                shifts[0] = 0
+                starts = np.arange(copies, dtype=np.int32) * len(points)
+                triangles = (part[None] + starts[:, None, None]).reshape(-1, 3)
+                spread = (points[None] + shifts[:, None]).reshape(-1, 2).astype(np.int32)
+                draws.append((bare_frame(resolution, spread), triangles))
+    return draws
+
+
+def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
+    """Return (k, 5) rows of `calibration.TERMS`, from coordinates alone."""
+    return np.array(
+        [
+            calibration.terms(predict(frame.points / SUBPIXEL, triangles))
+            for frame, triangles in draws
+        ]
+    )
+
+
+def held_out_draws(
+    bench: Bench, scene: Scene, resolution: int, seed: int
+) -> tuple[list[Draw], list[int]]:
+    """Return draws of polygons cut in several ways, and the number of each one's polygon."""
+    draws: list[Draw] = []
+    polygons: list[int] = []
+    design = Design(polygons=24, random=RANDOM)
+    for number, alone in choose_polygons(scene, design):
+        frame = make_frame(alone.polygons, View(resolution))
+        for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
+            parts = bench.triangulate(name, frame.polygons, seed).parts
+            if all(part is not None for part in parts):
+                draws.append((replace(frame, polygons=()), frame.join(parts)))
+                polygons.append(number)
+    return draws, polygons
+
+
+def time_draws(
+    target: Target,
+    bench: Bench,
+    draws: Sequence[Draw],
+    settings: Settings,
+    options: Options,
+    reporter: Reporter,
+    title: str,
+) -> NDArray[np.float64]:
+    """Return the (k,) median seconds of each draw, in groups timed together.
+
+    Raises
+    ------
+    NothingMeasured
+        if the device fails under one of them
+    """
+    seconds = np.full(len(draws), np.nan)
+    # Small and large draws share a group, so that a slow minute touches all kinds alike.
+    order = np.random.default_rng(0).permutation(len(draws))
+    with reporter.stage(f"timing {title}: {target.label}", len(draws)) as stage:
+        for start in range(0, len(draws), GROUP):
+            members = order[start : start + GROUP].tolist()
+            candidates = {str(member): draws[member] for member in members}
+            groups, failures = bench.time(target, candidates, options, settings, start)
+            if failures:
+                raise NothingMeasured(f"{target.label}: {next(iter(failures.values()))}")
+            for member in members:
+                seconds[member] = groups[str(member)][str(member)].median_s
+            stage.complete(start + len(members))
+    return seconds
+
+
+def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path) -> None:
+    """Write a calibration file: the fit, how it did on held-out polygons, and of what device."""
+    content = {
+        "schema_version": 1,
+        "device": device,
+        **fit.to_json(),
+        "held_out": {
+            "r2_over_polygons": validation.r2_over,
+            "r2_within_polygons": validation.r2_within,
+            "polygons": validation.polygons,
+            "draws": validation.draws,
+        },
+    }
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def read_coefficients(file: Path) -> dict[str, float]:
+    """Return the coefficients of a calibration file, by `calibration.TERMS`.
+
+    Raises
+    ------
+    UsageError
+        if it is missing or no calibration
+    """
+    try:
+        stored = json.loads(file.read_text())["coefficients"]
+        return {name: float(stored[name]) for name in calibration.TERMS}
+    except FileNotFoundError:
+        raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{file} is not a calibration: {error!r}") from error

@@ -1,0 +1,129 @@
+"""What a triangulator buys: its time over another's, as the view and the shading change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from harness.metrics import METRICS
+from harness.plots import COLOURS, MARKERS, STYLE
+from harness.store import Record
+from harness.summary import groups, time_ratio
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BASES = ("ear-clipping", "delaunay")
+
+AXES = {
+    "resolution": "viewport (px)",
+    "rotation": "rotation of the view (degrees)",
+    "work": "work a fragment (iterations)",
+    "samples": "samples a pixel",
+}
+"""What varies in a study of gains, each with its axis label."""
+
+
+def tabulate(records: Sequence[Record]) -> pd.DataFrame:
+    """Return one row a case and base: the paired ratio of times and of helper lanes.
+
+    Cases that left polygons out have no ratio: their times are of less work.
+    """
+    rows = []
+    for members in groups(records):
+        good = [record for record in members if record["status"] == "ok"]
+        bases = {record["triangulator"]: record for record in good}
+        for record in good:
+            for name in BASES:
+                row = _row(record, bases.get(name), name)
+                if row is not None:
+                    rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | None:
+    ratio = time_ratio(record, base)
+    if ratio is None or base is None:
+        return None
+    lanes = [METRICS["helper_lanes"](entry) for entry in (record, base)]
+    return {
+        "scene": record["scene"],
+        "rasteriser": record["rasteriser"],
+        "device": record["device"],
+        "resolution": record["resolution"],
+        "rotation": record["rotation"],
+        "work": record["options"]["work"],
+        "samples": record["options"]["samples"],
+        "triangulator": record["triangulator"],
+        "base": name,
+        "time_ratio": ratio.value,
+        "time_ratio_low": ratio.low,
+        "time_ratio_high": ratio.high,
+        "verdict": ratio.verdict,
+        "rounds": ratio.rounds,
+        "helper_lanes_ratio": lanes[0] / lanes[1] if lanes[0] and lanes[1] else None,
+        "polygons": record["polygons"],
+    }
+
+
+def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw the time ratios over whatever varies, one figure a scene, device and base."""
+    import matplotlib
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for keys, part in table.groupby(["scene", "rasteriser", "device", "base"], sort=False):
+        scene, rasteriser, device, base = (str(key) for key in keys)
+        for axis in AXES:
+            if part[axis].nunique() < 2:
+                continue
+            with matplotlib.rc_context(STYLE):
+                figure = _figure(part, axis, base, f"{scene}: {rasteriser} on {device}")
+            for suffix in ("png", "svg"):
+                name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}.{suffix}"
+                file = folder / "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+                figure.savefig(file)
+                files.append(file)
+    return files
+
+
+def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.6, 3.6))
+    axes = figure.subplots()
+    others = [name for name in AXES if name != axis]
+    # Only what varies on this axis: everything else as it was at the first value measured.
+    fixed = part[(part[others] == part[others].iloc[0]).all(axis=1)]
+    for index, (name, line) in enumerate(fixed.groupby("triangulator", sort=False)):
+        if name == base:
+            continue
+        line = line.sort_values(axis)
+        axes.plot(
+            line[axis],
+            line["time_ratio"],
+            color=COLOURS[index % len(COLOURS)],
+            marker=MARKERS[index % len(MARKERS)],
+            markersize=3,
+            label=str(name),
+        )
+        axes.fill_between(
+            line[axis],
+            line["time_ratio_low"],
+            line["time_ratio_high"],
+            color=COLOURS[index % len(COLOURS)],
+            alpha=0.2,
+            linewidth=0,
+        )
+    axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
+    if axis == "resolution":
+        axes.set_xscale("log", base=2)
+        axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_xlabel(AXES[axis])
+    axes.set_ylabel(f"time over {base}'s")
+    axes.set_title(title, fontsize=8)
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure

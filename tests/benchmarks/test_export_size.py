@@ -1,0 +1,120 @@
+"""A million footprints to GeoParquet: memory, and the rate beside that of earcut alone."""
+
+import json
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+from mapbox_earcut import triangulate_float64
+from pyarrow import parquet
+
+from harness.export.cache import Cache
+from harness.export.triangulation import COMPILED, triangulate_batch
+from scenes import load
+from triangulators.batch import ragged
+
+ROOT = Path(__file__).resolve().parents[2]
+MEMORY_MIB = 2048
+TILES = 10
+
+EXPORT = """
+import json, resource, sys
+from harness.export import export_file
+report = export_file(sys.argv[1], sys.argv[2])
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps([report.polygons, report.seconds, report.triangulate_s, peak]))
+"""
+
+
+@pytest.fixture(scope="module")
+def hundred_thousand():
+    return np.asarray(load("city", buildings=100_000).polygons)
+
+
+@pytest.fixture(scope="module")
+def million(hundred_thousand, tmp_path_factory) -> Path:
+    """Ten cities of 100,000 footprints side by side, with two attributes."""
+    path = tmp_path_factory.mktemp("million") / "in.parquet"
+    column = {"encoding": "WKB", "geometry_types": ["Polygon"], "crs": None}
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    count = len(hundred_thousand)
+    schema = pa.schema([("id", pa.int64()), ("height", pa.float64()), ("geometry", pa.binary())])
+    with parquet.ParquetWriter(path, schema.with_metadata({"geo": json.dumps(geo)})) as writer:
+        for tile in range(TILES):
+            moved = shapely.transform(
+                hundred_thousand, lambda xy, k=tile: xy + np.array([2e4 * k, 0])
+            )
+            columns = [np.arange(count) + tile * count, np.linspace(3, 40, count)]
+            arrays = [*map(pa.array, columns), pa.array(shapely.to_wkb(moved).tolist())]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+    return path
+
+
+def earcut_alone(polygons: np.ndarray) -> float:
+    """Seconds of mapbox_earcut in a loop, over arrays that are ready for it."""
+    arrays = ragged(polygons)
+    rings = np.r_[0, arrays.ring_ends]
+    owners = np.r_[0, arrays.polygon_ends]
+    pieces = []
+    for first, last in pairwise(owners):
+        start = rings[first]
+        ends = (rings[first + 1 : last + 1] - start).astype(np.uint32)
+        pieces.append((arrays.coordinates[start : rings[last]], ends))
+    begun = time.perf_counter()
+    for coordinates, ends in pieces:
+        triangulate_float64(coordinates, ends)
+    return time.perf_counter() - begun
+
+
+def test_a_million_footprints_in_two_gibibytes(million, hundred_thousand):
+    out = million.with_name("out.parquet")
+    earcut_s = earcut_alone(hundred_thousand) * TILES
+    done = subprocess.run(
+        [sys.executable, "-c", EXPORT, str(million), str(out)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    polygons, seconds, triangulate_s, peak = json.loads(done.stdout)
+    print(
+        f"\n{polygons} footprints: {seconds:.1f} s in all ({polygons / seconds:.0f}/s), "
+        f"{triangulate_s:.1f} s of it for the optimum by half-perimeter "
+        f"({polygons / triangulate_s:.0f}/s); mapbox_earcut alone {earcut_s:.1f} s "
+        f"({polygons / earcut_s:.0f}/s); peak {peak:.0f} MiB"
+    )
+    assert polygons == 1_000_000
+    assert parquet.read_metadata(out).num_rows == polygons
+    assert peak < MEMORY_MIB
+
+
+def test_reading_beats_computing_where_the_database_is_used(hundred_thousand, tmp_path):
+    """Where it does not, `harness.export.triangulation` computes; this is why."""
+    sample = hundred_thousand[:10_000]
+    sizes = shapely.get_num_coordinates(sample) - 1
+    plain = shapely.get_num_interior_rings(sample) == 0
+    for name, chosen in (
+        ("optimal:half-perimeter", ~plain),
+        ("optimal:half-perimeter", plain & (sizes > COMPILED)),
+        ("ear-clipping", plain & (sizes <= 12)),
+        ("delaunay", plain & (sizes <= 12)),
+    ):
+        polygons = sample[chosen][:1000]
+        with Cache(tmp_path / "model.sqlite") as cache:
+            triangulate_batch(polygons, name, {}, cache)  # compiles, computes, keeps
+            begun = time.perf_counter()
+            triangulate_batch(polygons, name, {})
+            computing = time.perf_counter() - begun
+            begun = time.perf_counter()
+            batch = triangulate_batch(polygons, name, {}, cache)
+            reading = time.perf_counter() - begun
+        each = 1e6 / len(polygons)
+        print(f"{name}: computing {computing * each:.0f} us, reading {reading * each:.0f} us")
+        assert batch.read == len(polygons)
+        assert reading < computing

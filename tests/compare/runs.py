@@ -1,0 +1,163 @@
+"""Run folders made up for tests: each names what is special about it, the rest is usual."""
+
+from __future__ import annotations
+
+import json
+import random
+import statistics
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+TRIANGULATORS = {
+    "fan": (70_373, 99_275, 3.0e-3),
+    "ear-clipping": (70_400, 99_383, 2.9e-3),
+    "delaunay": (68_393, 91_355, 2.6e-3),
+    "optimal:overdraw": (67_455, 87_603, 2.55e-3),
+    "optimal:half-perimeter": (66_753, 84_795, 2.45e-3),
+}
+"""Triangulator -> quads, helper lanes, seconds of a draw."""
+
+FRAGMENTS = 182_217
+ROUNDS = 30
+MACHINE = {"cpu": "Test CPU", "threads": 8, "kernel": "Linux 6.1", "python": "3.11.2"}
+
+Edit = Callable[[dict[str, Any]], None]
+
+
+def record(
+    triangulator: str, *, seed: int, noise: float = 0.01, speed: float = 1.0
+) -> dict[str, Any]:
+    """Return the record of a usual case; `noise` is the scatter of its samples."""
+    quads, helpers, seconds = TRIANGULATORS[triangulator]
+    times = samples(f"{triangulator} {seed}", seconds / speed, noise)
+    return {
+        "key": f"{list(TRIANGULATORS).index(triangulator):016x}",
+        "scene": "city",
+        "scene_hash": "c17c17c17c17c17c",
+        "triangulator": triangulator,
+        "rasteriser": "opengl",
+        "device": "llvmpipe",
+        "resolution": 1024,
+        "rotation": 0.0,
+        "fit": "box",
+        "options": {"samples": 1, "work": 0, "order": "native", "seed": 0},
+        "status": "ok",
+        "reason": None,
+        "polygons": 500,
+        "vertices": 5_000,
+        "triangles": 4_000,
+        "predicted": {"overdraw": 150_000.0 + quads, "half_perimeter": 50_000.5 + quads},
+        "counters": {"fragments": FRAGMENTS, "quads": quads, "helper_lanes": helpers},
+        "triangulate_s": 0.05,
+        "conforming": True,
+        "t_junctions": 0,
+        "coverage_error": 0,
+        "time": {
+            "timer": "wall",
+            "samples_s": times,
+            "median_s": statistics.median(times),
+            "ci95_s": [sorted(times)[9], sorted(times)[20]],
+            "reference_s": samples(f"reference {seed}", 1.0e-3 / speed, noise),
+            "empty_s": samples(f"empty {seed}", 1.0e-5 / speed, noise),
+        },
+    }
+
+
+def samples(seed: str, seconds: float, noise: float) -> list[float]:
+    """Return times that other programs lengthen and never shorten."""
+    generator = random.Random(seed)
+    return [
+        round(seconds * (1 + abs(generator.gauss(0, noise)) + 0.002 * generator.random()), 9)
+        for _ in range(ROUNDS)
+    ]
+
+
+def write_run(
+    path: Path,
+    *,
+    seed: int,
+    edits: Mapping[str, Edit] | None = None,
+    leave_out: tuple[str, ...] = (),
+    machine: Mapping[str, Any] = MACHINE,
+    noise: float = 0.01,
+    speed: float = 1.0,
+    facts: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write a run folder of all triangulators but those to `leave_out`.
+
+    edits : triangulator -> what to do to its record; "*" stands for all
+    """
+    path.mkdir(parents=True)
+    lines = []
+    for name in TRIANGULATORS:
+        if name in leave_out:
+            continue
+        entry = record(name, seed=seed, noise=noise, speed=speed)
+        for key in ("*", name):
+            if edits and key in edits:
+                edits[key](entry)
+        lines.append(json.dumps(entry))
+    (path / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    content = {
+        "schema_version": 1,
+        "created": f"2026-01-{seed:02d}T12:00:00Z",
+        "plan": {"scene": "city", "seed": 0, "timing": {"precision": 0.03, "budget_s": 0.3}},
+        "environment": {
+            "harness": "0.1.0",
+            "git": {"commit": f"{seed:02d}" * 20, "dirty": False},
+            **machine,
+        },
+        "devices": {
+            "opengl on llvmpipe": {
+                "details": {"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "version": "4.5"}
+            }
+        },
+        "warnings": [],
+        **(facts or {}),
+    }
+    (path / "run.json").write_text(json.dumps(content, indent=2))
+    return path
+
+
+def dearer(share: float, *, time: float | None = None) -> Edit:
+    """Return an edit that adds `share` to quads and, if given, `time` to every sample."""
+
+    def edit(entry: dict[str, Any]) -> None:
+        counters = entry["counters"]
+        counters["quads"] = round(counters["quads"] * (1 + share))
+        counters["helper_lanes"] = 4 * counters["quads"] - counters["fragments"]
+        if time is not None:
+            slower(time)(entry)
+
+    return edit
+
+
+def slower(share: float) -> Edit:
+    """Return an edit that adds `share` to every sample."""
+
+    def edit(entry: dict[str, Any]) -> None:
+        timing = entry["time"]
+        timing["samples_s"] = [round(s * (1 + share), 9) for s in timing["samples_s"]]
+        timing["median_s"] *= 1 + share
+        timing["ci95_s"] = [bound * (1 + share) for bound in timing["ci95_s"]]
+
+    return edit
+
+
+def failed(status: str, reason: str) -> Edit:
+    """Return an edit that makes the case one that `failed` or was `skipped`."""
+
+    def edit(entry: dict[str, Any]) -> None:
+        for name in ("polygons", "counters", "time", "predicted", "triangles"):
+            entry.pop(name, None)
+        entry |= {"status": status, "reason": reason}
+
+    return edit
+
+
+def old(entry: dict[str, Any]) -> None:
+    """Take away what the first run files did not have."""
+    for name in ("fit", "options", "scene_hash", "polygons", "coverage_error", "predicted"):
+        entry.pop(name)
+    entry["time"].pop("empty_s")

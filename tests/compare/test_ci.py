@@ -1,0 +1,97 @@
+"""The action, the workflow and the GitLab example: well formed, and naming only what exists."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from tests.conftest import ROOT
+
+MOCK = "tests.mock:MockRasteriser"
+ACTION = yaml.safe_load((ROOT / "action.yml").read_text())
+WORKFLOW = yaml.safe_load((ROOT / ".github/workflows/compare.yml").read_text())
+GITLAB = yaml.safe_load((ROOT / "docs/ci/gitlab-ci.yml").read_text())
+STEPS = ACTION["runs"]["steps"]
+
+
+def expressions(value: object) -> set[str]:
+    """Return what stands in ${{ }} anywhere in a YAML value."""
+    return set(re.findall(r"\$\{\{\s*(.*?)\s*\}\}", str(value)))
+
+
+def test_the_action_uses_its_inputs_and_its_own_steps_only():
+    named = {name for text in expressions(ACTION) for name in re.findall(r"inputs\.([\w-]+)", text)}
+    named |= set(re.findall(r"inputs\.([\w-]+)", " ".join(str(s.get("if", "")) for s in STEPS)))
+    assert named == set(ACTION["inputs"])
+    steps = {name for text in expressions(ACTION) for name in re.findall(r"steps\.(\w+)", text)}
+    assert steps <= {step["id"] for step in STEPS if "id" in step}
+
+
+@pytest.mark.parametrize("step", [s for s in STEPS if "run" in s], ids=lambda s: s["name"])
+def test_scripts_are_sound_and_take_values_from_the_environment(step, tmp_path):
+    assert step["shell"] == "bash"
+    assert not expressions(step["run"])  # what an input holds must never be run as code
+    script = tmp_path / "script.sh"
+    script.write_text(step["run"])
+    subprocess.run(["bash", "-n", script], check=True)
+    assigned = set(re.findall(r"(?:^|\s)(?:read -r -a )?(\w+)(?:=| <<<)", step["run"]))
+    used = set(re.findall(r"\$\{?(\w+)", step["run"]))
+    known = {"GITHUB_OUTPUT", *assigned, *step.get("env", {})}
+    assert {name for name in used if not name.isdigit()} <= known
+
+
+def test_the_judge_fails_as_the_command_did():
+    (script,) = (step["run"] for step in STEPS if step.get("name") == "Judge")
+
+    def end(code: str, strict: str = "false") -> int:
+        environment = {**os.environ, "CODE": code, "STRICT": strict}
+        return subprocess.run(["bash", "-e", "-c", script], env=environment, check=False).returncode
+
+    assert [end(code) for code in ("0", "1", "2", "4", "5", "")] == [0, 1, 2, 4, 0, 2]
+    assert end("5", strict="true") == 5
+
+
+def test_the_workflow_runs_this_action_with_inputs_it_has():
+    (job,) = WORKFLOW["jobs"].values()
+    (step,) = (step for step in job["steps"] if step["uses"] == "./")
+    assert set(step["with"]) <= set(ACTION["inputs"])
+    assert "--scene city " in step["with"]["run"]
+    assert WORKFLOW["permissions"] == {"contents": "read", "pull-requests": "write"}
+
+
+def test_the_gitlab_example_runs_what_is_here():
+    job = GITLAB["rasterising"]
+    lines = " ".join([*job["before_script"], *job["script"]])
+    scripts = re.findall(r"\$HARNESS/(\S+)", lines)
+    assert scripts == ["scripts/setup.sh", "scripts/ci-compare.sh"]
+    assert all(os.access(ROOT / script, os.X_OK) for script in scripts)
+    assert job["allow_failure"]["exit_codes"] == 5
+    assert job["artifacts"]["reports"]["junit"].endswith("compare.xml")
+
+
+def test_the_script_makes_a_first_baseline(tmp_path):
+    command = [ROOT / "scripts/ci-compare.sh", "kept/baseline", "out", "--gate", "counters", "--"]
+    command += ["--scene", "city:buildings=20", "--quick", "--rasterisers", MOCK]
+    command += ["--triangulators", "delaunay"]
+    environment = {**os.environ, "KEEP": "yes", "PYTHON": sys.executable}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "No baseline yet: kept/baseline" in done.stdout
+    assert (tmp_path / "kept/baseline/cases.jsonl").read_text()
+    reports = {path.name for path in (tmp_path / "out").iterdir()}
+    assert reports == {"head", "compare.md", "compare.xml", "compare.json", "compare.html"}
+
+
+def test_the_script_says_how_it_is_used():
+    done = subprocess.run(
+        [ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")

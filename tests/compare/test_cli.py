@@ -1,0 +1,257 @@
+"""The command as a user and a CI job meet it: exit codes, files, settings, one clear line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.compare.runs import dearer, failed, slower, write_run
+from tests.conftest import ROOT
+from tests.harness.test_cli import assert_one_line
+
+
+@pytest.fixture
+def runs(harness):
+    """Return a function that writes base and a head with the given edits, then compares."""
+
+    def call(*options: str, edits=None, **keywords):
+        write_run(Path("base"), seed=1)
+        write_run(Path("head"), seed=2, edits=edits, **keywords)
+        return harness("compare", "base", "head", *options)
+
+    return call
+
+
+def test_a_missing_baseline_is_bad_usage_unless_allowed(harness):
+    write_run(Path("head"), seed=1)
+    code, _, err = harness("compare", "base", "head")
+    assert code == 2
+    assert_one_line(err, "no baseline", "--allow-missing-baseline")
+    Path("base").mkdir()  # a cache that found nothing may leave an empty folder
+    code, out, _ = harness("compare", "base", "head", "--allow-missing-baseline")
+    assert code == 0
+    assert out.startswith("No baseline yet: base holds no run; the 5 cases")
+
+
+def test_a_missing_head_is_bad_usage(harness):
+    write_run(Path("base"), seed=1)
+    code, _, err = harness("compare", "base", "head", "--allow-missing-baseline")
+    assert code == 2
+    assert_one_line(err, "head holds no run")
+
+
+def test_a_newer_schema_is_bad_usage(runs):
+    code, _, err = runs(facts={"schema_version": 999})
+    assert code == 2
+    assert_one_line(err, "999", "newer")
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (["--gate", "couters"], ["couters", "counters"]),
+        (["--gate", ","], ["--gate"]),
+        (["--threshold", "time"], ["time", "percentage"]),
+        (["--threshold", "time=5"], ["time=5", "percentage"]),
+        (["--threshold", "quds=5%"], ["quds", "quads"]),
+        (["--threshold", "fragments=5%"], ["fragments"]),
+        (["--json", "/proc/none/x.json"], ["/proc/none"]),
+    ],
+)
+def test_bad_options_are_one_line_and_exit_code_2(runs, options, parts):
+    code, _, err = runs(*options)
+    assert code == 2
+    assert_one_line(err, *parts)
+
+
+def test_other_devices_are_refused_unless_asked_for(runs, harness):
+    def on_gpu(entry):
+        entry["device"] = "gpu0"
+
+    code, _, err = runs(edits={"*": on_gpu})
+    assert code == 2
+    assert_one_line(err, "llvmpipe", "gpu0", "--across-devices")
+    code, out, _ = harness("compare", "base", "head", "--across-devices")
+    assert code == 0
+    assert "5 cases on gpu0" in out
+    assert "no counter differs" in out
+
+
+def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
+    devices = {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H200/PCIe/SSE2"}}}
+    code, _, err = runs(facts={"devices": devices})
+    assert code == 2
+    assert_one_line(err, "NVIDIA H200", "--across-devices")
+    code, out, _ = harness("compare", "base", "head", "--across-devices", "--format", "json")
+    assert code == 0
+    assert json.loads(out)["machines_differ"] is True
+
+
+def test_a_driver_update_is_reported_not_refused(runs):
+    details = {"renderer": "llvmpipe (LLVM 19.1.0, 256 bits)", "version": "4.5"}
+    code, out, _ = runs(facts={"devices": {"opengl on llvmpipe": {"details": details}}})
+    assert code == 0
+    assert "LLVM 19.1.0" in out
+
+
+def test_thresholds_let_growth_pass(runs, harness):
+    assert runs(edits={"fan": dearer(0.02)})[0] == 1
+    loose = ("--threshold", "quads=2%", "--threshold", "helper_lanes=10%")
+    assert harness("compare", "base", "head", *loose)[0] == 0
+    assert harness("compare", "base", "head", *loose[:2])[0] == 1
+    assert harness("compare", "base", "head", "--threshold", "counters=10%")[0] == 0
+    assert harness("compare", "base", "head", "--gate", "time")[0] == 0
+
+
+def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
+    code, out, _ = runs("--gate", "counters", edits={"delaunay": slower(0.2)})
+    assert code == 0
+    assert "regressed: time, not gated" in out
+    assert harness("compare", "base", "head")[0] == 1
+    assert harness("compare", "base", "head", "--threshold", "time=30%")[0] == 0
+
+
+def test_settings_come_from_the_project_and_options_win(runs, harness):
+    Path("pyproject.toml").write_text(
+        '[tool.raster-harness]\ngate = "counters"\n'
+        '[tool.raster-harness.threshold]\nquads = "3%"\nhelper_lanes = "10%"\n'
+    )
+    assert runs(edits={"fan": dearer(0.02), "delaunay": slower(0.2)})[0] == 0
+    assert harness("compare", "base", "head", "--gate", "counters,time")[0] == 1
+    assert harness("compare", "base", "head", "--threshold", "quads=1%")[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("table", "parts"),
+    [
+        ('gates = "time"', ["gates", "gate"]),
+        ("gate = 3", ["gate", "3"]),
+        ('threshold = { quads = "much" }', ["quads=much"]),
+        ("gate = ", ["pyproject.toml"]),
+    ],
+)
+def test_bad_settings_name_the_file(runs, table, parts):
+    Path("pyproject.toml").write_text(f"[tool.raster-harness]\n{table}\n")
+    code, _, err = runs()
+    assert code == 2
+    assert_one_line(err, "pyproject.toml", *parts)
+
+
+def test_what_head_lacks_fails_only_where_all_is_required(runs, harness):
+    code, out, _ = runs(leave_out=("fan",), edits={"delaunay": failed("skipped", "why not")})
+    assert code == 0
+    assert "1 case missing from HEAD" in out
+    assert "1 case now skipped" in out
+    code, out, _ = harness("compare", "base", "head", "--require-all")
+    assert code == 1
+    assert out.startswith("Regression:")
+
+
+def test_noise_is_inconclusive_unless_allowed(harness):
+    write_run(Path("base"), seed=1, noise=0.5)
+    write_run(Path("head"), seed=2, noise=0.5)
+    code, out, _ = harness("compare", "base", "head")
+    assert code == 5
+    assert out.startswith("Inconclusive:")
+    assert harness("compare", "base", "head", "--allow-inconclusive")[0] == 0
+
+
+def test_other_scenes_have_nothing_comparable(runs):
+    def elsewhere(entry):
+        entry["scene"] = "village"
+
+    code, out, _ = runs(edits={"*": elsewhere})
+    assert code == 4
+    assert "5 cases new in HEAD" in out
+    assert "5 cases missing from HEAD" in out
+
+
+def test_changed_content_is_not_compared(runs):
+    def other(entry):
+        entry |= {"scene_hash": "0" * 16}
+        dearer(0.5)(entry)
+
+    code, out, _ = runs(edits={"*": other})
+    assert code == 4
+    assert "5 cases of changed content" in out
+
+
+def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
+    def lost(entry):
+        entry |= {"polygons": 499, "reason": "failed polygon 3: boom"}
+        dearer(-0.1)(entry)
+
+    code, out, _ = runs(edits={"fan": lost})
+    assert code == 1
+    assert "500 then, 499 now" in out
+    code, out, _ = harness("compare", "head", "base")
+    assert code == 0
+    assert "1 case with more polygons" in out
+
+
+def test_the_step_summary_is_added_to(runs, monkeypatch):
+    Path("summary.md").write_text("before\n")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
+    assert runs("--markdown", "out/report.md", edits={"fan": dearer(0.1)})[0] == 1
+    text = Path("summary.md").read_text()
+    assert text == "before\n" + Path("out/report.md").read_text()
+    assert "**Regression:** fan on llvmpipe: +10.0 % quads" in text
+
+
+def test_files_are_what_goes_to_standard_output(runs, harness):
+    runs("--json", "a.json", "--markdown", "a.md", "--junit", "a.xml", "--html", "a.html")
+    _, out, _ = harness("compare", "base", "head", "--format", "json")
+    assert json.loads(out) == json.loads(Path("a.json").read_text())
+    _, out, _ = harness("compare", "base", "head", "--format", "markdown")
+    assert out == Path("a.md").read_text()
+    assert Path("a.html").read_text().startswith("<!DOCTYPE html>")
+    assert Path("a.xml").read_text().startswith("<?xml")
+
+
+def test_another_triangulator_under_the_same_name_is_found(tmp_path):
+    """A user's function changes between two real runs; the first line says so."""
+    module = tmp_path / "mine.py"
+    for name, method in (("base", "ear-clipping"), ("head", "worst:half-perimeter")):
+        module.write_text(
+            "from triangulators import triangulate\n\n"
+            f"def cut(polygon):\n    return triangulate(polygon, {method!r})\n"
+        )
+        done = run(
+            tmp_path,
+            *("run", "--scene", "city:buildings=60", "--quick", "--quiet", "--out", name),
+            *("--triangulators", "delaunay,mine:cut", "--rasterisers", "reference"),
+        )
+        assert done.returncode == 0, done.stderr
+    done = run(tmp_path, "compare", "base", "head", "--format", "markdown")
+    assert done.returncode == 1, done.stderr
+    first = done.stdout.splitlines()[0]
+    assert first.startswith("**Regression:** mine:cut on cpu: +")
+    assert "quads" in first
+    assert "delaunay" not in first
+
+
+def test_a_reader_that_stops_early_does_not_change_the_exit_code(tmp_path):
+    write_run(tmp_path / "base", seed=1)
+    write_run(tmp_path / "head", seed=2)
+    command = f"{sys.executable} -m harness compare {tmp_path}/base {tmp_path}/head"
+    # The reader is gone before anything is written.
+    script = f"{{ sleep 0.2; {command}; echo $? >&2; }} | true"
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stderr.strip() == "0"
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    path = f"{ROOT}{os.pathsep}{folder}"
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("GITHUB_STEP_SUMMARY", None)
+    command = [sys.executable, "-m", "harness", *arguments]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+    )

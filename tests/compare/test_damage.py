@@ -1,0 +1,103 @@
+"""A damaged run costs its damaged cases: never a traceback, never silence."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.compare import compare_runs
+from harness.compare.markdown import to_markdown
+from harness.errors import HarnessError
+from harness.store import Run
+from tests.compare.runs import TRIANGULATORS, record, write_run
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-3, 10**9) | st.floats() | st.text(max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+    ),
+    max_leaves=4,
+)
+FIELDS = sorted(record("fan", seed=1))
+FACTS = ("plan", "environment", "devices", "warnings", "created", "interrupted")
+
+
+def whole(seed: int) -> list[dict]:
+    return [record(name, seed=seed) for name in TRIANGULATORS]
+
+
+@settings(deadline=None, max_examples=60)
+@given(field=st.sampled_from([f for f in FIELDS if f != "key"]), value=JSON)
+def test_any_value_in_any_field_is_reported_or_compared(field, value):
+    damaged = whole(2)
+    damaged[1] = {**damaged[1], field: value}
+    head = Run(Path("head"), {}, damaged)
+    try:
+        found = compare_runs(Run(Path("base"), {}, whole(1)), head)
+    except HarnessError:
+        return  # e.g. every device of a rasteriser is another one
+    json.dumps(found.to_json(), allow_nan=False)
+    assert to_markdown(found).startswith("**")
+    assert len(found.cases) >= len(TRIANGULATORS)
+
+
+@settings(deadline=None, max_examples=60)
+@given(facts=st.dictionaries(st.sampled_from(FACTS), JSON))
+def test_any_facts_are_read(facts):
+    runs = [Run(Path(name), copy.deepcopy(facts), whole(1)) for name in ("base", "head")]
+    found = compare_runs(*runs)
+    assert found.verdict == "good"
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+def test_a_damaged_case_is_named(harness):
+    write_run(Path("base"), seed=1)
+
+    def damage(entry):
+        entry["counters"] = {"quads": "many"}
+
+    write_run(Path("head"), seed=2, edits={"delaunay": damage})
+    code, out, _ = harness("compare", "base", "head")
+    assert code == 0
+    assert "HEAD: case 0000000000000002: counters is not usable; case ignored" in out
+    assert "1 case missing from HEAD" in out
+
+
+@pytest.mark.parametrize("content", ["[]", "3", '"text"', "null", "{", '{"devices": 3}'])
+def test_a_damaged_run_json_is_reported(harness, content):
+    write_run(Path("base"), seed=1)
+    write_run(Path("head"), seed=2)
+    Path("head/run.json").write_text(content)
+    code, out, _ = harness("compare", "base", "head")
+    assert code == 0
+    assert "run.json" in out
+
+
+def test_a_gate_on_times_alone_needs_times(harness):
+    def untimed(entry):
+        del entry["time"]
+
+    for name, seed in (("base", 1), ("head", 2)):
+        write_run(Path(name), seed=seed, edits={"*": untimed})
+    assert harness("compare", "base", "head")[0] == 0
+    code, out, _ = harness("compare", "base", "head", "--gate", "time")
+    assert code == 4
+    assert "no case was timed" in out
+
+
+def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
+    write_run(Path("base"), seed=1)
+    write_run(Path("head"), seed=2)
+    later = record("fan", seed=3)
+    later |= {"key": "0123456789abcdef", "scene_hash": "0" * 16}
+    with Path("head/cases.jsonl").open("a") as stream:
+        stream.write(json.dumps(later) + "\n")
+    code, out, _ = harness("compare", "base", "head")
+    assert code == 0
+    assert "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later counts" in out
+    assert "1 case of changed content" in out

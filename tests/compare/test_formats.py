@@ -1,0 +1,167 @@
+"""Every output of every scenario is what its readers accept: Jenkins, GitHub, JSON, browsers."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+from lxml import etree
+from markdown_it import MarkdownIt
+
+from harness.compare import compare_runs, no_baseline
+from harness.compare.html import to_html
+from harness.compare.junit import to_junit
+from harness.compare.markdown import LIMIT, MARKER, to_markdown
+from harness.compare.settings import Settings
+from harness.compare.wording import headline
+from harness.store import read_run
+from tests.compare.runs import TRIANGULATORS, dearer, failed, write_run
+from tests.compare.scenarios import SCENARIOS
+from tests.conftest import ROOT
+
+SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
+XSD = etree.XMLSchema(etree.parse(Path(__file__).parent / "junit.xsd"))
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def comparison(request, tmp_path_factory):
+    with contextlib.chdir(tmp_path_factory.mktemp(request.param)):
+        SCENARIOS[request.param].make()
+        head = read_run(Path("head"))
+        if not Path("base").exists():
+            return no_baseline("base", head, Settings())
+        return compare_runs(read_run(Path("base")), head)
+
+
+@pytest.fixture
+def nasty(tmp_path):
+    """A comparison whose names and reasons are all that markup dislikes."""
+    names = (
+        "a|b`c",
+        "<img src=x onerror=alert(1)>",
+        "*bold* [x](y)",
+        "tab\there",
+        "nul\x00bell\x07",
+    )
+    reason = "]]> & <script>alert(1)</script> | `code` @someone #1 \x1b[31m"
+
+    def rename(name):
+        def edit(entry):
+            entry["triangulator"] = name
+            if name == "tab\there":
+                failed("failed", reason)(entry)
+            else:
+                dearer(0.1)(entry)
+
+        return edit
+
+    def only_name(name):
+        return lambda entry: entry.update(triangulator=name)
+
+    pairs = dict(zip(TRIANGULATORS, names, strict=True))
+    edits = {key: only_name(name) for key, name in pairs.items()}
+    base = write_run(tmp_path / "base", seed=1, edits=edits)
+    edits = {key: rename(name) for key, name in pairs.items()}
+    return compare_runs(read_run(base), read_run(write_run(tmp_path / "head", seed=2, edits=edits)))
+
+
+def valid_junit(text: str) -> etree._Element:
+    tree = etree.fromstring(text.encode())
+    XSD.assertValid(tree)
+    return tree
+
+
+def test_junit_is_valid_and_counts_its_tests(comparison):
+    tree = valid_junit(to_junit(comparison))
+    for suite in tree:
+        assert int(suite.get("tests")) == len(suite.findall("testcase"))
+    troubled = tree.findall(".//failure") + tree.findall(".//error")
+    assert bool(troubled) == (comparison.verdict == "regression")
+    for case in comparison.cases:
+        name = case.name.triangulator
+        assert any(test.get("name").startswith(name) for test in tree.iter("testcase"))
+
+
+def test_inconclusive_is_never_a_passed_test(comparison):
+    tree = etree.fromstring(to_junit(comparison).encode())
+    noisy = {
+        f"{case.name.triangulator}: time"
+        for case in comparison.compared()
+        if case.time is not None and case.time.outcome == "inconclusive"
+    }
+    skipped = {t.get("name") for t in tree.iter("testcase") if t.find("skipped") is not None}
+    assert noisy <= skipped
+
+
+def test_json_follows_its_schema(comparison):
+    content = json.loads(json.dumps(comparison.to_json(), allow_nan=False))
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    jsonschema.Draft202012Validator(SCHEMA).validate(content)
+    assert content["exit_code"] == comparison.exit_code
+
+
+def render(markdown: str) -> etree._Element:
+    """Render as GitHub does: tables, and HTML blocks left in."""
+    html = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
+    return etree.fromstring(f"<body>{html}</body>", etree.XMLParser(recover=False))
+
+
+def test_markdown_renders_with_the_verdict_first(comparison):
+    text = to_markdown(comparison)
+    page = render(text)
+    first = "".join(page[0].itertext()).strip()
+    assert page[0].tag == "p"
+    assert first == " ".join(headline(comparison).split())
+    for table in page.iter("table"):
+        widths = {len(row) for row in table.iter("tr")}
+        assert len(widths) == 1
+    assert text.count("<details>") == len(page.findall(".//details"))
+    assert text.rstrip().endswith(MARKER)
+
+
+def test_markup_in_names_and_reasons_stays_text(nasty):
+    page = render(to_markdown(nasty))
+    assert not list(page.iter("img", "script"))
+    shown = " ".join("".join(cell.itertext()) for cell in page.iter("td"))
+    assert "a|b`c" in shown
+    assert "<img src=x onerror=alert(1)>" in shown
+    assert "*bold* [x](y)" in shown
+    assert not re.search("[\x00-\x09\x0b-\x1f]", to_markdown(nasty))
+    valid_junit(to_junit(nasty))
+    html = to_html(nasty)
+    assert "<script" not in html
+    assert "<img" not in html
+
+
+def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_path):
+    runs = []
+    for name, seed in (("base", 1), ("head", 2)):
+        folder = write_run(tmp_path / name, seed=seed, edits={"fan": dearer(0.1 * (seed - 1))})
+        lines = (folder / "cases.jsonl").read_text().splitlines()
+        many = []
+        for size in range(40):
+            for line in lines:
+                entry = json.loads(line)
+                entry |= {"resolution": 100 + size, "key": f"{entry['key']}{size}"}
+                many.append(json.dumps(entry))
+        (folder / "cases.jsonl").write_text("\n".join(many) + "\n")
+        runs.append(read_run(folder))
+    comparison = compare_runs(*runs)
+    text = to_markdown(comparison, limit=20_000)
+    assert len(text) <= 20_000 < len(to_markdown(comparison)) <= LIMIT
+    assert "left out" in text
+    assert text.startswith("**Regression:** fan on llvmpipe: +10.0 % quads")
+    assert len(list(render(text).iter("table"))) > 10
+
+
+def test_html_asks_for_nothing(comparison):
+    page = to_html(comparison)
+    # Names of XML namespaces and the like are no requests.
+    attributes = re.findall(r'\b(?:src|href|action|poster|data|srcset)\s*=\s*"([^"]*)"', page)
+    assert all(value.startswith(("#", "data:")) for value in attributes)
+    assert not re.search(r"@import|url\((?!#)|<script|<iframe|<link(?! rel=\"icon\")", page)
+    assert ("<svg" in page) == any(case.time and case.time.ratio for case in comparison.cases)

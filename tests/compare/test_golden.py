@@ -1,0 +1,70 @@
+"""Every output of every scenario is what was looked at and committed.
+
+After a wanted change: UPDATE_GOLDEN=1 python -m pytest tests/compare/test_golden.py, then look.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.compare.scenarios import SCENARIOS
+
+GOLDEN = Path(__file__).parent / "golden"
+FORMATS = {
+    "table": "txt",
+    "markdown": "md",
+    "json": "json",
+    "github-action-benchmark": "benchmark.json",
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_outputs(harness, name):
+    scenario = SCENARIOS[name]
+    scenario.make()
+    files = ("--junit", "junit.xml", "--html", "page.html")
+    outputs = {}
+    for form, suffix in FORMATS.items():
+        extra = files if form == "table" else ()
+        code, out, err = harness(
+            "compare", "base", "head", "--format", form, *extra, *scenario.options
+        )
+        assert code == scenario.exit_code
+        assert err == ""
+        outputs[suffix] = out
+    outputs["xml"] = Path("junit.xml").read_text()
+    outputs["html"] = without_plots(Path("page.html").read_text())
+    for suffix, text in outputs.items():
+        check(GOLDEN / f"{name}.{suffix}", text)
+
+
+def check(file: Path, text: str) -> None:
+    if os.environ.get("UPDATE_GOLDEN"):
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    if file.suffix == ".json":
+        assert rounded(json.loads(text)) == rounded(json.loads(file.read_text())), file.name
+    else:
+        assert text == file.read_text(), file.name
+
+
+def rounded(value: Any) -> Any:
+    """Round so that another version of SciPy may sum in another order."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [rounded(item) for item in value]
+    return value
+
+
+def without_plots(page: str) -> str:
+    """Leave out what Matplotlib drew: it differs with its version."""
+    return re.sub(r"<svg.*?</svg>", "<svg/>", page, flags=re.DOTALL)

@@ -1,0 +1,125 @@
+"""History: runs in order, changes marked where they are, and nowhere else."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.history import find_runs, read_series
+from harness.history.change_points import LEAST_STEP, changes_of_exact, changes_of_noisy
+from harness.history.series import TOGETHER
+from tests.compare.runs import dearer, slower, write_run
+from tests.harness.test_cli import assert_one_line
+
+
+@pytest.fixture
+def year(tmp_path) -> Path:
+    """Sixteen runs: the machine's speed varies, delaunay is 12 % slower from the tenth on."""
+    rng = np.random.default_rng(1)
+    for number in range(1, 17):
+        edits = {"delaunay": slower(0.12)} if number >= 10 else {}
+        if number >= 6:
+            edits["ear-clipping"] = dearer(0.03)
+        speed = math.exp(rng.normal(0, 0.05))
+        # Names that sort in another order than the runs were made.
+        write_run(tmp_path / f"run-{99 - number}", seed=number, edits=edits, speed=speed)
+    return tmp_path
+
+
+def test_runs_are_found_below_folders_and_ordered_by_when_they_were_made(year):
+    runs = find_runs([year, year / "run-98"])
+    assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
+
+
+def test_changes_are_where_they_were_made(year):
+    series = read_series(find_runs([year]))
+    found = {(s.metric, s.name.triangulator): s.changes for s in series if s.changes}
+    assert found == {
+        ("quads", "ear-clipping"): (5,),
+        ("helper_lanes", "ear-clipping"): (5,),
+        ("time", "delaunay"): (9,),
+    }
+    together = next(s for s in series if s.name.triangulator == TOGETHER)
+    assert together.metric == "time"
+    assert np.ptp(np.log(together.values)) > 0.05
+
+
+def test_a_new_content_is_no_change_of_code(tmp_path):
+    def other(entry):
+        entry["scene_hash"] = "0" * 16
+        dearer(0.5)(entry)
+
+    for number in range(1, 7):
+        edits = {"*": other} if number > 3 else {}
+        write_run(tmp_path / str(number), seed=number, edits=edits)
+    assert not any(series.changes for series in read_series(find_runs([tmp_path])))
+
+
+def test_gaps_are_no_changes(tmp_path):
+    for number in range(1, 5):
+        leave_out = ("fan",) if number == 2 else ()
+        write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
+    fan = next(s for s in read_series(find_runs([tmp_path])) if s.name.triangulator == "fan")
+    assert np.isnan(fan.values).tolist() == [False, True, False, False]
+    assert fan.changes == ()
+
+
+def test_the_command_draws_and_lists(harness, year):
+    code, out, _ = harness("history", str(year), "--out", "plots")
+    assert code == 0
+    files = {path.name for path in Path("plots").iterdir()}
+    metrics = ("quads", "helper_lanes", "time")
+    assert files == {"history.csv"} | {f"{m}.{kind}" for m in metrics for kind in ("png", "svg")}
+    assert (
+        "quads of ear-clipping, city 1024 px, opengl on llvmpipe: 70,400 → 72,512 (+3.0 %)" in out
+    )
+    assert "time of delaunay" in out
+    assert "16 runs" in out
+    with Path("plots/history.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    marked = [row for row in rows if row["change"] == "1"]
+    assert len(rows) == 16 * (5 + 5 + 6)
+    assert len(marked) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "parts"),
+    [
+        (["nowhere"], 2, ["nowhere holds no run"]),
+        (["runs", "--metrics", "qads"], 2, ["qads", "quads"]),
+        (["runs", "--metrics", "bbox_tests"], 4, ["bbox_tests"]),
+    ],
+)
+def test_bad_usage(harness, arguments, code, parts):
+    write_run(Path("runs/one"), seed=1)
+    found, _, err = harness("history", *arguments)
+    assert found == code
+    assert_one_line(err, *parts)
+
+
+@given(st.lists(st.integers(0, 3), min_size=1, max_size=30))
+def test_exact_changes_are_all_differences(values):
+    found = changes_of_exact(np.array(values, float))
+    assert found == [n for n in range(1, len(values)) if values[n] != values[n - 1]]
+
+
+@given(seed=st.integers(0, 2**32), runs=st.integers(1, 60))
+def test_a_level_series_with_outliers_has_no_changes(seed, runs):
+    rng = np.random.default_rng(seed)
+    logs = rng.normal(0, 0.006, runs)
+    logs[rng.random(runs) < 0.05] += 0.7  # a busy machine
+    lonely = np.convolve(logs > 0.3, np.ones(2 * 3), mode="same").max(initial=0) <= 1
+    assert not lonely or changes_of_noisy(logs) == []
+
+
+@given(seed=st.integers(0, 2**32), place=st.integers(5, 15), sign=st.sampled_from([-1, 1]))
+def test_a_step_is_found_where_it_is(seed, place, sign):
+    logs = np.random.default_rng(seed).normal(0, 0.006, 20)
+    logs[place:] += sign * 3 * LEAST_STEP
+    assert changes_of_noisy(logs) == [place]

@@ -1,0 +1,165 @@
+"""What the judge of times promises, on times of which the truth is known."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.compare.settings import Settings
+from harness.compare.times import Pair, correct, decide, judge_group, read_pair
+
+SETTINGS = Settings()
+
+
+def pairs(
+    rng, growths, *, noise=0.01, rounds=30, drift=1.0, reference_drift=None, same_work=True
+) -> list[Pair]:
+    """Return cases that grew by `growths` on a machine that changed its speed by `drift`."""
+
+    def times(seconds: float):
+        # Other programs lengthen a sample, nothing shortens it.
+        return seconds * (1 + np.abs(rng.normal(0, noise, rounds)))
+
+    reference = times(1e-3), times(1e-3 * (drift if reference_drift is None else reference_drift))
+    return [
+        Pair(times(3e-3), times(3e-3 * drift * (1 + growth)), reference, same_work)
+        for growth in growths
+    ]
+
+
+def judge(found, settings=SETTINGS, machines_differ=False):
+    changes, drift = judge_group("here", found, settings, machines_differ=machines_differ)
+    return correct(changes, settings), drift
+
+
+@pytest.mark.parametrize("drift", [0.8, 1.0, 1.25])
+def test_a_dearer_case_is_found_whatever_the_machine_does(drift):
+    changes, together = judge(pairs(np.random.default_rng(1), [0, 0, 0.1, 0, 0], drift=drift))
+    assert [c.outcome for c in changes] == [*["unchanged"] * 2, "regressed", *["unchanged"] * 2]
+    assert changes[2].low < 1.1 < changes[2].high
+    assert together.outcome != "regressed"
+
+
+def test_a_cheaper_case_is_found():
+    changes, _ = judge(pairs(np.random.default_rng(2), [0, -0.1, 0, 0]))
+    assert [c.outcome for c in changes] == ["unchanged", "improved", "unchanged", "unchanged"]
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.02, 0.1, 0.5])
+def test_equal_runs_hardly_ever_regress(noise):
+    rng, outcomes = np.random.default_rng(3), Counter()
+    for _ in range(20):
+        drift = math.exp(rng.normal(0, 0.05))
+        changes, together = judge(pairs(rng, rng.normal(0, 0.005, 5), noise=noise, drift=drift))
+        outcomes.update(change.outcome for change in changes)
+        outcomes[f"together {together.outcome}"] += 1
+    assert outcomes["regressed"] + outcomes["together regressed"] <= 1
+    if noise >= 0.5:
+        assert outcomes["inconclusive"] >= 95
+    if noise <= 0.02:
+        assert outcomes["unchanged"] >= 95
+
+
+def test_noise_never_passes_for_unchanged():
+    changes, _ = judge(pairs(np.random.default_rng(4), [0] * 4, noise=0.6, rounds=12))
+    assert {change.outcome for change in changes} == {"inconclusive"}
+    assert all("somewhere in" in change.reason for change in changes)
+
+
+def test_all_cases_together_regress_only_beyond_the_reference_draw():
+    rng = np.random.default_rng(5)
+    _, machine = judge(pairs(rng, [0] * 5, drift=1.15))
+    assert machine.outcome == "inconclusive"
+    changes, code = judge(pairs(rng, [0] * 5, drift=1.15, reference_drift=1.0))
+    assert code.outcome == "regressed"
+    assert {change.outcome for change in changes} == {"unchanged"}
+    _, elsewhere = judge(pairs(rng, [0] * 5, drift=3, reference_drift=2), machines_differ=True)
+    assert elsewhere.outcome == "inconclusive"
+
+
+def test_a_changed_majority_does_not_make_the_rest_look_improved():
+    """Counters tell which cases drew the same; these are the peers."""
+    rng = np.random.default_rng(6)
+    dear = pairs(rng, [0.2, 0.2, 0.2], same_work=False)
+    changes, _ = judge([*dear, *pairs(rng, [0, 0, 0])])
+    assert [c.outcome for c in changes] == ["regressed"] * 3 + ["unchanged"] * 3
+
+
+@pytest.mark.parametrize("machines_differ", [False, True])
+def test_a_single_case_is_judged_beside_the_reference_draw(machines_differ):
+    rng = np.random.default_rng(7)
+    (change,), drift = judge(pairs(rng, [0.15]), machines_differ=machines_differ)
+    assert change.outcome == "regressed"
+    assert change.against == "reference"
+    assert not drift.gated
+    (same,), _ = judge(pairs(rng, [0], drift=1.3), machines_differ=machines_differ)
+    # On one machine it cannot be known whether the reference draw tells all of the drift.
+    assert same.outcome == ("unchanged" if machines_differ else "inconclusive")
+
+
+def test_a_single_case_without_reference_on_another_machine_is_inconclusive():
+    (pair,) = pairs(np.random.default_rng(8), [0])
+    (change,), _ = judge([Pair(pair.base, pair.head, None, True)], machines_differ=True)
+    assert change.outcome == "inconclusive"
+    assert "reference" in change.reason
+
+
+def test_many_cases_are_corrected_for():
+    """With a hundred equal cases, chance differences beyond a threshold of 0 stay inconclusive."""
+    rng = np.random.default_rng(9)
+    settings = Settings(thresholds={"time": 0.0})
+    changes, _ = judge(pairs(rng, [0] * 100, noise=0.05), settings)
+    assert sum(change.outcome == "regressed" for change in changes) <= 1
+    assert all(change.q_value >= change.p_value - 1e-12 for change in changes)
+
+
+@given(
+    least=st.floats(-1, 1),
+    spread=st.floats(0, 0.5),
+    below=st.floats(0, 1),
+    above=st.floats(0, 1),
+    threshold=st.floats(0, 0.5),
+)
+def test_an_outcome_needs_its_evidence(least, spread, below, above, threshold):
+    most = least + spread
+    low, high = least - below, most + above
+    bound = math.log1p(threshold)
+    outcome, reason = decide(least, most, low, high, threshold)
+    mirrored, _ = decide(-most, -least, -high, -low, threshold)
+    swap = {"regressed": "improved", "improved": "regressed"}
+    assert mirrored == swap.get(outcome, outcome)
+    assert bool(reason) == (outcome == "inconclusive")
+    if outcome == "regressed":
+        assert low > 0
+        assert least > bound
+    if outcome == "unchanged":
+        assert -bound <= low <= high <= bound
+
+
+@pytest.mark.parametrize(
+    ("base", "head", "reason"),
+    [
+        ({"samples_s": [1e-3] * 20}, {}, "HEAD was not timed"),
+        ({}, {"samples_s": [1e-3] * 20}, "BASE was not timed"),
+        ({"samples_s": [1e-3] * 20}, {"samples_s": [1e-3] * 4}, "too few"),
+        ({"samples_s": [1e-3] * 20}, {"samples_s": [float("nan"), None, -1.0, "x"]}, "not timed"),
+        (
+            {"samples_s": [1e-3] * 20, "timer": "gpu"},
+            {"samples_s": [1e-3] * 20, "timer": "wall"},
+            "timed by gpu clock in BASE, by wall in HEAD",
+        ),
+    ],
+)
+def test_times_that_cannot_be_compared_are_inconclusive_with_the_reason(base, head, reason):
+    change = read_pair({"time": base}, {"time": head}, same_work=True)
+    assert change.outcome == "inconclusive"
+    assert reason in change.reason
+
+
+def test_cases_that_were_never_timed_have_no_verdict():
+    assert read_pair({}, {"time": None}, same_work=True) is None

@@ -1,0 +1,338 @@
+import json
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyogrio
+import pytest
+import shapely
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from harness.errors import UsageError
+from harness.export import FORMATS, export_file
+from harness.export.mesh import heights
+from scenes import SceneError, load
+
+CITY = "city:buildings=60"
+MODELS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+
+
+def area_of(source: str) -> float:
+    return float(sum(polygon.area for polygon in load(source).polygons))
+
+
+def read_model(path: Path) -> trimesh.Trimesh:
+    return trimesh.load_scene(path).to_mesh()
+
+
+@pytest.fixture
+def houses(tmp_path) -> Path:
+    """Three footprints with attributes, in a planar system far from the origin."""
+    polygons = [
+        shapely.box(386_000, 6_672_000, 386_010, 6_672_008),
+        shapely.Polygon(
+            [
+                (386_020, 6_672_000),
+                (386_040, 6_672_000),
+                (386_040, 6_672_020),
+                (386_020, 6_672_020),
+            ],
+            [shapely.box(386_025, 6_672_005, 386_035, 6_672_015).exterior.coords],
+        ),
+        shapely.Polygon([(386_050, 6_672_000), (386_060, 6_672_000), (386_050, 6_672_010)]),
+    ]
+    path = tmp_path / "houses.gpkg"
+    pyogrio.raw.write(
+        path,
+        shapely.to_wkb(np.array(polygons)),
+        [np.array(["a", "b ü", None], dtype=object), np.array([3.5, 12.0, np.nan])],
+        ["name", "height"],
+        geometry_type="Polygon",
+        crs="EPSG:3067",
+    )
+    return path
+
+
+HOUSE_AREAS = [80.0, 300.0, 50.0]
+
+
+@pytest.mark.parametrize("suffix", MODELS)
+def test_models_keep_the_area(tmp_path, suffix):
+    out = tmp_path / f"city{suffix}"
+    report = export_file(CITY, out)
+    assert report.files[0] == out
+    assert report.polygons == 60
+    model = read_model(out)
+    assert len(model.faces) == report.triangles
+    # STL has single precision and nothing to make up for it
+    exact = 1e-6 if suffix == ".stl" else 1e-9
+    assert model.area == pytest.approx(area_of(CITY), rel=exact)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_models_open_in_pyrender(tmp_path, suffix):
+    pyrender = pytest.importorskip("pyrender", reason="pyrender is an optional extra")
+    out = tmp_path / f"city{suffix}"
+    export_file(CITY, out)
+    scene = pyrender.Scene.from_trimesh_scene(trimesh.load_scene(out))
+    area = 0.0
+    for node in scene.mesh_nodes:
+        pose = scene.get_pose(node)
+        for primitive in node.mesh.primitives:
+            points = trimesh.transform_points(primitive.positions.astype(float), pose)
+            faces = primitive.indices
+            if faces is None:  # pyrender has pulled the triangles apart
+                faces = np.arange(len(points)).reshape(-1, 3)
+            area += trimesh.Trimesh(points, faces, process=False).area
+    # pyrender holds positions in single precision, which glTF's whole numbers survive
+    assert area == pytest.approx(area_of(CITY), rel=1e-9 if suffix == ".glb" else 1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply"])
+@pytest.mark.parametrize("source", [CITY, "glyphs:text=Rag%8", "cad:parts=5,segments=12", "paper"])
+def test_extruded_models_are_closed(tmp_path, source, suffix):
+    out = tmp_path / f"solid{suffix}"
+    export_file(source, out, extrude=12.5)
+    bodies = read_model(out).split(only_watertight=False)
+    assert all(body.is_watertight for body in bodies)
+    assert sum(body.volume for body in bodies) == pytest.approx(12.5 * area_of(source), rel=1e-6)
+
+
+def test_gltf_lies_level_and_names_its_origin(tmp_path, houses):
+    out = tmp_path / "houses.gltf"
+    export_file(houses, out, extrude="height")
+    low, high = read_model(out).bounds
+    assert (low[1], high[1]) == pytest.approx((0, 12))  # y is up
+    assert high[0] - low[0] == pytest.approx(60)
+    assert np.abs([low, high]).max() < 100  # viewers use single precision
+    document = json.loads(out.read_text())
+    extras = document["asset"]["extras"]
+    assert extras["origin"] == [386_030, 6_672_010]
+    assert extras["crs"] == "EPSG:3067"
+    attributes = document["meshes"][0]["extras"]["attributes"]
+    assert attributes == {"name": ["a", "b ü", None], "height": [3.5, 12.0, None]}
+    assert (tmp_path / "houses.gltf.bin").exists()
+
+
+def test_heights_come_from_an_attribute(tmp_path, houses):
+    report = export_file(houses, tmp_path / "houses.ply", extrude="height")
+    bodies = read_model(tmp_path / "houses.ply").split(only_watertight=False)
+    solid = sorted(abs(body.volume) for body in bodies if body.is_watertight)
+    assert solid == pytest.approx([80 * 3.5, 300 * 12])
+    assert report.flat == 1  # no height is known of the third
+    table = pd.read_csv(tmp_path / "houses.ply.attributes.csv")
+    assert list(table["feature"]) == [0, 1, 2]
+    assert list(table["name"])[:2] == ["a", "b ü"]
+    with pytest.raises(UsageError, match="did you mean height"):
+        export_file(houses, tmp_path / "x.ply", extrude="hieght")
+
+
+@given(st.lists(st.none() | st.text(max_size=8) | st.floats() | st.integers(-5, 5), max_size=9))
+def test_heights_of_any_attribute(values):
+    found, unusable = heights(pd.DataFrame({"h": pd.Series(values, dtype=object)}), "h")
+    assert np.isfinite(found).all()
+    assert (found >= 0).all()
+    assert 0 <= unusable <= len(values)
+
+
+def test_heights_of_text():
+    values = ["12.5 m", "7", " 3,5", "tall", "-4", None]
+    found, unusable = heights(pd.DataFrame({"h": values}), "h")
+    assert found.tolist() == [12.5, 7, 3.5, 0, 0, 0]
+    assert unusable == 3
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
+def test_maps_keep_place_and_attributes(tmp_path, houses, suffix):
+    out = tmp_path / f"triangles{suffix}"
+    export_file(houses, out)
+    if suffix == ".geojson":
+        meta, _, wkb, columns = pyogrio.raw.read(out)
+        assert meta["crs"] == "EPSG:3067"
+        names, tall = columns[list(meta["fields"]).index("name")], columns[-1]
+    else:
+        table = pd.read_parquet(out)
+        wkb, names, tall = table["geometry"], list(table["name"]), list(table["height"])
+        assert (
+            json.loads(parquet.read_schema(out).metadata[b"raster_harness"])["crs"] == "EPSG:3067"
+        )
+    geometries = shapely.from_wkb(list(wkb))
+    assert [g.geom_type for g in geometries] == ["MultiPolygon"] * 3
+    assert shapely.area(geometries) == pytest.approx(HOUSE_AREAS, rel=1e-9)
+    assert geometries[0].bounds == (386_000, 6_672_000, 386_010, 6_672_008)
+    assert [len(g.geoms) for g in geometries] == [2, 8, 1]
+    assert list(names)[:2] == ["a", "b ü"]
+    assert pd.isna(names[2])
+    assert list(tall)[:2] == [3.5, 12.0]
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
+def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
+    ring = [[24.9384, 60.1699], [24.9391, 60.1699], [24.9391, 60.1704], [24.9384, 60.1699]]
+    feature = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    source = tmp_path / "in.geojson"
+    source.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    out = tmp_path / f"out{suffix}"
+    export_file(source, out)
+    if suffix == ".parquet":
+        about = json.loads(parquet.read_schema(out).metadata[b"geo"])
+        assert "crs" not in about["columns"]["geometry"]  # which means longitude and latitude
+        (geometry,) = shapely.from_wkb(list(pd.read_parquet(out)["geometry"]))
+    else:
+        (wkb,) = pyogrio.raw.read(out)[2]
+        geometry = shapely.from_wkb(wkb)
+    corners = {tuple(point) for point in shapely.get_coordinates(geometry)}
+    assert corners == {tuple(point) for point in ring}
+    # and what was written is read again as a scene
+    assert load(out).polygons[0].area == pytest.approx(load(source).polygons[0].area, rel=1e-9)
+
+
+def test_maps_extruded_have_heights(tmp_path, houses):
+    export_file(houses, tmp_path / "a.parquet", extrude="height")
+    geometries = shapely.from_wkb(list(pd.read_parquet(tmp_path / "a.parquet")["geometry"]))
+    assert shapely.has_z(geometries).all()
+    assert shapely.get_coordinates(geometries[1], include_z=True)[:, 2].max() == 12
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 1000])
+def test_npz_has_plain_arrays(tmp_path, houses, chunk):
+    export_file(houses, tmp_path / "a.npz", chunk=chunk)
+    with np.load(tmp_path / "a.npz") as data:
+        vertices, triangles = data["vertices"], data["triangles"]
+        a, b, c = (vertices[triangles[:, k]] for k in range(3))
+        areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+        assert (areas > 0).all()  # counter-clockwise
+        starts = data["triangle_starts"]
+        assert np.add.reduceat(areas, starts[:-1]) == pytest.approx(HOUSE_AREAS)
+        assert data["vertex_starts"].tolist() == [0, 4, 12, 15]
+        assert data["attribute_name"].tolist() == ["a", "b ü", ""]
+        assert data["attribute_height"][:2].tolist() == [3.5, 12.0]
+        assert data["triangulator"] == "optimal:half-perimeter"
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_chunks_do_not_show(tmp_path, suffix):
+    whole, pieces = tmp_path / f"whole{suffix}", tmp_path / f"pieces{suffix}"
+    seen: list[int] = []
+    one = export_file(CITY, whole)
+    many = export_file(CITY, pieces, chunk=7, progress=seen.append)
+    assert seen == [*range(7, 60, 7), 60]
+    assert (one.polygons, one.triangles, one.vertices) == (
+        many.polygons,
+        many.triangles,
+        many.vertices,
+    )
+    if suffix in MODELS:
+        assert read_model(pieces).area == pytest.approx(read_model(whole).area, rel=1e-6)
+    elif suffix in (".geojson", ".json"):
+        assert whole.read_bytes() == pieces.read_bytes()
+
+
+def test_obj_groups_are_polygons(tmp_path):
+    export_file("paper", tmp_path / "a.obj", "delaunay")
+    text = (tmp_path / "a.obj").read_text()
+    assert text.startswith("# raster-harness, delaunay, units: units\n")
+    assert text.count("\nv ") == 9
+    assert text.count("\ng feature_") == 1
+    assert text.count("\nf ") == 7
+
+
+def test_what_cannot_be_triangulated_is_named(tmp_path):
+    report = export_file("paper", tmp_path / "a.obj", "optimal", "overdraw")
+    assert report.failed == []
+    report = export_file(CITY, tmp_path / "b.obj", "fan")
+    assert report.failed
+    assert report.polygons + len(report.failed) == 60
+    assert sum(n for (kind, _), n in report.counts.items() if kind == "failed") == len(
+        report.failed
+    )
+    exported = (tmp_path / "b.obj").read_text()
+    assert exported.count("\ng ") == report.polygons
+
+
+def test_filters_and_limit(tmp_path, houses):
+    out = tmp_path / "a.npz"
+    assert export_file(houses, out, limit=2).polygons == 2
+    assert export_file(houses, out, where="height > 5").polygons == 1
+    assert export_file(f"{houses}:limit=1", out).polygons == 1
+    assert export_file(CITY, out, limit=45, chunk=20).polygons == 45
+
+
+class TestErrors:
+    def refused(self, tmp_path, *args, error=UsageError, **kwargs) -> str:
+        before = sorted(p.name for p in tmp_path.iterdir())
+        with pytest.raises(error) as caught:
+            export_file(*args, **kwargs)
+        assert "\n" not in str(caught.value)
+        assert sorted(p.name for p in tmp_path.iterdir()) == before  # no rubbish is left behind
+        return str(caught.value)
+
+    def test_output(self, tmp_path):
+        assert "give one of .glb" in self.refused(tmp_path, "paper", tmp_path / "a.xyz")
+        (tmp_path / "dir.obj").mkdir()
+        assert "is a folder" in self.refused(tmp_path, "paper", tmp_path / "dir.obj")
+        (tmp_path / "file").write_text("x")
+        assert "cannot be written" in self.refused(tmp_path, "paper", tmp_path / "file" / "a.obj")
+
+    def test_source(self, tmp_path):
+        out = tmp_path / "a.obj"
+        self.refused(tmp_path, tmp_path / "none.gpkg", out, error=SceneError)
+        assert "are for files" in self.refused(tmp_path, "city", out, where="a > 1")
+        assert "give 1 or more" in self.refused(tmp_path, "city", out, limit=0)
+        (tmp_path / "point.wkt").write_text("POINT (1 2)")
+        assert "is a Point" in self.refused(tmp_path, tmp_path / "point.wkt", out)
+
+    def test_triangulator(self, tmp_path):
+        message = self.refused(tmp_path, "paper", tmp_path / "a.obj", "delauny")
+        assert "delaunay" in message
+        self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal", "beauty")
+
+    def test_height(self, tmp_path):
+        out = tmp_path / "a.obj"
+        assert "no attribute 'h'" in self.refused(tmp_path, "paper", out, extrude="h")
+        assert "not a height" in self.refused(tmp_path, "paper", out, extrude=-1.0)
+
+    def test_an_old_file_stays_when_the_new_one_fails(self, tmp_path, monkeypatch):
+        out = tmp_path / "a.obj"
+        export_file("paper", out)
+        before = out.read_bytes()
+
+        def full(self: object, mesh: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("harness.export.obj.ObjWriter.add", full)
+        assert "No space left" in self.refused(tmp_path, CITY, out)
+        assert out.read_bytes() == before
+
+
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    offset=st.sampled_from([0.0, 1e3, 5e5, 6.7e6]),
+    size=st.sampled_from([1e-3, 1.0, 1e4]),
+    seed=st.integers(0, 1000),
+)
+def test_glb_keeps_areas_wherever_the_polygons_lie(tmp_path, offset, size, seed):
+    star = load("stress", family="random-star", vertices=24, seed=seed).polygons[0]
+    polygon = shapely.transform(star, lambda xy: xy * size + offset)
+    (tmp_path / "a.wkt").write_text(shapely.to_wkt(polygon, rounding_precision=-1))
+    export_file(tmp_path / "a.wkt", tmp_path / "a.glb", "ear-clipping")
+    # what the polygon's own coordinates cannot tell, no file can
+    lost = 10 * np.spacing(offset) / size
+    assert read_model(tmp_path / "a.glb").area == pytest.approx(polygon.area, rel=1e-9 + lost)
+
+
+def test_a_sqlite_file_is_no_output_format(tmp_path):
+    path = tmp_path / "a.sqlite"
+    sqlite3.connect(path).close()
+    with pytest.raises(UsageError, match="no suffix of a known format"):
+        export_file("paper", path)

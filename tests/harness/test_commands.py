@@ -1,0 +1,98 @@
+"""The smaller commands: triangulate, cache, inspect, doctor, gains."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import trimesh
+
+from tests.harness.test_cli import MOCK, assert_one_line
+
+
+@pytest.fixture(autouse=True)
+def own_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache.sqlite"))
+
+
+def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
+    code, out, _ = harness("triangulate", str(block), "-o", "block.glb", "--extrude", "3")
+    assert code == 0
+    assert "3 polygons" in out
+    mesh = trimesh.load("block.glb", force="mesh")
+    # glTF's up is y.
+    assert mesh.extents == pytest.approx([36, 3, 28])
+    flat, out, _ = harness("triangulate", str(block), "-o", "block.obj", "--quiet")
+    assert flat == 0
+    # An L of 72, a courtyard of 256 - 64, a square of 64 square metres.
+    assert trimesh.load("block.obj", force="mesh").area == pytest.approx(72 + 192 + 64)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["missing.geojson", "-o", "x.glb"], ["missing.geojson"]),
+        (["city:buildings=3", "-o", "x.docx"], ["docx", "glb"]),
+        (["city:buildings=3", "-o", "x.glb", "--triangulator", "delauny"], ["delaunay"]),
+        (["city:buildings=3", "-o", "/proc/none/x.glb"], ["/proc/none"]),
+    ],
+)
+def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
+    code, _, err = harness("triangulate", *arguments)
+    assert code == 2
+    assert_one_line(err, *parts)
+    assert not Path("x.glb").exists()
+
+
+def test_the_cache_can_be_looked_at_and_emptied(harness):
+    large = ["city:buildings=20", "--triangulator", "delaunay", "-o", "city.npz", "--quiet"]
+    assert harness("triangulate", *large)[0] == 0
+    code, out, _ = harness("cache", "info")
+    assert code == 0
+    assert "cache.sqlite" in out
+    assert "delaunay" in out
+    assert harness("cache", "clear")[0] == 0
+    assert "0 triangulations" in harness("cache", "info")[1]
+    code, _, err = harness("cache", "burn")
+    assert code == 2
+    assert_one_line(err, "info or clear")
+
+
+def test_inspect_draws_a_picture(harness, block):
+    code, _, _ = harness("inspect", "--scene", str(block), "--out", "picture.png")
+    assert code == 0
+    assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
+    code, _, err = harness("inspect", "--scene", str(block), "--polygon", "9")
+    assert code == 2
+    assert_one_line(err, "polygons 0 to 2")
+
+
+def test_enumerate_refuses_what_has_too_many_triangulations(harness):
+    code, _, err = harness("enumerate", "--scene", "stress", "--polygon", "0")
+    assert code == 2
+    assert_one_line(err, "triangulations", "optimal")
+
+
+def test_gains_set_times_against_a_base(harness, block):
+    run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
+    assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
+    code, _, _ = harness("gains", "run", "--out", "gains")
+    assert code == 0
+    table = pd.read_csv("gains/gains.csv")
+    assert set(table["base"]) == {"ear-clipping", "delaunay"}
+    assert set(table["resolution"]) == {64, 128}
+    assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
+    names = [path.name for path in Path("gains/plots").iterdir()]
+    assert any(name.startswith("gain-resolution-") for name in names)
+
+
+def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
+    run = ("run", "--scene", str(block), "--triangulators", "optimal:calibrated", *MOCK)
+    code, _, err = harness(*run, "--device", "scripted")
+    assert code == 2
+    assert_one_line(err, "harness calibrate")
+    terms = {"draw": 1e-6, "triangles": 1e-8, "area": 1e-9, "half_perimeter": 1e-8, "bbox_area": 0}
+    Path("c.json").write_text(json.dumps({"coefficients": terms}))
+    assert harness(*run, "--calibration", "c.json", "--out", "run")[0] == 0

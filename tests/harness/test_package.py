@@ -1,0 +1,52 @@
+"""The wheel holds everything the packages need, and nothing tells where it was built."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+
+from tests.conftest import ROOT
+
+PACKAGES = ("harness", "triangulators", "scenes")
+LOCKS = ("requirements.lock", "requirements-data.lock")
+
+
+def test_the_wheel_holds_every_file_of_the_packages(tmp_path):
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for package in PACKAGES:
+        shutil.copytree(
+            ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    subprocess.run(
+        [*(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q")]
+        + ["--wheel-dir", str(tmp_path), str(source)],
+        check=True,
+        capture_output=True,
+    )
+    (wheel,) = tmp_path.glob("raster_harness-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        held = set(archive.namelist())
+    wanted = {
+        str(file.relative_to(source))
+        for package in PACKAGES
+        for file in (source / package).rglob("*")
+        if file.is_file()
+    }
+    assert wanted <= held
+    assert any(name.endswith("entry_points.txt") for name in held)
+
+
+def test_the_locks_pin_every_package_with_hashes_and_name_no_address():
+    for name in LOCKS:
+        text = (ROOT / name).read_text()
+        assert not re.search(r"https?://|file://|--index-url|--find-links", text)
+        entries = re.split(r"\n(?=[a-z0-9])", text.partition("\n\n")[2] or text)
+        pinned = [entry for entry in entries if "==" in entry.split("\n")[0]]
+        assert pinned
+        assert all("--hash=sha256:" in entry for entry in pinned), name

@@ -1,0 +1,157 @@
+"""A browser, and the reports that it is shown."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numpy.typing import NDArray
+from rich.console import Console
+
+from harness import geometry
+from harness.frame import View, make_frame
+from harness.plan import Plan
+from harness.progress import Reporter
+from harness.rasterisers.base import per_polygon
+from harness.rasterisers.reference import predict
+from harness.records import predict_frame
+from harness.report import write_report
+from harness.run import run
+from harness.store import Store, read_run
+from harness.timing import Settings
+from harness.triangulation import triangulate_polygons
+from harness.worker import Inline
+from scenes import load
+from tests.report.chromium import Chromium
+
+NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
+VIEWS = (View(256), View(128, 30.0))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Chromium]:
+    chromium = Chromium()
+    yield chromium
+    chromium.close()
+
+
+@pytest.fixture(autouse=True)
+def _usual_window(request: pytest.FixtureRequest) -> None:
+    if "browser" in request.fixturenames:
+        chromium = request.getfixturevalue("browser")
+        chromium.resize(1280, 900)
+        chromium.prefer("light")
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of 60 footprints in two views, counted and timed by the CPU reference."""
+    path = tmp_path_factory.mktemp("report") / "city"
+    plan = Plan(
+        scene="city:buildings=60",
+        triangulators=NAMES,
+        rasterisers=("reference",),
+        views=VIEWS,
+        timing=Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
+    )
+    reporter = Reporter(quiet=True, console=Console(quiet=True))
+    run(plan, path, reporter, open_worker=lambda *_: Inline())
+    write_report(read_run(path))
+    return path
+
+
+@pytest.fixture
+def copy(folder: Path, tmp_path: Path) -> Path:
+    """A copy of that run, for a test to spoil."""
+    path = tmp_path / "copy"
+    shutil.copytree(folder, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def big(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of 10,000 cases: 2,000 conditions of 5 triangulators, one of them with polygons."""
+    path = tmp_path_factory.mktemp("report") / "big"
+    store = Store.create(path)
+    store.write_facts({"plan": {"triangulators": list(NAMES)}, "scene": {"name": "city"}})
+    values = random.Random(0)
+    columns = _drawn(store)
+    lines = []
+    conditions = itertools.product(
+        ("opengl", "bounding-box"),
+        [f"gpu{k}" for k in range(10)],
+        [256 * k for k in range(1, 11)],
+        [9.0 * k for k in range(10)],
+    )
+    for rasteriser, device, resolution, rotation in conditions:
+        reference = [values.gauss(1e-3, 1e-5) for _ in range(20)]
+        for place, name in enumerate(NAMES):
+            record = _record(rasteriser, device, resolution, rotation, name, place, values)
+            record["time"]["reference_s"] = reference
+            lines.append(json.dumps(record) + "\n")
+            if resolution == 256 and rotation == 0:
+                store.write_arrays(record["key"], columns[name])
+    store.close()
+    (path / "cases.jsonl").write_text("".join(lines))
+    write_report(read_run(path))
+    return path
+
+
+def _drawn(store: Store) -> dict[str, dict[str, NDArray[Any]]]:
+    """Keep the drawings of 600 footprints; return each triangulator's columns."""
+    frame = make_frame(load("city:buildings=600", seed=0).polygons, View(256))
+    triangles, columns = {}, {}
+    for name in NAMES:
+        parts = triangulate_polygons(name, frame.polygons, 0).parts
+        triangles[name] = frame.join(parts)
+        counted = predict(frame.points, triangles[name])
+        predicted = predict_frame(frame, parts).columns
+        columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
+            key: per_polygon(frame, triangles[name], column) for key, column in counted.items()
+        }
+    geometry.write(store, frame, triangles)
+    return columns
+
+
+def _record(
+    rasteriser: str,
+    device: str,
+    resolution: int,
+    rotation: float,
+    name: str,
+    place: int,
+    values: random.Random,
+) -> dict[str, Any]:
+    cost = 1.0 - 0.05 * place
+    helpers = int(1e5 * cost * values.uniform(0.95, 1.05))
+    return {
+        "key": f"{rasteriser}-{device}-{resolution}-{rotation}-{name}",
+        "scene": "city",
+        "triangulator": name,
+        "rasteriser": rasteriser,
+        "device": device,
+        "resolution": resolution,
+        "rotation": rotation,
+        "status": "ok",
+        "reason": None,
+        "polygons": 600,
+        "conforming": True,
+        "triangles": 8000,
+        "predicted": {"overdraw": 3e5 * cost, "half_perimeter": 1e5 * cost},
+        "counters": {"fragments": 180000, "quads": 70000, "helper_lanes": helpers},
+        "triangulate_s": 0.1,
+        "coverage_error": 0,
+        "t_junctions": 0,
+        "time": {
+            "timer": "gpu",
+            "samples_s": [values.gauss(1e-3 * cost, 1e-5) for _ in range(20)],
+            "median_s": 1e-3 * cost,
+            "ci95_s": [0.99e-3 * cost, 1.01e-3 * cost],
+        },
+    }

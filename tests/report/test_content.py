@@ -1,0 +1,205 @@
+"""What a report says, and what it makes of runs that lack something."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import app
+from harness.errors import UsageError
+from harness.report import write_report
+from harness.report.content import content_of
+from harness.report.drawings import choose
+from harness.store import read_run
+
+ECHARTS = "1f13280aba3161f77fc801bf5f9c786f55f10432153a0683fc5cc0700b013d5"
+
+CORRELATIONS = """\
+rasteriser,device,criterion,measure,statistic,value,ci_low,ci_high,polygons
+opengl,llvmpipe,half_perimeter,helper_lanes,spearman_within,0.99,0.985,0.995,24
+opengl,llvmpipe,overdraw,helper_lanes,spearman_within,0.70,0.62,0.77,24
+opengl,llvmpipe,overdraw,draw_ms,spearman_within,0.66,0.6,0.7,24
+opengl,llvmpipe,overdraw,helper_lanes,slope_within,0.2,,,24
+"""
+
+
+def records_of(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "cases.jsonl").read_text().splitlines()]
+
+
+def rewrite(folder: Path, records: list[dict]) -> None:
+    (folder / "cases.jsonl").write_text("".join(json.dumps(each) + "\n" for each in records))
+
+
+def test_the_chart_library_is_the_published_one():
+    static = resources.files("harness.report") / "static"
+    content = (static / "echarts.common.min.js").read_bytes()
+    assert hashlib.sha256(content).hexdigest().endswith(ECHARTS)
+    assert "Apache License" in (static / "LICENSE-echarts.txt").read_text()
+
+
+def test_the_command_writes_one_file(copy, tmp_path):
+    out = tmp_path / "else" / "where.html"
+    result = CliRunner().invoke(app, ["report", str(copy), "--out", str(out)])
+    assert result.exit_code == 0
+    assert "where.html" in result.output
+    text = out.read_text()
+    assert text.startswith("<!DOCTYPE html>")
+    assert [
+        each
+        for each in ("src=", 'href="http', "@import", "url(")
+        if each in text.split("<script>")[0]
+    ] == []
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="holds no run"):
+        write_report(read_run(tmp_path))
+
+
+def test_a_run_without_a_case_is_refused(copy):
+    rewrite(copy, [])
+    with pytest.raises(UsageError, match="no case and no study"):
+        write_report(read_run(copy))
+
+
+def test_a_file_that_cannot_be_written_is_one_line(copy):
+    (copy / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot write"):
+        write_report(read_run(copy), copy / "file" / "report.html")
+
+
+def test_the_sentence_names_the_fastest_and_its_interval(copy):
+    records = records_of(copy)
+    for record in records:
+        factor = {"ear-clipping": 1.0, "optimal:half-perimeter": 0.8}.get(record["triangulator"], 2)
+        record["time"]["samples_s"] = [factor * s for s in record["time"]["reference_s"]]
+        record["time"]["median_s"] = factor * 1e-3
+    rewrite(copy, records)
+    answer = content_of(read_run(copy))["groups"][0]["answer"]
+    assert "drawn fastest as optimal:half-perimeter cuts it: in 0.800 of ear-clipping's" in answer
+    assert "(95 % interval 0.800 to 0.800)" in answer
+
+
+def test_the_sentence_does_not_name_a_winner_where_none_is_shown(copy):
+    records = records_of(copy)
+    for record in records:
+        record["time"]["samples_s"] = record["time"]["reference_s"]
+    rewrite(copy, records)
+    answer = content_of(read_run(copy))["groups"][0]["answer"]
+    assert "no difference" in answer
+    assert "0.9" not in answer.split(";")[0]
+
+
+def test_without_times_the_counters_rank(copy):
+    records = records_of(copy)
+    for record in records:
+        del record["time"]
+    rewrite(copy, records)
+    content = content_of(read_run(copy))
+    whole = [r for r in records if r["polygons"] == 60 and r["resolution"] == 256]
+    best = min(whole, key=lambda record: record["counters"]["helper_lanes"])
+    answer = content["groups"][0]["answer"]
+    assert f"cheapest as {best['triangulator']} cuts it" in answer
+    assert f"{best['counters']['helper_lanes']:,} helper lanes" in answer
+
+
+def test_failures_are_announced(copy, browser):
+    records = records_of(copy)
+    for record in records[:2]:
+        record |= {"status": "failed", "reason": "died: SIGSEGV"}
+        del record["time"], record["counters"]
+    rewrite(copy, records)
+    browser.open(write_report(read_run(copy)))
+    browser.evaluate("document.getElementById('show-failed').click()")
+    assert browser.evaluate("document.getElementById('found').textContent") == "1 to 2 of 2"
+    assert "SIGSEGV" in browser.evaluate("document.getElementById('cases').textContent")
+    assert browser.errors == []
+
+
+@pytest.mark.parametrize("lost", ["frames", "polygons", "run.json"])
+def test_a_run_that_lost_a_part_is_shown_without_it(copy, browser, lost):
+    path = copy / lost
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    browser.open(write_report(read_run(copy)))
+    assert browser.evaluate("document.querySelectorAll('#ranking tbody tr').length") == 5
+    has_heatmap = browser.evaluate("!document.getElementById('heatmap').hidden")
+    assert has_heatmap is (lost == "run.json")
+    browser.evaluate("openMark(chart.marks[0])")
+    assert browser.evaluate("document.activeElement.id") == "heatmap-title"
+    assert browser.errors == []
+
+
+def test_a_study_shows_its_matrix_with_intervals(copy, browser):
+    (copy / "correlations.csv").write_text(CORRELATIONS)
+    browser.open(write_report(read_run(copy)))
+    shown = browser.evaluate("document.getElementById('matrix').innerText")
+    assert "0.990" in shown
+    assert "0.985 to 0.995" in shown
+    answer = browser.evaluate("document.getElementById('answer').textContent")
+    assert answer == (
+        "Half-perimeter H foretells the helper lanes of opengl on llvmpipe best (rank correlation "
+        "within a polygon 0.99, 95 % interval 0.98 to 0.99); the paper's A reaches 0.70."
+    )
+    options = "[...document.getElementById('statistic').options].map((each) => each.value)"
+    assert browser.evaluate(options) == ["spearman_within", "slope_within"]
+    best = "[...document.querySelectorAll('#matrix .best')].map((each) => each.firstChild.data)"
+    assert browser.evaluate(best) == ["0.660", "0.990"] or browser.evaluate(best) == [
+        "0.990",
+        "0.660",
+    ]
+    assert browser.errors == []
+
+
+def test_a_study_without_cases_is_shown(tmp_path, browser):
+    (tmp_path / "correlations.csv").write_text(CORRELATIONS)
+    (tmp_path / "run.json").write_text('{"schema_version": 1}')
+    browser.open(write_report(read_run(tmp_path)))
+    assert "0.990" in browser.evaluate("document.getElementById('matrix').innerText")
+    assert browser.errors == []
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("rasteriser,device\n", "no column criterion"),
+        (CORRELATIONS.replace("0.99,", "much,"), "line 2: not a number"),
+    ],
+)
+def test_a_broken_study_is_refused(copy, content, problem):
+    (copy / "correlations.csv").write_text(content)
+    with pytest.raises(UsageError, match=problem):
+        write_report(read_run(copy))
+
+
+def test_names_are_text_and_never_markup(copy, browser):
+    hostile = "</script><img src=x onerror=alert(1)>"
+    records = records_of(copy)
+    for record in records:
+        record["scene"] = hostile
+        record["reason"] = hostile
+        if record["triangulator"] == "delaunay":
+            record["triangulator"] = hostile
+    rewrite(copy, records)
+    facts = json.loads((copy / "run.json").read_text())
+    facts["scene"]["name"] = hostile
+    (copy / "run.json").write_text(json.dumps(facts))
+    browser.open(write_report(read_run(copy)))
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+    assert hostile in browser.evaluate("document.getElementById('cases').textContent")
+    assert hostile in browser.evaluate("document.querySelector('h1').textContent")
+    assert browser.errors == []
+
+
+def test_a_sample_of_polygons_is_fixed_and_in_order():
+    assert choose(5, 10).tolist() == [0, 1, 2, 3, 4]
+    chosen = choose(1000, 50)
+    assert chosen.tolist() == sorted(set(chosen.tolist()))
+    assert len(chosen) == 50
+    assert (chosen == choose(1000, 50)).all()

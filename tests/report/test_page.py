@@ -1,0 +1,232 @@
+"""The report in a browser: it renders, its parts follow what is chosen, it asks nobody."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from harness.store import read_arrays, read_run
+from tests.report.chromium import Chromium
+from tests.report.conftest import NAMES
+
+POINT = """(() => {
+  const box = document.getElementById("chart").getBoundingClientRect();
+  const mark = chart.marks.toSorted((p, q) => p.x[0] - q.x[0])[0];
+  const [x, y] = chart.plot.convertToPixel({seriesIndex: 0}, [mark.x[0], mark.y]);
+  return [box.left + x, box.top + y, mark.polygon, mark.case.row.triangulator];
+})()"""
+
+
+@pytest.fixture
+def page(browser: Chromium, folder: Path) -> Chromium:
+    browser.open(folder / "report.html")
+    return browser
+
+
+def texts(page: Chromium, selector: str) -> list[str]:
+    return page.evaluate(
+        f"[...document.querySelectorAll({selector!r})].map((each) => each.textContent.trim())"
+    )
+
+
+def select(page: Chromium, name: str, value: str) -> None:
+    page.evaluate(
+        f"(() => {{ const it = document.getElementById({name!r}); it.value = {value!r};"
+        " it.dispatchEvent(new Event('change')); })()"
+    )
+
+
+def table(page: Chromium, name: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(page.evaluate(f"tables[{name!r}]()"))))
+
+
+def test_it_renders_without_errors_and_asks_for_nothing_outside_itself(page, folder):
+    assert texts(page, "h1") == ["city: what its triangulations cost to rasterise"]
+    assert texts(page, "#answer")[0].startswith("On cpu (reference, 256 px), city")
+    assert len(texts(page, "#ranking tbody tr")) == len(NAMES)
+    assert page.evaluate("document.querySelectorAll('#chart canvas').length") > 0
+    assert page.errors == []
+    assert page.requests == [(folder / "report.html").resolve().as_uri()]
+
+
+def test_each_mark_is_drawn_once_in_its_triangulators_series(page):
+    counts = page.evaluate(
+        "chart.plot.getOption().series.filter((s) => s.type === 'scatter')"
+        ".map((s) => [s.name, s.data.length])"
+    )
+    marks = page.evaluate("chart.marks.map((m) => m.case.row.triangulator)")
+    expected = [[name, marks.count(name)] for name in NAMES]
+    assert counts == expected * 2
+    assert dict(expected)["ear-clipping"] == 0
+    assert dict(expected)["delaunay"] == 60
+
+
+def test_conditions_change_every_part(page):
+    before = texts(page, "#answer")
+    page_options = texts(page, "#condition option")
+    assert len(page_options) == 2
+    select(page, "condition", page_options[1])
+    assert "128 px, turned 30°" in texts(page, "#ranking caption")[0]
+    assert texts(page, "#answer") != before
+    assert page.evaluate("group().view") == "128px-30deg-box"
+    assert page.evaluate("chart.marks.length") > 0
+    assert "128 px" in texts(page, "#status")[0]
+    assert page.errors == []
+
+
+def test_hiding_a_triangulator_takes_it_out_of_chart_and_ranking(page):
+    before = page.evaluate("chart.marks.length")
+    page.evaluate("document.querySelector('#names input[value=delaunay]').click()")
+    assert page.evaluate("chart.marks.length") == before - 60
+    assert "delaunay" not in texts(page, "#ranking tbody th")
+    page.evaluate("document.querySelector('#names input[value=delaunay]').click()")
+    assert page.evaluate("chart.marks.length") == before
+
+
+@pytest.mark.parametrize("level", ["polygons", "cases"])
+@pytest.mark.parametrize("scale", ["ratio", "absolute"])
+def test_marks_are_polygons_or_cases_in_ratio_or_absolute(page, level, scale):
+    select(page, "level", level)
+    select(page, "scale", scale)
+    assert page.evaluate("chart.marks.length") > 0
+    titles = page.evaluate("chart.plot.getOption().xAxis.map((axis) => axis.name)")
+    wanted = "ratio to ear-clipping" if scale == "ratio" else "[px"
+    assert all(wanted in title for title in titles)
+    assert page.errors == []
+
+
+def test_hover_shows_the_case_and_a_click_opens_its_heatmap(page):
+    page.evaluate("document.getElementById('chart').scrollIntoView({behavior: 'instant'})")
+    x, y, polygon, name = page.evaluate(POINT)
+    page.send("Input.dispatchMouseEvent", type="mouseMoved", x=x - 2, y=y)
+    page.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    page.wait("document.getElementById('chart').textContent.includes('measured')")
+    shown = texts(page, "#chart")[0]
+    assert name in shown
+    assert "reference on cpu" in shown
+    page.click(x, y)
+    page.wait("document.activeElement.id === 'heatmap-title'")
+    assert page.evaluate("heat.k") == polygon
+    assert page.evaluate("document.getElementById('right').value") == name
+    assert page.errors == []
+
+
+def test_the_chart_can_be_read_and_used_with_the_keyboard(page):
+    page.evaluate("document.getElementById('chart').focus()")
+    page.press("ArrowRight", 39)
+    first = texts(page, "#mark")[0]
+    page.press("ArrowRight", 39)
+    second = texts(page, "#mark")[0]
+    assert "measured helper lanes" in first
+    assert first != second
+    page.press("Enter", 13)
+    page.wait("document.activeElement.id === 'heatmap-title'")
+    assert page.errors == []
+
+
+def test_heatmaps_count_what_the_rasteriser_counted(page, folder):
+    run = read_run(folder)
+    for record in run.records:
+        if record["resolution"] != 256 or record["triangulator"] == "fan":
+            continue
+        counted = page.evaluate(
+            "(() => { const drawing = drawingNow(); return drawing.sizes.map((_, k) => {"
+            f" const map = mapOf(k, {record['triangulator']!r});"
+            " return [map.fragments, map.helpers, map.tests]; }); })()"
+        )
+        columns = read_arrays(run, record["key"])
+        assert columns is not None
+        for place, name in enumerate(("fragments", "helper_lanes", "bbox_tests")):
+            assert [row[place] for row in counted] == columns[name].tolist(), name
+
+
+def test_the_slider_and_the_gallery_change_the_picture(page):
+    page.evaluate(
+        "(() => { const it = document.getElementById('split'); it.value = 20;"
+        " it.dispatchEvent(new Event('input')); })()"
+    )
+    clip = page.evaluate("getComputedStyle(document.getElementById('canvas-right')).clipPath")
+    assert "20%" in clip
+    caption = texts(page, "#heatmap-caption")
+    page.evaluate("document.querySelectorAll('#gallery button')[3].click()")
+    assert texts(page, "#heatmap-caption") != caption
+    pressed = page.evaluate(
+        "[...document.querySelectorAll('#gallery button')].map((b) => b.ariaPressed)"
+    )
+    assert pressed.index("true") == 3
+    assert pressed.count("true") == 1
+
+
+def test_cases_are_found_and_sorted(page):
+    page.evaluate(
+        "(() => { const it = document.getElementById('find'); it.value = 'DELAUNAY 128';"
+        " it.dispatchEvent(new Event('input')); })()"
+    )
+    assert texts(page, "#cases tbody th") == ["delaunay"]
+    assert texts(page, "#found") == ["1 to 1 of 1"]
+    page.evaluate(
+        "(() => { const it = document.getElementById('find'); it.value = '256';"
+        " it.dispatchEvent(new Event('input')); })()"
+    )
+    column = texts(page, "#cases thead th").index("helper lanes")
+    for direction in ("ascending", "descending"):
+        page.evaluate(f"document.querySelectorAll('#cases thead button')[{column}].click()")
+        cells = [int(text.replace(",", "")) for text in texts(page, "#cases td:nth-child(9)")]
+        assert cells == sorted(cells, reverse=direction == "descending")
+        head = f"document.querySelectorAll('#cases thead th')[{column}].ariaSort"
+        assert page.evaluate(head) == direction
+    select(page, "state", "failed")
+    assert texts(page, "#found") == ["no case is like this"]
+
+
+def test_every_table_can_be_had_as_csv(page, folder):
+    records = read_run(folder).records
+    cases = {row["key"]: row for row in table(page, "cases")}
+    assert set(cases) == {record["key"] for record in records}
+    for record in records:
+        row = cases[record["key"]]
+        assert int(row["helper_lanes"]) == record["counters"]["helper_lanes"]
+        assert float(row["draw_ms"]) == pytest.approx(1e3 * record["time"]["median_s"], rel=1e-5)
+    ranking = table(page, "ranking")
+    assert [row["triangulator"] for row in ranking][-1] == "fan"
+    assert len(table(page, "chart")) == page.evaluate("chart.marks.length")
+    matrix = {(row["criterion"], row["measure"]) for row in table(page, "matrix")}
+    assert ("half_perimeter", "helper_lanes") in matrix
+    pixels = table(page, "heatmap")
+    lanes = sum(int(row["lanes"]) for row in pixels)
+    shown = page.evaluate("Object.values(heat.maps).map((m) => m.fragments + m.helpers)")
+    assert lanes == sum(shown)
+    assert any(row["fact"] == "cpu" for row in table(page, "environment"))
+    assert page.evaluate("document.querySelectorAll('[data-csv]').length") == len(
+        page.evaluate("Object.keys(tables)")
+    )
+
+
+def test_a_csv_button_downloads_the_file(page, tmp_path):
+    page.send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    page.evaluate("document.querySelector('[data-csv=ranking]').click()")
+    page.wait("true")
+    for _ in range(100):
+        if (tmp_path / "ranking.csv").exists():
+            break
+        page.evaluate("new Promise((done) => setTimeout(done, 50))")
+    rows = list(csv.DictReader((tmp_path / "ranking.csv").open()))
+    assert {row["triangulator"] for row in rows} == set(NAMES)
+
+
+def test_ten_thousand_cases_load_in_two_seconds(browser, big):
+    times = []
+    for _ in range(3):
+        browser.open(big / "report.html")
+        times.append(int(browser.evaluate("document.documentElement.dataset.ready")))
+    assert min(times) < 2000, times
+    assert texts(browser, "#found") == ["1 to 50 of 10,000"]
+    assert browser.evaluate("state.report.cases.length") == 10_000
+    select(browser, "level", "cases")
+    assert browser.evaluate("chart.marks.length") == 8_000
+    browser.evaluate("document.getElementById('after').click()")
+    assert texts(browser, "#found") == ["51 to 100 of 10,000"]
+    assert browser.errors == []

@@ -1,0 +1,50 @@
+"""Static plots: a paper's widths, vectors with real text, units on the axes."""
+
+from __future__ import annotations
+
+import re
+
+import matplotlib.colors
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.plots import COLOURS, ONE_COLUMN, TWO_COLUMNS, plot_run
+from harness.store import read_run
+
+WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
+LABELS = {
+    "predicted-vs-measured": [
+        "predicted the paper&#x27;s A, ratio to",
+        "counted helper lanes, ratio",
+    ],
+    "ranking": ["draw time [ms], 95 % interval", "optimal:half-perimeter"],
+}
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_plots_have_a_papers_width_and_labels_with_units(copy, name):
+    plot_run(read_run(copy))
+    svg = (copy / "plots" / f"{name}.svg").read_text()
+    width = float(re.search(r'width="([\d.]+)pt"', svg)[1]) / 72
+    assert width == pytest.approx(WIDTHS[name], abs=0.01)
+    for label in LABELS[name]:
+        assert label in svg or label.replace("&#x27;", "'") in svg
+    assert "<image" not in svg, "marks are vectors"
+    with Image.open(copy / "plots" / f"{name}.png") as picture:
+        assert picture.width == pytest.approx(200 * WIDTHS[name], abs=2)
+
+
+def test_each_view_has_its_own_plots(copy):
+    names = {file.name for file in plot_run(read_run(copy))}
+    assert "ranking-reference-cpu-128-30.svg" in names
+    assert len(names) == 8
+
+
+def test_colours_differ_in_lightness_or_hue_for_colour_blind_eyes():
+    # Machado et al. 2009, full deuteranopia, in linear RGB.
+    blind = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    linear = np.array([matplotlib.colors.to_rgb(colour) for colour in COLOURS[:7]]) ** 2.2
+    seen = np.clip(linear @ blind.T, 0, 1) ** (1 / 2.2)
+    gaps = [np.abs(seen[i] - seen[j]).max() for i in range(len(seen)) for j in range(i)]
+    assert min(gaps) > 0.1

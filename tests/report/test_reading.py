@@ -1,0 +1,140 @@
+"""The report for every reader: dark or light, small or printed, with eyes or a screen reader."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from tests.report.chromium import Chromium
+
+CONTRAST = """(() => {
+  const light = (colour) => {
+    const part = colour.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255);
+    const [r, g, b] = part.map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const ratio = (a, b) => {
+    const [low, high] = [light(styled(a)), light(styled(b))].sort((p, q) => p - q);
+    return (high + 0.05) / (low + 0.05);
+  };
+  const found = [];
+  for (const ink of ["--ink", "--soft", "--accent", "--good", "--bad"]) {
+    for (const paper of ["--paper", "--panel"]) found.push([ink, paper, ratio(ink, paper)]);
+  }
+  return found;
+})()"""
+
+NAMED = {
+    "button",
+    "combobox",
+    "checkbox",
+    "slider",
+    "searchbox",
+    "table",
+    "image",
+    "link",
+    "region",
+}
+
+
+@pytest.fixture
+def page(browser: Chromium, folder: Path) -> Chromium:
+    browser.open(folder / "report.html")
+    return browser
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_has_contrast_in_both_colour_schemes(browser, folder, scheme):
+    browser.prefer(scheme)
+    browser.open(folder / "report.html")
+    assert browser.evaluate("state.dark") is (scheme == "dark")
+    for ink, paper, ratio in browser.evaluate(CONTRAST):
+        assert ratio >= 4.5, (scheme, ink, paper)
+    assert browser.errors == []
+
+
+def test_the_colours_can_be_chosen_against_the_systems(page):
+    before = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    for _ in range(2):
+        page.evaluate("document.getElementById('theme').click()")
+    after = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert page.evaluate("document.getElementById('theme').textContent") == "Colours: dark"
+    assert before != after
+    assert page.evaluate("state.dark") is True
+
+
+def test_a_screen_reader_finds_landmarks_names_and_headings(page):
+    page.send("Accessibility.enable")
+    nodes = [
+        (node["role"]["value"], node.get("name", {}).get("value", ""))
+        for node in page.send("Accessibility.getFullAXTree")["nodes"]
+        if not node.get("ignored")
+    ]
+    page.send("Accessibility.disable")
+    roles = [role for role, _ in nodes]
+    for landmark in ("banner", "main", "navigation", "contentinfo", "form"):
+        assert roles.count(landmark) == 1, landmark
+    nameless = [role for role, name in nodes if role in NAMED and not name.strip()]
+    assert nameless == []
+    levels = page.evaluate("[...document.querySelectorAll('h1,h2,h3')].map((h) => +h.tagName[1])")
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(later - earlier <= 1 for earlier, later in itertools.pairwise(levels))
+
+
+def test_structure_is_sound(page):
+    repeated = page.evaluate(
+        "[...document.querySelectorAll('[id]')].map((e) => e.id)"
+        ".filter((id, place, all) => all.indexOf(id) !== place)"
+    )
+    assert repeated == []
+    assert page.evaluate("document.documentElement.lang") == "en"
+    bare = "[...document.querySelectorAll('table')].filter((t) => !t.querySelector('th[scope]'))"
+    assert page.evaluate(f"{bare}.length") == 0
+    broken = (
+        "[...document.querySelectorAll('a[href^=\"#\"]')]"
+        ".filter((a) => !document.querySelector(a.getAttribute('href'))).length"
+    )
+    assert page.evaluate(broken) == 0
+
+
+def test_tab_goes_through_the_page_from_top_to_bottom(page):
+    page.evaluate("document.body.focus()")
+    tops, seen = [], []
+    for _ in range(60):
+        page.press("Tab", 9)
+        seen.append(page.evaluate("document.activeElement.className || document.activeElement.id"))
+        top = "document.activeElement.getBoundingClientRect().top + scrollY"
+        tops.append(page.evaluate(top))
+        if seen[-1] == "find" or page.evaluate("document.activeElement.id") == "find":
+            break
+    assert seen[0] == "skip"
+    assert "chart" in seen
+    assert "split" in seen
+    assert "find" in seen
+    order = [top for top, name in zip(tops, seen, strict=True) if name != "skip"]
+    jumps = [b - a for a, b in itertools.pairwise(order)]
+    assert min(jumps) > -700, "focus jumps far back"
+
+
+@pytest.mark.parametrize("width", [320, 400, 800])
+def test_narrow_windows_do_not_scroll_sideways(browser, folder, width):
+    browser.resize(width, 800)
+    browser.open(folder / "report.html")
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    assert browser.errors == []
+
+
+def test_print_is_on_white_with_every_fact(browser, folder, tmp_path):
+    browser.prefer("dark")
+    browser.open(folder / "report.html")
+    browser.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert browser.evaluate("state.dark") is False
+    assert browser.evaluate("document.querySelector('details').open") is True
+    browser.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert browser.evaluate("state.dark") is True
+    content = browser.print(tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert len(content) > 20_000

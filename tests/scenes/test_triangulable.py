@@ -1,0 +1,34 @@
+"""Every scene, framed and triangulated by all that there is, passes the verifier."""
+
+import numpy as np
+import pytest
+
+from harness.frame import View, make_frame
+from harness.triangulation import triangulate_polygons
+from scenes import load
+from triangulators import names
+
+SCENES = (
+    "city:buildings=15",
+    "glyphs:text=Rg%8©ß",
+    "cad:parts=5,segments=12",
+    "paper",
+    "stress:vertices=24",
+    "meshes:limit=40",
+)
+
+
+@pytest.mark.parametrize("name", names(available_only=True))
+@pytest.mark.parametrize("scene", SCENES)
+def test_scene_by_triangulator(scene, name):
+    frame = make_frame(load(scene).polygons, View(resolution=512))
+    result = triangulate_polygons(name, frame.polygons, seed=0)
+    # only listing all triangulations has a limit, and it says so
+    unlisted = [
+        k for k, why in result.failed if name == "exhaustive" and "more than 1000000" in why
+    ]
+    assert [k for k, _ in result.failed if k not in unlisted] == []
+    done = [part for part in result.parts if part is not None]
+    # what is not there has a stated reason
+    assert len(done) + len(result.skipped) + len(unlisted) == len(frame.polygons)
+    assert all(np.issubdtype(part.dtype, np.int32) for part in done)

@@ -1,0 +1,80 @@
+"""The fit of a device's cost model finds what made-up times were made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapely import box
+
+from harness.bench import Bench
+from harness.errors import UsageError
+from harness.study import calibration
+from harness.study.calibrate import (
+    Validation,
+    design_of,
+    designed_draws,
+    read_coefficients,
+    write,
+)
+from tests.harness.test_run import inline
+
+TRUE = np.array([8e-6, 4e-8, 1.4e-9, 1.2e-8, 0.0])
+
+
+@pytest.fixture(scope="module")
+def design() -> np.ndarray:
+    return design_of(designed_draws(Bench(inline, 60), 256, seed=0))
+
+
+def test_designed_polygons_are_inside_the_viewport_and_valid():
+    for polygon, copies in calibration.designed_polygons(256, seed=1):
+        assert polygon.is_valid
+        assert box(0, 0, 256, 256).contains(polygon)
+        assert copies in (1, 8)
+
+
+def test_the_design_tells_the_terms_apart(design):
+    relative = design / design.max(axis=0)
+    assert np.linalg.matrix_rank(relative) == 5
+    correlation = np.corrcoef(np.log(design[:, 1:]).T)
+    assert np.abs(correlation - np.eye(4)).max() < 0.98
+
+
+def test_known_coefficients_are_found_in_spite_of_noise_and_outliers(design):
+    random = np.random.default_rng(0)
+    seconds = design @ TRUE * np.exp(0.01 * random.standard_normal(len(design)))
+    disturbed = random.random(len(seconds)) < 0.03
+    seconds[disturbed] *= 1.5
+    fit = calibration.fit(design, seconds, resamples=40)
+    found = np.array([fit.coefficients[name] for name in calibration.TERMS])
+    assert found[[0, 2, 3]] == pytest.approx(TRUE[[0, 2, 3]], rel=0.05)
+    assert (found >= 0).all()
+    assert found[4] < 1e-10
+    low, high = fit.intervals["half_perimeter"]
+    assert low <= found[3] <= high
+    assert fit.r2 > 0.98
+
+
+def test_r2_within_polygons_is_blind_to_their_size():
+    sizes = np.repeat([1.0, 10.0, 100.0], 50)
+    choice = np.random.default_rng(1).uniform(0.9, 1.1, 150)
+    polygons = np.repeat([0, 1, 2], 50).tolist()
+    assert calibration.r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
+    assert calibration.r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
+    assert calibration.r_squared_within(sizes * choice, sizes, polygons) < 0.01
+
+
+def test_a_calibration_is_written_and_read_back(tmp_path, design):
+    fit = calibration.fit(design, design @ TRUE, resamples=5)
+    file = tmp_path / "made" / "device.json"
+    write(fit, Validation(0.99, 0.95, 24, 384), {"name": "made"}, file)
+    assert read_coefficients(file) == pytest.approx(fit.coefficients)
+
+
+@pytest.mark.parametrize("content", [None, "{}", "no JSON", '{"coefficients": {"draw": "x"}}'])
+def test_what_is_no_calibration_is_refused(tmp_path, content):
+    file = tmp_path / "c.json"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(UsageError, match="calibration"):
+        read_coefficients(file)
