@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city helsinki test check format bench study compare-demo lock clean
+.PHONY: help setup city helsinki test check format bench study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -40,6 +40,12 @@ bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 
 study: setup  ## the studies behind docs/findings.md; half an hour on a quiet machine
 	scripts/study.sh
+
+docs: setup  ## build the documents into site/, warnings as errors
+	$(PY) -m mkdocs build --strict --quiet
+
+docs-full: setup  ## run every command of README and docs, the slow ones too
+	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra dev \

@@ -61,6 +61,8 @@ def plot_run(run: Run) -> list[Path]:
     folder.mkdir(exist_ok=True)
     files = []
     chosen = [m for m in groups(run.records) if any(r["status"] == "ok" for r in m)]
+    place = {record["key"]: number for number, record in enumerate(run.records)}
+    chosen.sort(key=lambda members: min(place[record["key"]] for record in members))
     for number, members in enumerate(chosen):
         for name, draw in (
             ("predicted-vs-measured", predicted_against_measured),

@@ -51,12 +51,15 @@ class Settings:
         `precision` is not reached
     min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer
     warm_up_s : longest warm-up a candidate
+    paired : whether the candidates are compared with each other; then all are drawn equally often
+        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw
     """
 
     precision: float = 0.01
     budget_s: float = 2.0
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
+    paired: bool = True
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,11 @@ def time_together(
         name: Times(_warm_up(drawing, batch, settings.warm_up_s, test.timer, clock))
         for name, drawing in drawings.items()
     }
+    compared = [entry for name, entry in times.items() if name not in (EMPTY, REFERENCE)]
+    if settings.paired and compared:
+        most = max(entry.repeats for entry in compared)
+        for entry in compared:
+            entry.repeats = most
     order = list(drawings)
     shuffler = random.Random(seed)
     deadline = start + settings.budget_s * len(drawings)

@@ -44,7 +44,9 @@ def calibrate(
             target,
             bench,
             loaded,
-            Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+            Settings(
+                precision=0.005, budget_s=budget, warm_up_s=0.05, min_batch_s=5e-3, paired=False
+            ),
             Options(work=work),
             resolution,
             reporter,

@@ -27,7 +27,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "enumerate": ("enumerate --scene paper --mode paper",),
     "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
     "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
-    "gains": (f"gains {RUN}",),
+    "gains": (f"gains {RUN} --out results/gains",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

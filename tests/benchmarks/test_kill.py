@@ -8,11 +8,13 @@ from tests.harness.killing import kill_and_resume, whole_run
 
 
 def test_thirty_random_kills_lose_nothing(block, tmp_path):
-    expected, seconds = whole_run(block, tmp_path / "whole")
+    expected = whole_run(block, tmp_path / "whole")
     moments = random.Random(0)
     finished = [
-        kill_and_resume(block, tmp_path / str(n), moments.uniform(0.1, 1.0) * seconds, expected)
+        kill_and_resume(
+            block, tmp_path / str(n), moments.randrange(-1, 24), moments.uniform(0, 0.05), expected
+        )
         for n in range(30)
     ]
     print(f"\ncases finished at the kill: {sorted(finished)} of {len(expected)}")
-    assert len(set(finished)) > 2
+    assert len(set(finished)) > 5

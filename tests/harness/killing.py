@@ -17,26 +17,32 @@ def command(scene: Path, out: Path, *more: str) -> list[str]:
     """A run of many short cases on the scripted rasteriser."""
     return [
         *(sys.executable, "-m", "harness", "run", "--scene", str(scene), "--quiet", "--quick"),
-        *("--rasterisers", "tests.mock:MockRasteriser", "--resolution", "64,256,1024"),
+        *("--rasterisers", "tests.mock:MockRasteriser", "--resolution", "64,96,128,256,512,1024"),
         *("--triangulators", "ear-clipping,delaunay,optimal:overdraw,optimal:half-perimeter"),
         *more,
         str(out),
     ]
 
 
-def whole_run(scene: Path, out: Path) -> tuple[list[Record], float]:
-    """Run without a kill; returns the records and the seconds it took."""
-    start = time.monotonic()
+def whole_run(scene: Path, out: Path) -> list[Record]:
+    """Run without a kill; returns the records."""
     subprocess.run(command(scene, out, "--out"), cwd=ROOT, check=True, capture_output=True)
-    return read_run(out).records, time.monotonic() - start
+    return read_run(out).records
 
 
-def kill_and_resume(scene: Path, out: Path, after_s: float, expected: list[Record]) -> int:
-    """Kill -9 a run after `after_s`, then resume it; returns how many cases were finished."""
+def kill_and_resume(
+    scene: Path, out: Path, cases: int, later_s: float, expected: list[Record]
+) -> int:
+    """Kill -9 a run `later_s` after it wrote its `cases`-th record, then resume it.
+
+    Returns how many cases were finished when it died.
+    """
     process = subprocess.Popen(
         command(scene, out, "--out"), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-    time.sleep(after_s)
+    while process.poll() is None and _written(out) < cases:
+        time.sleep(0.001)
+    time.sleep(later_s)
     process.send_signal(signal.SIGKILL)
     process.wait()
     if not (out / "run.json").exists():  # it had not begun
@@ -53,3 +59,10 @@ def kill_and_resume(scene: Path, out: Path, after_s: float, expected: list[Recor
         r["key"]: r["counters"] for r in expected
     }
     return len(finished)
+
+
+def _written(out: Path) -> int:
+    try:
+        return (out / "cases.jsonl").read_bytes().count(b"\n")
+    except OSError:
+        return -1

@@ -8,10 +8,11 @@ from tests.harness.killing import kill_and_resume, whole_run
 
 
 def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
-    expected, seconds = whole_run(block, tmp_path / "whole")
-    assert len(expected) == 12
-    # The last third is where cases are written; `make bench` tries 30 moments.
+    expected = whole_run(block, tmp_path / "whole")
+    assert len(expected) == 24
+    # `make bench` tries 30 moments.
     moments = random.Random(5)
-    for number in range(2):
-        after = seconds * moments.uniform(0.6, 0.95)
-        kill_and_resume(block, tmp_path / str(number), after, expected)
+    for number, cases in enumerate((3, 14)):
+        later = moments.uniform(0, 0.02)
+        finished = kill_and_resume(block, tmp_path / str(number), cases, later, expected)
+        assert cases <= finished < 24

@@ -13,6 +13,7 @@ from harness.rasterisers.base import Sample
 from harness.timing import (
     EMPTY,
     MIN_ROUNDS,
+    REFERENCE,
     Settings,
     TimerTest,
     median_interval,
@@ -77,10 +78,20 @@ def test_an_empty_draw_does_not_keep_the_others_waiting():
 
 def test_short_draws_are_batched_until_they_can_be_timed():
     drawings, clock, _ = scripted({"short": 1e-6, "long": 5e-3})
-    times = time_together(drawings, Settings(min_batch_s=1e-3), WALL, clock=clock)
+    settings = Settings(min_batch_s=1e-3, paired=False)
+    times = time_together(drawings, settings, WALL, clock=clock)
     assert times["short"].repeats >= 1000
     assert times["long"].repeats == 1
     assert times["short"].median_s == pytest.approx(1e-6)
+
+
+def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
+    drawings, clock, _ = scripted({"a": 1.1e-4, "b": 0.9e-4, "c": 4e-4}, noise=0.2)
+    drawings[REFERENCE] = ScriptedDrawing(REFERENCE, 1e-5, clock)
+    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    assert len({times[name].repeats for name in "abc"}) == 1
+    assert times["a"].repeats >= 8
+    assert times[REFERENCE].repeats > 2 * times["a"].repeats
 
 
 def test_a_coarse_timer_needs_longer_batches():

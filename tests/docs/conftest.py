@@ -1,0 +1,148 @@
+"""A reader's folder, and commands that run in it."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from shapely import Polygon, box
+
+from harness.cli import main
+from harness.run import run
+from harness.timing import Settings
+from harness.worker import Executor, Worker
+from tests.conftest import write_geojson
+from tests.docs.blocks import COMMAND, ROOT, Block
+
+FULL = bool(os.environ.get("DOCS_FULL"))
+"""Whether everything is run as a reader would: in a shell, at full length, the slow ones too."""
+
+BRIEF = Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
+
+
+class _Kept:
+    """A worker that outlives the run it was opened for: starting one takes a second or two."""
+
+    def __init__(self, worker: Worker) -> None:
+        self.call = worker.call
+
+    def close(self) -> None:
+        pass
+
+
+class Workers:
+    """Workers by name, each started when first asked for and kept until the end."""
+
+    def __init__(self) -> None:
+        # A process ends with the thread that started it, so that one must last.
+        self._thread = ThreadPoolExecutor(1)
+        self._workers: dict[str, Worker] = {}
+
+    def open(
+        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+    ) -> Executor:
+        # A reader's own module may change between two runs: its worker is started anew.
+        if name.startswith("triangulator "):
+            return Worker(name, environment, memory_bytes)
+        if name not in self._workers:
+            self._workers[name] = self._thread.submit(self._start, name, environment).result()
+        return _Kept(self._workers[name])
+
+    @staticmethod
+    def _start(name: str, environment: Mapping[str, str]) -> Worker:
+        worker = Worker(name, environment)
+        worker.call(os.getpid)
+        return worker
+
+    def close(self) -> None:
+        for worker in self._workers.values():
+            worker.close()
+        self._thread.shutdown()
+
+
+@pytest.fixture(scope="session")
+def workers() -> Iterator[Workers]:
+    kept = Workers()
+    yield kept
+    kept.close()
+
+
+class Reader:
+    """Follows a page: writes its files and runs its commands in one folder."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder = folder
+        self._monkeypatch = monkeypatch
+        (folder / ".venv").symlink_to(ROOT / ".venv")
+        ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
+        courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
+        write_geojson(folder / "buildings.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+
+    def follow(self, block: Block) -> None:
+        """Do what a block says."""
+        if block.kind == "file":
+            (self.folder / block.note).write_text(block.content)
+        elif block.language != "sh" or block.kind == "not run":
+            return
+        elif block.lines[0].startswith("make "):
+            self._in_a_clone(block)
+        elif block.kind != "slow" or FULL:
+            for number, line in enumerate(block.lines, start=1):
+                last = number == len(block.lines)
+                assert self.run(line) == (block.exit_code if last else 0), line
+
+    def run(self, line: str) -> int:
+        """Run one command; returns its exit code."""
+        command = COMMAND.match(line)
+        if command and not FULL:
+            return self._inside(shlex.split(command["arguments"]))
+        environment = {**os.environ, "PYTHONPATH": f"{self.folder}:{ROOT}"}
+        # The reader is in the clone, where the packages are; here they are on the path.
+        line = line.removeprefix("PYTHONPATH=. ")
+        done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=environment, check=False)
+        return done.returncode
+
+    def _inside(self, arguments: list[str]) -> int:
+        self._monkeypatch.setattr(sys, "argv", ["harness", *arguments])
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+        return 0
+
+    def _in_a_clone(self, block: Block) -> None:
+        if not FULL:
+            targets = {word for line in block.lines for word in line.split()[1:]}
+            known = {line.split(":")[0] for line in (ROOT / "Makefile").read_text().splitlines()}
+            assert targets <= known
+            return
+        clone = self.folder / "clone"
+        if not clone.exists():
+            subprocess.run(["git", "clone", "-q", ROOT, clone], check=True)
+            (clone / ".venv").symlink_to(ROOT / ".venv")
+        for line in block.lines:
+            subprocess.run(["bash", "-c", line], cwd=clone, check=True)
+
+
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -> Iterator[Reader]:
+    folder = tmp_path / "reader"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("PYTHONPATH", f"{folder}:{ROOT}")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    if not FULL:
+        monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
+        monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
+        # Drawn by every run and tested in tests/report; here they only take time.
+        monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+    yield Reader(folder, monkeypatch)
+    shutil.rmtree(folder, ignore_errors=True)

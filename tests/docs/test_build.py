@@ -1,0 +1,77 @@
+"""The documents build without a warning, and hold what is made from the code."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from harness.cli import app
+from harness.metrics import METRICS
+from tests.docs.blocks import ROOT, pages
+from triangulators import registry
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("docs") / "site"
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_the_build_has_every_page(site):
+    for page in (ROOT / "docs").rglob("*.md"):
+        relative = page.relative_to(ROOT / "docs")
+        if relative.parts[0] != "ci":
+            assert (site / relative.with_suffix(".html")).exists(), relative
+
+
+def test_the_reference_has_every_command_option_and_name(site):
+    commands = (site / "reference" / "commands.html").read_text()
+    for command in app.registered_commands:
+        name = command.name or command.callback.__name__
+        assert f'id="{name}"' in commands
+    for option in ("--triangulators", "--gate", "--resume", "--threshold"):
+        assert option in commands
+    names = (site / "reference" / "names.html").read_text()
+    for name in [*registry.BUILTIN, *METRICS]:
+        assert f"<code>{name}</code>" in names
+    python = (site / "reference" / "python.html").read_text()
+    assert "Triangulate a polygon" in python
+    assert "paired_ratio" in python
+
+
+def test_pages_load_nothing_from_elsewhere(site):
+    pattern = r'<(?:script|img|iframe|source)[^>]+src="(?:https?:)?//|<link[^>]+stylesheet[^>]+//'
+    for page in site.rglob("*.html"):
+        assert not re.search(pattern, page.read_text()), page.name
+
+
+def test_links_of_the_pages_outside_docs_lead_somewhere():
+    for page in pages()[:2]:
+        for target in re.findall(r"\]\(([^)#]+)", page.read_text()):
+            assert (page.parent / target).exists(), (page.name, target)
+
+
+def test_files_that_others_parse_are_sound():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    cited = {author["family-names"] for author in citation["references"][0]["authors"]}
+    assert cited == {"Kryvda", "Sulema"}
+    for template in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"):
+        content = yaml.safe_load(template.read_text())
+        if template.name != "config.yml":
+            assert {"name", "description", "body"} <= set(content), template.name

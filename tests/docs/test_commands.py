@@ -1,0 +1,84 @@
+"""Every command in README and docs works, in the order in which a reader meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from harness.cli import app
+from harness.commands.examples import EXAMPLES, PROGRAM, RUN
+from tests.docs.blocks import ROOT, blocks, pages
+from tests.docs.conftest import FULL, Reader
+
+FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
+LONG = (
+    "validate",
+    "calibrate",
+    "doctor",
+    "list scenes",
+    "run --scene city",
+    "inspect --scene city",
+)
+
+
+@pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_can_be_followed(page: Path, reader: Reader):
+    for block in blocks(page):
+        reader.follow(block)
+
+
+def test_what_is_slow_or_not_run_says_why():
+    for page in pages():
+        for block in blocks(page):
+            if block.kind in ("slow", "not run"):
+                assert len(block.note.split()) > 3, (page, block.content)
+
+
+def test_no_command_hides_in_a_block_that_is_not_run():
+    for page in pages():
+        for block in blocks(page):
+            if block.language != "sh":
+                assert "-m harness" not in block.content, (page, block.language)
+
+
+def test_a_readers_triangulator_is_ranked(reader: Reader):
+    """The README's own code, on fewer polygons than there."""
+    readme = {block.note: block for block in blocks(ROOT / "README.md") if block.kind == "file"}
+    reader.follow(readme["mine.py"])
+    assert len(readme["mine.py"].content.splitlines()) <= 20
+    names = "ear-clipping,mine:cut"
+    arguments = f"run --scene buildings.geojson --triangulators {names} --quick --out out"
+    assert reader.run(f".venv/bin/python -m harness {arguments}") == 0
+    lines = (reader.folder / "out" / "cases.jsonl").read_text().splitlines()
+    records = {record["triangulator"]: record for record in map(json.loads, lines)}
+    mine = records["mine:cut"]
+    assert mine["status"] == "ok"
+    assert mine["coverage_error"] == 0
+    # The courtyard has a hole, and from nowhere near the middle of the L is all of it seen.
+    assert mine["polygons"] + mine["polygons_skipped"] + mine["polygons_failed"] == 3
+    assert mine["polygons_skipped"] == 1
+    assert "mine:cut" in (reader.folder / "out" / "report.html").read_text() or mine["polygons"] > 0
+
+
+def test_each_command_has_an_example():
+    named = {command.name or command.callback.__name__ for command in app.registered_commands}
+    assert set(EXAMPLES) == named
+    for command in app.registered_commands:
+        assert command.epilog
+        assert PROGRAM in command.epilog
+
+
+def test_the_examples_of_the_help_work(reader: Reader):
+    prepare = f"run --scene buildings.geojson --quick --out {RUN}"
+    assert reader.run(f".venv/bin/python -m harness {prepare}") == 0
+    for lines in EXAMPLES.values():
+        for line in lines:
+            brief = line
+            if not FULL:
+                if line.startswith(LONG):
+                    continue
+                if line.startswith("run") and "--quick" not in line:
+                    brief = f"{line} --quick"
+            assert reader.run(f".venv/bin/python -m harness {brief}") == 0, line
