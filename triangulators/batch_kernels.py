@@ -8,7 +8,7 @@ from triangulators.dense import fill_box_table, trace_box_table
 from triangulators.predicates import orient, turn
 from triangulators.unfold import fold_back, grow, neighbours_of, unfold
 
-SMALL = 128  # corners up to which the table is used
+SMALL = 192  # corners up to which the table is used
 _CUTS = 4  # choices of cuts tried on a polygon with holes
 
 
