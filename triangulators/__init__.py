@@ -15,6 +15,7 @@ rounding error of an edge counts as on it when they are verified or repaired.
 
 from triangulators import criteria
 from triangulators.batch import Ragged, Triangulations, triangulate_many
+from triangulators.compiled import drop_stale, warm_up
 from triangulators.errors import (
     InvalidPolygon,
     Skipped,
@@ -24,6 +25,8 @@ from triangulators.errors import (
 )
 from triangulators.polygon import vertices
 from triangulators.registry import find, full_name, names, parse, triangulate
+
+drop_stale()  # compiled code is loaded at the first call
 
 __all__ = [
     "InvalidPolygon",
@@ -41,4 +44,5 @@ __all__ = [
     "triangulate",
     "triangulate_many",
     "vertices",
+    "warm_up",
 ]

@@ -17,8 +17,6 @@ from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.registry import parse, triangulate
 
-MEDIUM = 500  # vertices up to which a polygon is done by compiled code
-
 
 class Ragged(NamedTuple):
     """Polygons as arrays: coordinates (n, 2) float64, ring after ring and none closed.
@@ -82,11 +80,11 @@ def triangulate_many(
     """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
-    half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does them on all
-    threads: exactly without holes; with holes from ear clipping on, trying a few cuts. What is
-    left, and everything under other names, goes one at a time through `triangulate`. check: test
-    shapely polygons for validity first. threads: by default one for each core this process may
-    use. parameters: as for `triangulate`. Raises `UnknownName`.
+    half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
+    to 128 vertices on all threads: exactly without holes; with holes from ear clipping on, trying
+    a few cuts. What is left, and everything under other names, goes one at a time through
+    `triangulate`. check: test shapely polygons for validity first. threads: by default one for
+    each core this process may use. parameters: as for `triangulate`. Raises `UnknownName`.
     """
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
@@ -136,7 +134,7 @@ def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
     lengths, one_ring = np.diff(work.begins), np.diff(work.owners) == 1
     sound &= lengths >= 3
     by_table = sound & one_ring & (lengths <= SMALL)
-    others = np.flatnonzero(sound & ~by_table & (lengths <= MEDIUM))
+    others = np.flatnonzero(sound & ~by_table & (np.diff(work.starts) + 2 <= SMALL))
     with ThreadPoolExecutor(threads) as pool:
         running = _share(
             pool,
@@ -159,7 +157,7 @@ def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
             len(others),
             improve_many,
             *(work.coordinates, work.rings[1:], work.owners, others),
-            *(cost.weights, cost.function, cost.box, joined, bounds, improved),
+            *(cost.box, joined, bounds, improved),
         )
         _wait(running)
     for task in np.flatnonzero(improved).tolist():

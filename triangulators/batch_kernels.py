@@ -1,16 +1,12 @@
 """Compiled parts of `batch`: what is done for each polygon, without holding the GIL."""
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 
-from triangulators.cost import BBOX_AREA, HALF_PERIMETER, total_cost
+from triangulators.criteria import bbox_area, edge_length, half_perimeter
 from triangulators.dense import fill_box_table, trace_box_table
-from triangulators.predicates import turn
-from triangulators.sparse import fill_pairs, trace_pairs
+from triangulators.predicates import orient, turn
 from triangulators.unfold import fold_back, grow, neighbours_of, unfold
-from triangulators.visibility import visible_pairs
 
 SMALL = 128  # corners up to which the table is used
 _CUTS = 4  # choices of cuts tried on a polygon with holes
@@ -47,10 +43,15 @@ def one_ring(
     flat = 0.0
     if not on_pixel_grid(points):
         span = max(x[:n].max() - x[:n].min(), y[:n].max() - y[:n].min())
-        flat = 8.0 * 2.0**-53 * span * span
+        flat = 16.0 * 2.0**-53 * span * span
     fill_box_table(table, x[:n], y[:n], box, flat)
     if trace_box_table(table, x[:n], y[:n], box, flat, triangles) != n - 2:
         return False
+    if flat > 0.0:
+        for row in range(n - 2):  # rounding may have gone further than `flat` allows for
+            a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+            if orient(x[a], y[a], x[b], y[b], x[c], y[c]) <= 0.0:
+                return False
     if area <= 0.0:
         for row in range(n - 2):
             for e in range(3):
@@ -110,26 +111,32 @@ def _is_triangulation(
 
 
 @njit(cache=True, nogil=True)
-def _optimum_of_piece(points: np.ndarray, local: np.ndarray, cost: Any) -> np.ndarray:
-    """The optimum of a simple polygon (n, 2), given a triangulation of it; `cost` is a box."""
-    weights, function, box = cost
+def _optimum_of_piece(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """The optimum of a simple polygon (n, 2), counter-clockwise; no rows if none was found."""
     n = len(points)
-    x, y = points[:, 0].copy(), points[:, 1].copy()
-    if n <= SMALL and on_pixel_grid(points):
-        table = np.empty((n, n))
-        better = np.empty((n - 2, 3), dtype=np.int32)
-        fill_box_table(table, x, y, box, 0.0)
-        trace_box_table(table, x, y, box, 0.0, better)
-        return better
-    start, target = visible_pairs(points, local, neighbours_of(local, n), n * n)
-    filled = fill_pairs(x, y, start, target, weights, function, False, 1.0, False, box, True)
-    inner = np.zeros_like(weights)
-    inner[HALF_PERIMETER], inner[BBOX_AREA] = box[0], box[1]
-    return trace_pairs(x, y, start, target, filled, inner, function, False, 1.0, False)
+    table = np.empty((n, n))
+    x, y = np.empty(n), np.empty(n)
+    better = np.empty((n - 2, 3), dtype=np.int32)
+    return better if one_ring(points, box, table, x, y, better) else better[:0]
 
 
 @njit(cache=True, nogil=True)
-def _improve(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, cost: Any) -> bool:
+def _total(points: np.ndarray, triangles: np.ndarray, box: np.ndarray) -> float:
+    """Cost of a triangulation; box: coefficients of half-perimeter, box area and edge length."""
+    total = 0.0
+    for row in range(len(triangles)):
+        ax, ay = points[triangles[row, 0], 0], points[triangles[row, 0], 1]
+        bx, by = points[triangles[row, 1], 0], points[triangles[row, 1], 1]
+        cx, cy = points[triangles[row, 2], 0], points[triangles[row, 2], 1]
+        total += box[0] * half_perimeter(ax, ay, bx, by, cx, cy)
+        total += box[1] * bbox_area(ax, ay, bx, by, cx, cy)
+        if box[2] != 0.0:
+            total += box[2] * edge_length(ax, ay, bx, by, cx, cy)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _improve(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, box: np.ndarray) -> bool:
     """Improve one triangulation in place over a few cuts; False if it is none to begin with."""
     size = len(triangles)
     across = neighbours_of(triangles, len(points))
@@ -142,10 +149,12 @@ def _improve(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, cost: 
         root = attempt * size // _CUTS
         tree[:] = False
         grow(across, root, size, attempt % 2 == 0, attempt % 3, tree, rows)
-        cycle, local, outline = unfold(triangles, across, tree, root, size)
-        better = _optimum_of_piece(points[cycle], local, cost)
+        cycle, _, outline = unfold(triangles, across, tree, root, size)
+        better = _optimum_of_piece(points[cycle], box)
+        if len(better) != size:
+            return False
         fold_back(triangles, across, rows, cycle, outline, better)
-        total = total_cost(points, triangles, cost[0], cost[1], False, 1.0, False)
+        total = _total(points, triangles, box)
         if attempt > 0 and total >= least - 1e-12 * abs(least):
             break  # other cuts gained nothing: most likely it is the optimum
         least = total
@@ -160,8 +169,6 @@ def improve_many(
     ring_ends: np.ndarray,
     owners: np.ndarray,
     which: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
     box: np.ndarray,
     triangles: np.ndarray,
     bounds: np.ndarray,
@@ -178,4 +185,4 @@ def improve_many(
         ends = ring_ends[owners[index] : owners[index + 1]] - start
         points = coordinates[start : start + ends[-1]]
         own = triangles[bounds[task] : bounds[task + 1]]
-        done[task] = _improve(points, ends, own, (weights, function, box))
+        done[task] = _improve(points, ends, own, box)

@@ -14,11 +14,14 @@ import numpy as np
 from triangulators.batch_kernels import SMALL, do_rings, improve_many
 from triangulators.cost import cost_of
 from triangulators.criteria import CRITERIA
+from triangulators.local_search import search_cuts, sweep_windows
+from triangulators.optimal import LIMIT
+from triangulators.polygon import boundary_of_rings
+from triangulators.repair import insert_dropped_vertices
+from triangulators.starts import left_turning
+from triangulators.verify import verify_boundary
 
 _COST = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
-
-
-_ONE = np.array([0], dtype=np.int64)
 
 
 def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
@@ -30,18 +33,36 @@ def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> n
     raw = mapbox_earcut.triangulate_float64(vertices, ring_end_indices)
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     ends = np.asarray(ring_end_indices, dtype=np.int64)
-    count = len(raw) // 3
+    if not len(raw) or not np.isfinite(points).all():
+        return raw
+    if len(raw) // 3 + 2 > SMALL:
+        triangles = _large(points, ends, raw.astype(np.int32).reshape(-1, 3))
+        return triangles.astype(np.uint32).ravel()
     done = np.zeros(1, dtype=np.bool_)
-    if len(ends) == 1 and 3 <= len(points) <= SMALL and np.isfinite(points).all():
+    if len(ends) == 1:
         triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
-        bounds = np.array([0, len(triangles)])
+        begins, bounds = np.array([0, len(points)]), np.array([0, len(triangles)])
         wanted = np.ones(1, dtype=np.bool_)
-        do_rings(0, 1, points, np.r_[0, ends], wanted, _COST.box, bounds, triangles, done)
-    if count and not done[0]:
+        do_rings(0, 1, points, begins, wanted, _COST.box, bounds, triangles, done)
+    if not done[0]:
         triangles = raw.astype(np.int32).reshape(-1, 3)
-        kernel = (_ONE, _COST.weights, _COST.function, _COST.box, triangles, np.array([0, count]))
-        improve_many(0, 1, points, ends, np.array([0, len(ends)]), *kernel, done)
+        owners, which, bounds = (
+            np.array([0, len(ends)]),
+            np.array([0]),
+            np.array([0, len(raw) // 3]),
+        )
+        improve_many(0, 1, points, ends, owners, which, _COST.box, triangles, bounds, done)
     return triangles.astype(np.uint32).ravel() if done[0] else raw
+
+
+def _large(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Improve earcut's triangles if they are a triangulation; otherwise return them."""
+    outline = boundary_of_rings(points, ends)
+    triangles = insert_dropped_vertices(outline, left_turning(points, triangles))
+    if not verify_boundary(outline, triangles).conforming:
+        return triangles
+    improve = search_cuts if len(points) <= LIMIT else sweep_windows
+    return improve(points, outline.site[triangles], _COST)
 
 
 def triangulate_float32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 from triangulators.cost import Cost
 from triangulators.dense import box_optimum
 from triangulators.errors import TriangulationError
-from triangulators.predicates import on_grid
+from triangulators.predicates import on_grid, turns
 from triangulators.sparse import sparse_optimum
 from triangulators.unfold import neighbours
 from triangulators.visibility import visible_pairs
@@ -43,11 +43,11 @@ def _flat(points: np.ndarray) -> float:
     """Doubled area below which the sign of a plain float64 determinant is not to be trusted."""
     if on_grid(points):
         return 0.0
-    return 8.0 * 2.0**-53 * float(np.ptp(points, axis=0).max()) ** 2
+    return 16.0 * 2.0**-53 * float(np.ptp(points, axis=0).max()) ** 2
 
 
 def _by_table(points: np.ndarray, cost: Cost, flat: float) -> np.ndarray:
     best = box_optimum(points, cost.box, flat)
-    if best is None:
+    if best is None or (flat != 0.0 and (turns(points, best) <= 0.0).any()):
         raise TriangulationError(f"no triangulation of {len(points)} corners found")
     return best

@@ -89,14 +89,22 @@ def _join(left: np.ndarray, right: np.ndarray, triangle: Triangle) -> np.ndarray
 def tabulate(polygon: shapely.Polygon, mode: Mode = "conforming") -> dict[str, np.ndarray]:
     """Return one row a triangulation, as columns of equal length.
 
-    Columns: those of `criteria.predict`, and `conforming` (bool).
+    Columns: those of `criteria.predict`, `conforming` (bool) and `diagonals` (text: "0-2 2-5", the
+    edges between triangles, by their vertices).
     """
     outline = boundary(polygon)
     found = enumerate_triangulations(polygon, mode)
     rows = [criteria.predict(outline.points, triangles) for triangles in found]
     columns = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+    sides = {frozenset(edge) for edge in outline.edges.tolist()}
+    columns["diagonals"] = np.array([_diagonals(triangles, sides) for triangles in found])
     columns["conforming"] = columns["triangles"] == outline.expected_triangles
     return columns
+
+
+def _diagonals(triangles: np.ndarray, sides: set[frozenset[int]]) -> str:
+    edges = {frozenset(pair) for a, b, c in triangles.tolist() for pair in ((a, b), (b, c), (c, a))}
+    return " ".join(f"{a}-{b}" for a, b in sorted(map(sorted, edges - sides)))
 
 
 def triangulate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -120,16 +121,27 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
 
 
 def _show(found: Comparison, head: Run, output: Format) -> None:
+    """Write to standard output; a reader that stops early must not change the exit code."""
+    try:
+        typer.echo(_shown(found, head, output), nl=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _shown(found: Comparison, head: Run, output: Format) -> str:
     from harness.compare.benchmark_action import to_benchmark_action
     from harness.compare.checking import checked
     from harness.compare.terminal import print_comparison
 
     if output is Format.table:
-        print_comparison(found, Console())
-    elif output is Format.benchmark_action:
-        typer.echo(_json(to_benchmark_action(checked(head))), nl=False)
-    else:
-        typer.echo(_text(found, output.value), nl=False)
+        console = Console()
+        with console.capture() as text:
+            print_comparison(found, console)
+        return text.get()
+    if output is Format.benchmark_action:
+        return _json(to_benchmark_action(checked(head)))
+    return _text(found, output.value)
 
 
 def _json(content: object) -> str:

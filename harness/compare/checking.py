@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from harness.compare.matching import case_name
+from harness.compare.model import CaseName
 from harness.store import Record, Run
 
 NAMES = ("scene", "triangulator", "rasteriser", "device", "status")
@@ -25,8 +27,21 @@ def checked(run: Run) -> Run:
             records.append(record)
         else:
             problems.append(f"case {record.get('key')}: {wrong} is not usable; case ignored")
+    records = _latest(records, problems)
     facts = run.facts if isinstance(run.facts, dict) else {}
     return replace(run, records=records, facts=_facts(facts, problems), problems=problems)
+
+
+def _latest(records: list[Record], problems: list[str]) -> list[Record]:
+    """Keep one record a case: a run that was resumed by force may hold two contents of a scene."""
+    latest: dict[CaseName, Record] = {}
+    for record in records:
+        name = case_name(record)
+        if name in latest:
+            problems.append(f"{name.triangulator}, {name.where}: measured twice; the later counts")
+            del latest[name]
+        latest[name] = record
+    return list(latest.values())
 
 
 def _wrong(record: Record) -> str | None:

@@ -10,7 +10,7 @@ from harness.compare import times
 from harness.compare.checking import checked
 from harness.compare.counters import compare_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
-from harness.compare.matching import Match, match, printable
+from harness.compare.matching import Match, match, other_hardware, printable
 from harness.compare.model import (
     CaseChange,
     Comparison,
@@ -37,7 +37,8 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     base, head = checked(base), checked(head)
     matches = match(base, head, across_devices=settings.across_devices)
     before, after = machine(base.facts), machine(head.facts)
-    machines_differ = bool(before and after and before != after) or _across(matches)
+    elsewhere = _across(matches) or bool(other_hardware(base, head))
+    machines_differ = elsewhere or bool(before and after and before != after)
     cases = [_counted(found, settings) for found in matches]
     cases, drifts = _timed(matches, cases, settings, machines_differ)
     found = Comparison(

@@ -104,13 +104,22 @@ def _refuse_other_devices(base: Run, head: Run) -> None:
             f"BASE ran on {_listed(before, shared)} and HEAD on {_listed(after, shared)}: "
             "their figures differ without any change; add --across-devices to compare them"
         )
-    for label in (base.facts.get("devices") or {}).keys() & (head.facts.get("devices") or {}):
-        then, now = renderer(base.facts, label), renderer(head.facts, label)
-        if then and now and hardware(then) != hardware(now):
-            raise UsageError(
-                f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
-                "add --across-devices to compare them"
-            )
+    for label, (then, now) in other_hardware(base, head).items():
+        raise UsageError(
+            f"{label} was '{then}' in BASE and is '{now}' in HEAD: "
+            "add --across-devices to compare them"
+        )
+
+
+def other_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
+    """Return the devices that have one name in both runs and are not the same, with renderers."""
+    labels = (base.facts.get("devices") or {}).keys() & (head.facts.get("devices") or {}).keys()
+    names = {label: (renderer(base.facts, label), renderer(head.facts, label)) for label in labels}
+    return {
+        label: (then, now)
+        for label, (then, now) in sorted(names.items())
+        if then and now and hardware(then) != hardware(now)
+    }
 
 
 def _listed(devices: dict[str, set[str]], rasterisers: set[str]) -> str:

@@ -73,7 +73,7 @@ def test_noisy_star_1000_against_delaunay(benchmark, criterion):
         benchmark,
         lambda: triangulate(polygon, "optimal", criterion=criterion),
         lambda: shapely.constrained_delaunay_triangles(polygon),
-        rounds=15,
+        rounds=60,
     )
     assert ratio <= 8.0
 

@@ -82,11 +82,14 @@ def test_other_devices_are_refused_unless_asked_for(runs, harness):
     assert "no counter differs" in out
 
 
-def test_the_same_device_name_on_other_hardware_is_refused(runs):
+def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     devices = {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H200/PCIe/SSE2"}}}
     code, _, err = runs(facts={"devices": devices})
     assert code == 2
     assert_one_line(err, "NVIDIA H200", "--across-devices")
+    code, out, _ = harness("compare", "base", "head", "--across-devices", "--format", "json")
+    assert code == 0
+    assert json.loads(out)["machines_differ"] is True
 
 
 def test_a_driver_update_is_reported_not_refused(runs):
@@ -230,6 +233,18 @@ def test_another_triangulator_under_the_same_name_is_found(tmp_path):
     assert first.startswith("**Regression:** mine:cut on cpu: +")
     assert "quads" in first
     assert "delaunay" not in first
+
+
+def test_a_reader_that_stops_early_does_not_change_the_exit_code(tmp_path):
+    write_run(tmp_path / "base", seed=1)
+    write_run(tmp_path / "head", seed=2)
+    command = f"{sys.executable} -m harness compare {tmp_path}/base {tmp_path}/head"
+    # The reader is gone before anything is written.
+    script = f"{{ sleep 0.2; {command}; echo $? >&2; }} | true"
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stderr.strip() == "0"
 
 
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -88,3 +88,16 @@ def test_a_gate_on_times_alone_needs_times(harness):
     code, out, _ = harness("compare", "base", "head", "--gate", "time")
     assert code == 4
     assert "no case was timed" in out
+
+
+def test_a_case_that_stands_twice_is_said_and_the_later_counts(harness):
+    write_run(Path("base"), seed=1)
+    write_run(Path("head"), seed=2)
+    later = record("fan", seed=3)
+    later |= {"key": "0123456789abcdef", "scene_hash": "0" * 16}
+    with Path("head/cases.jsonl").open("a") as stream:
+        stream.write(json.dumps(later) + "\n")
+    code, out, _ = harness("compare", "base", "head")
+    assert code == 0
+    assert "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later counts" in out
+    assert "1 case of changed content" in out

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, given, settings
 
+from scenes import load
 from tests.triangulators.cases import glyphs, hard_polygons, shared
 from triangulators import InvalidPolygon, Skipped, criteria, names, triangulate, vertices
 from triangulators.registry import find
@@ -64,6 +65,12 @@ def test_hostile_fixtures(name):
         check(polygon, label) for label, polygon in shared(name) if len(vertices(polygon)) < 4000
     ]
     assert sum(count > 0 for count in done) >= 19
+
+
+def test_a_city():
+    done = [check(polygon, index) for index, polygon in enumerate(load("city").polygons[::2])]
+    assert len(done) == 250
+    assert min(done) >= 6
 
 
 def test_real_buildings():

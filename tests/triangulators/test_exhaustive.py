@@ -47,6 +47,13 @@ def test_the_papers_mode_gives_its_table_1():
         assert row[1] == pytest.approx(difference, abs=1e-9)
 
 
+def test_diagonals_tell_triangulations_apart():
+    table = tabulate(paper_polygon())
+    assert len(set(table["diagonals"])) == 29
+    assert all(text.count("-") == 6 for text in table["diagonals"])
+    assert {len(column) for column in table.values()} == {29}
+
+
 def test_dropped_vertices_leave_t_junctions_but_cover():
     for triangles in enumerate_triangulations(paper_polygon(), "paper"):
         found = verify(paper_polygon(), triangles)

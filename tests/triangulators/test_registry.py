@@ -1,5 +1,8 @@
 """Names, errors and third parties."""
 
+import os
+from importlib.metadata import EntryPoint
+
 import numpy as np
 import pytest
 import shapely
@@ -7,6 +10,8 @@ import shapely
 import triangulators
 from triangulators import InvalidPolygon, TriangulationError, UnknownName, triangulate, vertices
 
+with np.errstate(invalid="ignore"):
+    NOT_A_NUMBER = shapely.Polygon([(0, 0), (4, float("nan")), (4, 0)])
 SQUARE = shapely.Polygon([(0, 0), (4, 0), (4, 4), (0, 4)])
 
 
@@ -59,7 +64,7 @@ def test_a_users_function_is_wound_counter_clockwise():
     [
         (shapely.Polygon(), "empty"),
         (shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)]), "Self-intersection"),
-        (shapely.Polygon([(0, 0), (4, float("nan")), (4, 0)]), "NaN"),
+        (NOT_A_NUMBER, "NaN"),
         (shapely.Point(0, 0), "Point"),
         (shapely.Polygon([(0, 0), (1, 1), (2, 2)]), "not valid"),
     ],
@@ -68,3 +73,41 @@ def test_bad_polygons_say_what_is_wrong(polygon, message):
     for name in ("fan", "ear-clipping", "delaunay", "optimal"):
         with pytest.raises(InvalidPolygon, match=message):
             triangulate(polygon, name)
+
+
+def test_a_third_party_adds_its_own_by_an_entry_point(monkeypatch):
+    point = EntryPoint("theirs", f"{__name__}:clockwise_square", "raster_harness.triangulators")
+    monkeypatch.setattr(triangulators.registry, "_third_party", lambda: {"theirs": point})
+    assert "theirs" in triangulators.names(available_only=True)
+    assert triangulators.full_name("theirs") == "theirs"
+    assert triangulate(SQUARE, "theirs").tolist() == [[0, 1, 2], [0, 2, 3]]
+    with pytest.raises(UnknownName, match="theirs"):
+        triangulate(SQUARE, "their")
+
+
+def test_every_entry_says_what_it_is():
+    for name in triangulators.names():
+        entry = triangulators.find(name)
+        assert entry.description
+        assert entry.available() is None or "install" in entry.available()
+
+
+def test_warming_up_makes_the_next_call_quick():
+    names = triangulators.names(available_only=True)
+    triangulators.warm_up(names)
+    assert triangulators.warm_up(names) < 5.0
+
+
+def test_stale_compiled_code_is_dropped(tmp_path, monkeypatch):
+    (tmp_path / "__pycache__").mkdir()
+    source, stale = tmp_path / "compiled.py", tmp_path / "__pycache__" / "a.nbi"
+    stale.write_text("")
+    source.write_text("")
+    os.utime(stale, (1, 1))
+    fresh = tmp_path / "__pycache__" / "b.nbi"
+    fresh.write_text("")
+    os.utime(source, (2, 2))
+    monkeypatch.setattr(triangulators.compiled, "__file__", str(source))
+    triangulators.compiled.drop_stale()
+    assert not stale.exists()
+    assert fresh.exists()

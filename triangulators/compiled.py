@@ -1,0 +1,46 @@
+"""Compiled code on disk: drop it when it is stale, make it when it is missing."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import shapely
+
+
+def drop_stale() -> None:
+    """Delete compiled code in `__pycache__` that is older than any source file of the package.
+
+    Numba notices a change in a function's own file, but not in those it calls and has built in.
+    """
+    package = Path(__file__).parent
+    newest = max(source.stat().st_mtime for source in package.glob("*.py"))
+    for index in (package / "__pycache__").glob("*.nbi"):
+        try:
+            if index.stat().st_mtime < newest:
+                index.unlink()
+        except OSError:
+            continue  # another process was faster, or the folder is read-only
+
+
+def warm_up(names: Sequence[str]) -> float:
+    """Call each of some triangulators once on small polygons; return the seconds it took.
+
+    The first time on a machine that is the time to compile them, later next to nothing.
+    """
+    from triangulators.errors import Skipped, Unavailable
+    from triangulators.registry import triangulate
+    from triangulators.verify import verify
+
+    holes = [[(2, 2), (2, 4), (4, 4)], [(6, 6), (6, 8), (8, 8)]]
+    square = [(0, 0), (9, 0), (9, 9), (0, 9)]
+    # On no grid, so that it takes the way that doubles take.
+    bent = shapely.Polygon([(0.1, 0), (5, 1.3), (9, 0), (8, 9), (4.7, 7), (0, 9)])
+    polygons = [shapely.Polygon(square), shapely.Polygon(square, holes), bent]
+    start = time.perf_counter()
+    for name in names:
+        for polygon in polygons:
+            try:
+                verify(polygon, triangulate(polygon, name))
+            except (Skipped, Unavailable):
+                continue
+    return time.perf_counter() - start
