@@ -200,7 +200,10 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
             stored = read_run(outcome.path)
             plot_run(stored)
             write_report(stored)
-    console.print(f"results: {os.path.relpath(outcome.path)}", markup=False, soft_wrap=True)
+    where = os.path.relpath(outcome.path)
+    console.print(f"results: {where}", markup=False, soft_wrap=True)
+    if measured:
+        console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     if outcome.interrupted:
         console.print(f"stopped early; go on with: harness run --resume {outcome.path}")
         raise typer.Exit(INTERRUPTED)
