@@ -9,6 +9,7 @@ import pytest
 
 from harness.cli import app
 from harness.commands.examples import EXAMPLES, PROGRAM, RUN
+from harness.errors import GOOD, INCONCLUSIVE
 from tests.docs.blocks import ROOT, blocks, pages
 from tests.docs.conftest import FULL, Reader
 
@@ -81,4 +82,6 @@ def test_the_examples_of_the_help_work(reader: Reader):
                     continue
                 if line.startswith("run") and "--quick" not in line:
                     brief = f"{line} --quick"
-            assert reader.run(f".venv/bin/python -m harness {brief}") == 0, line
+            # On a busy machine times may be too noisy to say anything: then compare says so.
+            fine = (GOOD, INCONCLUSIVE) if line.startswith("compare") else (GOOD,)
+            assert reader.run(f".venv/bin/python -m harness {brief}") in fine, line
