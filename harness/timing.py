@@ -51,6 +51,8 @@ class Settings:
         `precision` is not reached
     min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer
     warm_up_s : longest warm-up a candidate
+    least_share : share of the budget that is always drawn: what is precise enough by itself gets
+        pairs that tell smaller differences
     paired : whether the candidates are compared with each other; then all are drawn equally often
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw
     """
@@ -59,6 +61,7 @@ class Settings:
     budget_s: float = 2.0
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
+    least_share: float = 0.5
     paired: bool = True
 
 
@@ -135,7 +138,8 @@ def time_together(
     """Time all `drawings` in shuffled, interleaved rounds.
 
     Sample r of every drawing comes from round r. The rounds end when each drawing's interval is
-    narrow enough, or when `settings.budget_s` times the number of drawings has passed.
+    narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
+    number of drawings has passed.
     """
     start = clock()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -150,7 +154,8 @@ def time_together(
             entry.repeats = most
     order = list(drawings)
     shuffler = random.Random(seed)
-    deadline = start + settings.budget_s * len(drawings)
+    budget_s = settings.budget_s * len(drawings)
+    earliest, deadline = start + settings.least_share * budget_s, start + budget_s
     check_at = MIN_ROUNDS
     while True:
         shuffler.shuffle(order)
@@ -159,7 +164,7 @@ def time_together(
             sample = drawings[name].sample(entry.repeats)
             entry.samples_s.append(_seconds(sample, test.timer) / entry.repeats)
         rounds = len(times[order[0]].samples_s)
-        if rounds < MIN_ROUNDS:
+        if rounds < MIN_ROUNDS or clock() < earliest:
             continue
         if rounds >= check_at or clock() >= deadline:
             check_at = rounds + max(1, rounds // 8)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import threading
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -149,6 +151,7 @@ def run(
             timeout_s=timeout,
             calibration=_coefficients(calibration, triangulators, device),
         )
+    _load_ahead()
     folder = resume or out or default_folder(plan.scene)
     reporter = Reporter(quiet=quiet)
     outcome = carry_out(plan, folder, reporter, resume=resume is not None, force=force)
@@ -165,6 +168,16 @@ def _coefficients(file: Path | None, triangulators: str, device: str) -> dict[st
     if file is None and len(devices) != 1:
         raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
     return read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
+
+
+def _load_ahead() -> None:
+    """Import what draws plots and tables while other processes triangulate: it takes seconds."""
+
+    def load() -> None:
+        for name in ("pandas", "matplotlib.figure", "scipy.stats"):
+            importlib.import_module(name)
+
+    threading.Thread(target=load, daemon=True).start()
 
 
 def _stored_plan(folder: Path) -> Plan:

@@ -47,15 +47,22 @@ def test_every_round_times_every_drawing_once_in_changing_order():
 
 def test_steady_drawings_stop_at_the_fewest_rounds():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
-    times = time_together(drawings, Settings(budget_s=100), WALL, clock=clock)
+    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
     assert all(entry.precision_reached for entry in times.values())
     assert times["b"].median_s == pytest.approx(3e-3)
 
 
+def test_the_least_share_of_the_budget_is_drawn_however_steady_it_is():
+    drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
+    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    assert clock.now == pytest.approx(0.5 * 2, rel=0.05)
+    assert all(entry.precision_reached for entry in times.values())
+
+
 def test_noise_costs_rounds_until_the_interval_is_narrow():
     drawings, clock, _ = scripted({"a": 2e-3}, noise=0.05)
-    entry = time_together(drawings, Settings(budget_s=100), WALL, clock=clock)["a"]
+    entry = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)["a"]
     low, high = entry.ci95_s
     assert entry.precision_reached
     assert len(entry.samples_s) > 3 * MIN_ROUNDS
@@ -72,7 +79,7 @@ def test_budget_ends_what_never_gets_precise():
 def test_an_empty_draw_does_not_keep_the_others_waiting():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)
-    times = time_together(drawings, Settings(budget_s=100), WALL, clock=clock)
+    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
