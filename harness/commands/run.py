@@ -191,7 +191,11 @@ def _stored_plan(folder: Path) -> Plan:
 def default_folder(scene: str) -> Path:
     """Return a new folder under results/ for a run of `scene`."""
     name = "".join(c if c.isalnum() or c in "-_" else "-" for c in Path(scene).stem)
-    return Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder, number = first, 2
+    while folder.exists():  # two short runs may begin within a second
+        folder, number = first.with_name(f"{first.name}-{number}"), number + 1
+    return folder
 
 
 def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:

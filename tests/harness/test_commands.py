@@ -96,3 +96,17 @@ def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
     terms = {"draw": 1e-6, "triangles": 1e-8, "area": 1e-9, "half_perimeter": 1e-8, "bbox_area": 0}
     Path("c.json").write_text(json.dumps({"coefficients": terms}))
     assert harness(*run, "--calibration", "c.json", "--out", "run")[0] == 0
+
+
+def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
+    from harness.commands.run import default_folder
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
+    folders = []
+    for _ in range(3):
+        folders.append(default_folder("city"))
+        folders[-1].mkdir(parents=True)
+    assert [folder.name for folder in folders] == [
+        *("city-20260101-120000", "city-20260101-120000-2", "city-20260101-120000-3")
+    ]
