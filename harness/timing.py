@@ -61,7 +61,7 @@ class Settings:
     budget_s: float = 2.0
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
-    least_share: float = 0.5
+    least_share: float = 0.65
     paired: bool = True
 
 
