@@ -16,7 +16,8 @@ import numpy as np
 
 from harness import rasterisers
 from harness.errors import HarnessError
-from harness.frame import SUBPIXEL, Frame, View
+from harness.frame import SUBPIXEL, Frame
+from harness.measure import bare_frame
 from harness.rasterisers import Device, Options, egl, osmesa
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.gl import GLRasteriser
@@ -187,7 +188,7 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
         drawn["fragments"] = drawn["hits"]
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.int32) * (TIMED_PX * SUBPIXEL)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    with opened.prepare(_bare(TIMED_PX, square, 4), layer, Options()) as drawing:
+    with opened.prepare(bare_frame(TIMED_PX, square, 4), layer, Options()) as drawing:
         timer = self_test(drawing)
     details = opened.device.details
     return {
@@ -204,7 +205,7 @@ def _draw_roofs(device: Device) -> str:
     opened = rasterisers.get("pyrender")(device)
     square = np.array([[1, 1], [7, 1], [7, 7], [1, 7]], np.int32) * SUBPIXEL
     start = time.perf_counter()
-    opened.image(_bare(64, square, 4), np.array([[0, 1, 2], [0, 2, 3]], np.int32), Options())
+    opened.image(bare_frame(64, square, 4), np.array([[0, 1, 2], [0, 2, 3]], np.int32), Options())
     taken = time.perf_counter() - start
     opened.close()
     return f"{opened.device.details.get('renderer', device.name)}, first frame {taken:.2f} s"
@@ -214,19 +215,6 @@ def _scattered(size: int, number: int, grid: int = 1) -> tuple[Frame, np.ndarray
     """Random triangles with corners on multiples of grid/256 px, each a polygon of its own."""
     rng = np.random.default_rng(0)
     points = rng.integers(SUBPIXEL // grid, (size - 1) * SUBPIXEL // grid, (3 * number, 2)) * grid
-    return _bare(size, points, 3), np.arange(3 * number, dtype=np.int32).reshape(-1, 3)
-
-
-def _bare(size: int, points: np.ndarray, corners: int) -> Frame:
-    """Return a frame whose polygons have `corners` points each."""
-    offsets = np.arange(0, len(points) + 1, corners, dtype=np.int64)
-    return Frame(
-        width=size,
-        height=size,
-        scale=1.0,
-        view=View(size),
-        polygons=(),
-        source=np.arange(len(offsets) - 1),
-        points=points.astype(np.int32),
-        offsets=offsets,
-    )
+    return bare_frame(size, points.astype(np.int32), 3), np.arange(
+        3 * number, dtype=np.int32
+    ).reshape(-1, 3)

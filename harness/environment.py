@@ -53,7 +53,7 @@ def collect(seed: int) -> dict[str, Any]:
         "harness": __version__,
         "code": code_version(),
         "git": _git(),
-        "command": sys.argv,
+        "command": ["harness", *sys.argv[1:]],
         "seed": seed,
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in PACKAGES},

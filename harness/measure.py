@@ -100,17 +100,18 @@ def time_group(
         return time_together(drawings, settings, test, seed=seed)
 
 
-def bare_frame(resolution: int, points: NDArray[np.int32]) -> Frame:
-    """Return a frame that owns `points` (n, 2) in 1/256 px as those of one polygon."""
+def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one."""
+    offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
     return Frame(
         width=resolution,
         height=resolution,
         scale=1.0,
         view=View(resolution),
         polygons=(),
-        source=np.zeros(1, np.int64),
+        source=np.arange(len(offsets) - 1, dtype=np.int64),
         points=points,
-        offsets=np.array([0, len(points)], np.int64),
+        offsets=offsets,
     )
 
 
