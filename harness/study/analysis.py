@@ -16,6 +16,8 @@ CRITERIA = {
     "shape": "D, shape deviation",
     "complexity": "C, complexity",
     "half_perimeter": "H, half-perimeter",
+    "expected_quads": "Q, expected quads",
+    "expected_blocks": "P, expected 4x4 blocks",
     "edge_length": "E, edge length",
     "rotation_averaged_overdraw": "A averaged over rotation",
     "exact_quads": "quads, exactly",

@@ -95,7 +95,7 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
-    """Return (k, 5) rows of `calibration.TERMS`, from coordinates alone."""
+    """Return (k, 7) rows of `calibration.TERMS`, from coordinates alone."""
     return np.array(
         [
             calibration.terms(predict(frame.points / SUBPIXEL, triangles))

@@ -19,7 +19,7 @@ from harness.errors import UsageError
 from scenes import Scene
 from triangulators import registry
 
-STEERED = ("overdraw", "shape", "half-perimeter", "edge-length")
+STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""
 
 NOT_NAMED = ("exhaustive", "optimal", "worst", "random")

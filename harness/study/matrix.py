@@ -29,9 +29,9 @@ LABELS = {
 
 MATCHING = {
     "helper_lanes": "half_perimeter",
-    "quads": "exact_quads",
+    "quads": "expected_quads",
     "bbox_tests": "bbox_area",
-    "time_work_0": "half_perimeter",
+    "time_work_0": "expected_blocks",
 }
 """Measure -> the prediction of the same thing, for the scatter plots' ideal line."""
 
