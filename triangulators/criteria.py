@@ -243,7 +243,7 @@ class Criterion:
     normalise: Callable[[np.ndarray, float, int], np.ndarray] | None = None
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
-        """Return the (k,) weights of `FEATURES` for a polygon of this area and number of triangles."""
+        """Return the (k,) weights of `FEATURES` for a polygon of this area and triangle count."""
         weights = np.array(self.weights, dtype=np.float64)
         if self.normalise is None:
             return weights

@@ -180,7 +180,9 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        return {name: float(stored[name]) for name in calibration.TERMS}
+        # A file from before there were Q and P weighs them with nothing.
+        since = dict.fromkeys(calibration.TERMS[5:], 0.0)
+        return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:
         raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
