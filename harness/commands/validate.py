@@ -17,7 +17,7 @@ from harness.rasterisers.base import Options
 from harness.report import write_report
 from harness.run import run as carry_out
 from harness.store import read_run
-from harness.study import analysis, matrix
+from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.timing import Settings
 
@@ -77,11 +77,17 @@ def validate(
     if not any(record["status"] == "ok" for record in outcome.records):
         raise NothingMeasured("nothing was measured: every case was skipped or failed")
     with reporter.stage("correlating", 1):
-        correlations = analysis.write_correlations(outcome.records, folder)
-        matrix.plot_study(correlations, analysis.tabulate(outcome.records), folder)
+        table = analysis.tabulate(outcome.records)
+        correlations = analysis.write(table, folder)
+        matrix.plot_study(correlations, table, folder)
+        ends = extremes.tabulate(outcome.records)
+        ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
+        if ends["scene"].nunique() == 1:
+            extremes.plot_polygon(outcome.records, folder / "plots")
         write_report(read_run(folder))
     console = Console()
     matrix.print_matrix(correlations, console)
+    extremes.print_claim(ends, "overdraw", console)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
 
 
