@@ -20,6 +20,7 @@ from harness.commands import (
     gains,
     history,
     inspect,
+    repeat,
     report,
     run,
     validate,
@@ -46,6 +47,7 @@ for command in (
     inspect,
     export,
     gains,
+    repeat,
     doctor,
     catalogue,
 ):

@@ -28,6 +28,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
     "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
     "gains": (f"gains {RUN} --out results/gains",),
+    "repeat": (f"repeat {RUN} {RUN}",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

@@ -80,6 +80,7 @@ def validate(
         table = analysis.tabulate(outcome.records)
         correlations = analysis.write(table, folder)
         matrix.plot_study(correlations, table, folder)
+        matrix.plot_sizes(analysis.by_resolution(table), folder)
         ends = extremes.tabulate(outcome.records)
         ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
         if ends["scene"].nunique() == 1:

@@ -135,4 +135,18 @@ def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
     correlations = correlate(table)
     correlations.to_csv(folder / "correlations.csv", index=False, float_format="%.6g")
+    sizes = by_resolution(table)
+    if not sizes.empty:
+        sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")
     return correlations
+
+
+def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
+    """Return `correlate` of each resolution by itself, with the resolution; empty for one alone."""
+    if table.empty or table["resolution"].nunique() < 2:
+        return pd.DataFrame()
+    parts = [
+        correlate(part).assign(resolution=size)
+        for size, part in table.groupby("resolution", sort=True)
+    ]
+    return pd.concat(parts, ignore_index=True)

@@ -39,7 +39,7 @@ def tabulate(records: Sequence[Record], bases: Sequence[str] = BASES) -> pd.Data
         named = {record["triangulator"]: record for record in good}
         for record in good:
             for name in bases:
-                row = _row(record, named.get(name), name) if record is not named.get(name) else None
+                row = _row(record, named.get(name), name)
                 if row is not None:
                     rows.append(row)
     return pd.DataFrame(rows)
@@ -76,7 +76,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     rivals : triangulators timed beside it on the same polygons; faster : those that the 95 %
     interval shows to be faster than it, and by how much
     """
-    own = table[table["base"] == name]
+    own = table[(table["base"] == name) & (table["triangulator"] != name)]
     where = ["scene", "rasteriser", "device", *AXES]
     rows = []
     for keys, part in own.groupby(where, sort=False):
