@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from triangulators.errors import UnknownName
+from triangulators.weights import MARK, read_weights, write_weights
 
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
 WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
@@ -293,10 +294,12 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
 
     Each term is made comparable by its scale: A by the polygon's area S, D by the 240 degrees a
     triangle can deviate at most, C by 24 bytes a triangle. So C adds the constant gamma.
+    It is called `mixed=alpha/beta/gamma`, and `mixed` where all three are 1.
     """
+    weights = (alpha, beta, gamma)
     linear = _linear(
-        "mixed",
-        "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T)",
+        "mixed" if weights == (1, 1, 1) else f"mixed{MARK}{write_weights(weights)}",
+        "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
         triangles=gamma,
         area=-alpha,
         bbox_area=alpha,
@@ -351,24 +354,32 @@ def names() -> list[str]:
 def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Criterion:
     """Return a criterion by name, or made of a user's Numba function of three points.
 
-    parameters: alpha, beta, gamma for `mixed`; coefficients for `calibrated`. Raises `UnknownName`.
+    The name of `mixed` may hold its weights, `mixed=1/0.5/0` (see `weights`). parameters: alpha,
+    beta, gamma for `mixed`; coefficients for `calibrated`. The criterion's own name is the one way
+    to write it. Raises `UnknownName`, also for weights that cannot be used.
     """
     if isinstance(name, Criterion):
         return name
     if callable(name):
         return Criterion(getattr(name, "__name__", "custom"), "user's function", function=name)
-    plain = name.removeprefix(MINMAX)
+    plain, mark, weights = name.removeprefix(MINMAX).partition(MARK)
     if plain not in CRITERIA:
         near = difflib.get_close_matches(plain, CRITERIA, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise UnknownName(f"unknown criterion {name!r}{hint} (known: {', '.join(CRITERIA)})")
     criterion = CRITERIA[plain]
-    if plain == "mixed":
+    if mark:
+        if plain != "mixed":
+            raise UnknownName(f"criterion {plain!r} takes no weights, got {weights!r}; mixed does")
+        if parameters:
+            raise TypeError(f"criterion {name!r} has its weights already, got {sorted(parameters)}")
+        criterion = mixed(**read_weights(plain, weights, ("alpha", "beta", "gamma")))
+    elif plain == "mixed":
         criterion = mixed(**parameters)
     elif plain == "calibrated" and parameters:
         criterion = calibrated(**parameters)
     elif parameters:
         raise TypeError(f"criterion {plain!r} takes no parameters, got {sorted(parameters)}")
     if name.startswith(MINMAX):
-        criterion = replace(criterion, name=name, maximum=True)
+        criterion = replace(criterion, name=MINMAX + criterion.name, maximum=True)
     return criterion

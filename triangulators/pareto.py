@@ -1,10 +1,12 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
 The recurrence of the optimum with sets of non-dominated pairs of costs for single costs. It needs
-no list of triangulations; the fronts of the sub-polygons stay small, though there is no bound.
+no list of triangulations; the fronts of the sub-polygons stay small, though there is no bound. A
+weighted sum of the two criteria reaches only the corners of the front's convex hull; here is all.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +14,12 @@ import shapely
 
 from triangulators import criteria
 from triangulators.cost import Cost, cost_of, evaluate
-from triangulators.errors import TriangulationError
-from triangulators.polygon import boundary, boundary_area, check
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.polygon import Boundary, boundary, boundary_area, boundary_of_rings, check
 from triangulators.starts import Cycle, cycle_of
 
 MOST = 100_000  # points in the front of a sub-polygon
+LIMIT = 100  # vertices up to which a point of the front is a triangulator: a minute at worst
 _SAME = 1e-9  # costs closer than this part of the largest count as equal
 
 Wanted = criteria.Criterion | str | Callable[..., float]
@@ -48,7 +51,30 @@ def pareto_front(
     front of some sub-polygon has more than 100,000 entries.
     """
     check(polygon)
-    outline = boundary(polygon)
+    return _front(boundary(polygon), first, second)
+
+
+def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
+    """Return the k-th triangulation (n - 2, 3) of the front of A and D, from the least A on.
+
+    The fronts of the last polygons are kept, so that the next number costs nothing. Raises
+    `Skipped` for holes, beyond 100 vertices, and where the front ends before k.
+    """
+    if len(outline.edges) > LIMIT:
+        raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
+    triangles = _kept(outline.points.tobytes(), tuple(outline.ends.tolist())).triangles
+    if not 0 <= k < len(triangles):
+        raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
+    return triangles[k].copy()
+
+
+@lru_cache(maxsize=32)
+def _kept(points: bytes, ends: tuple[int, ...]) -> Front:
+    corners = np.frombuffer(points).reshape(-1, 2).copy()  # a writable one, as earcut wants
+    return _front(boundary_of_rings(corners, np.array(ends, np.uint32)), "overdraw", "shape")
+
+
+def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
     ring = cycle_of(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
     pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]

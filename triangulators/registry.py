@@ -111,6 +111,12 @@ BUILTIN = {
             handles_holes=False,
         ),
         Entry(
+            "pareto",
+            "a point of the Pareto front of A and D, by its number from the least A on; k=",
+            "triangulators.pareto:triangulate",
+            handles_holes=False,
+        ),
+        Entry(
             "exhaustive",
             "the best of all triangulations, every one listed (the paper's method)",
             "triangulators.exhaustive:triangulate",
@@ -205,13 +211,13 @@ def parse(text: str) -> Choice:
         if criterion:
             raise UnknownName(f"triangulator {name!r} takes no criterion, got {criterion!r}")
         return Choice(entry, None)
-    criterion = criterion or DEFAULT_CRITERION
-    criteria.find(criterion)
-    return Choice(entry, criterion)
+    return Choice(entry, criteria.find(criterion or DEFAULT_CRITERION).name)
 
 
 def full_name(text: str) -> str:
-    """Return the full name: `optimal` is `optimal:overdraw`; raises `UnknownName`."""
+    """Return the full name: `optimal` is `optimal:overdraw`, `optimal:mixed=1.0/.5/0` is
+    `optimal:mixed=1/0.5/0`; raises `UnknownName`.
+    """
     return parse(text).full_name
 
 

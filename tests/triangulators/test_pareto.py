@@ -3,11 +3,20 @@
 import numpy as np
 import pytest
 
-from tests.triangulators.cases import random_simple, star
-from triangulators import criteria, triangulate, vertices
+from tests.triangulators.cases import (
+    all_triangulations,
+    brute_cost,
+    random_simple,
+    star,
+    with_hole,
+)
+from triangulators import Skipped, criteria, triangulate, vertices
+from triangulators.criteria import predict
 from triangulators.exhaustive import tabulate
 from triangulators.pareto import pareto_front
 from triangulators.verify import verify
+
+PAIR = ("overdraw", "shape")
 
 
 def test_equals_the_front_of_all_triangulations():
@@ -40,3 +49,64 @@ def test_its_ends_are_the_two_optima():
         best = triangulate(polygon, "optimal", criterion=name)
         total = criteria.find(name).total(vertices(polygon), best)
         assert front.costs[end, column] == pytest.approx(total, rel=1e-9)
+
+
+def brute_front(polygon):
+    """The front by comparing every triangulation with every other, (f, 2) ascending in A."""
+    points = vertices(polygon)
+    costs = np.array(
+        [
+            [sum(brute_cost(name, *points[list(t)]) for t in triangles) for name in PAIR]
+            for triangles in all_triangulations(polygon)
+        ]
+    )
+    slack = 1e-9 * np.abs(costs).max(axis=0)
+    as_good = (costs[None] <= costs[:, None] + slack).all(axis=2)
+    better = (costs[None] < costs[:, None] - slack).any(axis=2)
+    kept = costs[~(as_good & better).any(axis=1)]
+    kept = kept[np.lexsort((kept[:, 1], kept[:, 0]))]
+    fresh = np.r_[True, (np.abs(np.diff(kept, axis=0)) > slack).any(axis=1)]
+    return kept[fresh]
+
+
+def test_its_points_are_triangulations_by_number():
+    rng = np.random.default_rng(4)
+    for _ in range(30):
+        polygon = random_simple(rng, int(rng.integers(5, 10)))
+        expected = brute_front(polygon)
+        for k, costs in enumerate(expected):
+            triangles = triangulate(polygon, "pareto", k=k)
+            assert verify(polygon, triangles).conforming
+            found = predict(vertices(polygon), triangles)
+            assert [found[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
+        with pytest.raises(Skipped, match=f"ends at number {len(expected) - 1}, before"):
+            triangulate(polygon, "pareto", k=len(expected))
+
+
+def test_a_sweep_of_the_weights_stays_on_the_front():
+    rng = np.random.default_rng(11)
+    reached = 0
+    for _ in range(30):
+        polygon = random_simple(rng, int(rng.integers(5, 10)))
+        front = brute_front(polygon)
+        for beta in (0.01, 0.1, 1.0, 10.0, 100.0):
+            found = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed=1/{beta}/0"))
+            costs = np.array([found[name] for name in PAIR])
+            assert np.isclose(front, costs, rtol=1e-7).all(axis=1).any(), (polygon.wkt, beta)
+            # C is the same for all of them: whatever its weight, the optimum stays.
+            for gamma in (1, 1000):
+                name = f"optimal:mixed=1/{beta}/{gamma}"
+                again = predict(vertices(polygon), triangulate(polygon, name))
+                assert [again[name] for name in PAIR] == pytest.approx(costs, rel=1e-9)
+        for weights, column in (("1/0/0", 0), ("0/1/0", 1)):
+            found = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed={weights}"))
+            assert found[PAIR[column]] == pytest.approx(front[:, column].min(), rel=1e-7)
+        reached += len(front) > 1
+    assert reached > 10
+
+
+def test_what_has_no_front_here_is_skipped():
+    with pytest.raises(Skipped, match="101 vertices, more than 100"):
+        triangulate(star(101), "pareto")
+    with pytest.raises(Skipped, match="holes"):
+        triangulate(with_hole(np.random.default_rng(0), 8, 4), "pareto", k=1)
