@@ -20,6 +20,7 @@ from harness.commands import (
     gains,
     history,
     inspect,
+    pareto,
     report,
     run,
     validate,
@@ -46,6 +47,7 @@ for command in (
     inspect,
     export,
     gains,
+    pareto,
     doctor,
     catalogue,
 ):
