@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from harness import environment, rasterisers
 from harness.bench import Bench, OpenWorker, Target
@@ -18,13 +19,26 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.runner import Runner
 from harness.store import Record, Store, read_run
-from harness.triangulation import BEFORE_TURNING, SEED_MARK, is_builtin
+from harness.triangulation import BEFORE_TURNING, NUMBERED, SEED_MARK, is_builtin
 from harness.worker import Worker
 from scenes import Scene, SceneError, load
 from triangulators import UnknownName, full_name
 
-Split = Callable[[str, Scene], list[tuple[str, Scene]]]
-"""(label, scene) -> the (label, scene) of each part that is measured by itself."""
+
+class Part(NamedTuple):
+    """A part of a scene that is measured by itself.
+
+    label : the scene's name in its records
+    triangulators : its own; () for those of the plan
+    """
+
+    label: str
+    scene: Scene
+    triangulators: tuple[str, ...] = ()
+
+
+Split = Callable[[str, Scene], list[Part]]
+"""(label, scene) -> the parts that a study takes it into."""
 
 
 @dataclass
@@ -62,25 +76,27 @@ def run(
     plan = replace(plan, triangulators=full_names(plan.triangulators))
     scene = load_scene(plan.scene, plan.seed, reporter)
     targets = find_targets(plan)
+    # Of a file only its name: the same file elsewhere is the same scene.
+    label = Path(plan.scene).name
+    parts = split(label, scene) if split else [Part(label, scene)]
+    plans = [_plan_of(part, plan) for part in parts]
+    plan = replace(plan, triangulators=_union(plans))
     facts = _facts(plan, scene)
     store, done = _open_store(out, facts, resume=resume, force=force)
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
         bench = Bench(open_worker, plan.timeout_s)
-        # Of a file only its name: the same file elsewhere is the same scene.
-        label = Path(plan.scene).name
-        parts = split(label, scene) if split else [(label, scene)]
         frames: list[dict[str, Any]] = []
         bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
         try:
             with stop_on_interrupt(bench, reporter):
-                for number, (part_label, part) in enumerate(parts):
+                for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
-                        reporter.say(f"{part_label} ({number + 1} of {len(parts)})")
+                        reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
                     runner = Runner(
-                        plan, part_label, part, targets, store, reporter, bench, done, frames
+                        own, part.label, part.scene, targets, store, reporter, bench, done, frames
                     )
                     runner.go(keep_geometry=split is None)
         finally:
@@ -91,6 +107,15 @@ def run(
             facts["interrupted"] = bench.stopping
             store.write_facts(facts)
     return Outcome(out, list(done.values()), bench.stopping)
+
+
+def _plan_of(part: Part, plan: Plan) -> Plan:
+    own = full_names(part.triangulators) if part.triangulators else plan.triangulators
+    return replace(plan, triangulators=own)
+
+
+def _union(plans: Sequence[Plan]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(chain.from_iterable(plan.triangulators for plan in plans)))
 
 
 def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
@@ -113,10 +138,17 @@ def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
 def _full_name(name: str) -> str:
     if name.endswith(f"{BEFORE_TURNING}0"):
         return _full_name(name[:-2]) + f"{BEFORE_TURNING}0"
-    base, mark, seed = name.partition(SEED_MARK)
-    if mark and not (base == "random" and seed.isdigit()):
-        raise UsageError(f"triangulator '{name}': a seed is written random{SEED_MARK}7")
-    return name if _is_foreign(name) else full_name(base) + mark + seed
+    base, mark, number = name.partition(SEED_MARK)
+    if mark and not (base in NUMBERED and number.isdecimal()):
+        raise UsageError(
+            f"triangulator '{name}': a seed is written random{SEED_MARK}7, "
+            f"a point of the Pareto front pareto{SEED_MARK}3"
+        )
+    if _is_foreign(name):
+        return name
+    if base == "pareto" and not mark:
+        mark, number = SEED_MARK, "0"
+    return full_name(base) + (f"{mark}{int(number)}" if mark else "")
 
 
 def _is_foreign(name: str) -> bool:

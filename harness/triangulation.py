@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,11 @@ from triangulators import Skipped, criteria, registry, triangulate, vertices
 from triangulators.verify import verify
 
 SEED_MARK = "#"
-"""`random#7` is the random triangulation of seed 7, whatever the seed of the run."""
+"""`random#7` is the random triangulation of seed 7, whatever the seed of the run, and `pareto#3`
+the third after the first of each polygon's Pareto front."""
 
+NUMBERED = {"random": "seed", "pareto": "k"}
+"""Triangulators that take a number, and the parameter that it is."""
 
 BEFORE_TURNING = "@"
 """`optimal:overdraw@0` is cut at rotation 0 and drawn as the view turns, as a program does that
@@ -113,9 +117,12 @@ def triangulate_polygons(
 def _call(
     name: str, polygon: Polygon, seed: int, calibration: Mapping[str, float] | None
 ) -> NDArray[np.int32]:
-    base, _, own_seed = name.partition(SEED_MARK)
+    base, mark, number = name.partition(SEED_MARK)
+    if mark:
+        parameters: dict[str, Any] = {NUMBERED[base]: int(number)}
+        return triangulate(polygon, base, **parameters)
     if base == "random":
-        return triangulate(polygon, base, seed=int(own_seed or seed))
+        return triangulate(polygon, base, seed=seed)
     if base.endswith(":calibrated") and calibration is not None:
         # A draw's own cost is the same however it is cut, so it is no criterion's term.
         terms = {term: calibration[term] for term in calibration if term != "draw"}

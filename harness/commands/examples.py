@@ -27,6 +27,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "enumerate": ("enumerate --scene paper --mode paper",),
     "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
     "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
+    "pareto": (
+        "pareto --scene paper",
+        "pareto --scene city --polygons 4 --budget 0.2",
+    ),
     "gains": (f"gains {RUN} --out results/gains",),
     "repeat": (f"repeat {RUN} {RUN}",),
     "doctor": ("doctor",),

@@ -21,7 +21,10 @@ def triangulate(
     ],
     triangulator: Annotated[str, typer.Option(help="See: harness list triangulators.")] = "optimal",
     criterion: Annotated[
-        str | None, typer.Option(help="For optimal and worst; see: harness list criteria.")
+        str | None,
+        typer.Option(
+            help="For optimal and worst, e.g. half-perimeter or mixed=1/0.5/0; see: list criteria."
+        ),
     ] = None,
     extrude: Annotated[
         str | None, typer.Option(help="A height, or the attribute that holds it.")

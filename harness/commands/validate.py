@@ -15,6 +15,7 @@ from harness.plan import Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.report import write_report
+from harness.run import Part
 from harness.run import run as carry_out
 from harness.store import read_run
 from harness.study import analysis, extremes, matrix
@@ -71,7 +72,7 @@ def validate(
         resume=resume is not None,
         force=force,
         split=lambda label, whole: [
-            (f"{label}#{number}", part) for number, part in choose_polygons(whole, design)
+            Part(f"{label}#{number}", part) for number, part in choose_polygons(whole, design)
         ],
     )
     if not any(record["status"] == "ok" for record in outcome.records):

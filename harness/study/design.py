@@ -22,7 +22,7 @@ from triangulators import registry
 STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""
 
-NOT_NAMED = ("exhaustive", "optimal", "worst", "random")
+NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto")
 """Triangulators that are not methods a program would choose by name."""
 
 FEWEST_VERTICES = 8

@@ -16,6 +16,7 @@ from tests.docs.conftest import FULL, Reader
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 LONG = (
     "validate",
+    "pareto",
     "calibrate",
     "doctor",
     "list scenes",

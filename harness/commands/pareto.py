@@ -1,0 +1,93 @@
+"""`harness pareto`: what lies between the least A and the least D, and what of it is faster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.commands.run import INTERRUPTED, default_folder, split_names
+from harness.errors import NothingMeasured, UsageError
+from harness.frame import View
+from harness.plan import Plan
+from harness.progress import Reporter
+from harness.report import write_report
+from harness.run import Part
+from harness.run import run as carry_out
+from harness.store import read_run
+from harness.study import pareto as study
+from harness.study import pareto_answer, pareto_plot
+from harness.timing import Settings
+from scenes import Scene
+
+POLYGONS = 6
+
+BUDGET_S = 0.4
+
+
+def pareto(
+    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
+    polygons: Annotated[
+        int, typer.Option(min=0, help="Single polygons whose whole front is found and measured.")
+    ] = POLYGONS,
+    rasterisers: Annotated[str, typer.Option(help="Comma-separated.")] = "opengl,bounding-box",
+    device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
+    resolution: Annotated[
+        int, typer.Option(help="Viewport in pixels, which the scene or the polygon fills.")
+    ] = 512,
+    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = BUDGET_S,
+    out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Resume even if things differ.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+) -> None:
+    """Measure the Pareto front of the paper's A and D, and the sweep of their weights."""
+    if out and resume:
+        raise UsageError("--out and --resume name two folders; --resume writes to its own")
+    view = View(resolution)
+    plan = Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=(*study.SWEEP, study.WITH_C, *study.named()),
+        rasterisers=split_names(rasterisers),
+        devices=split_names(device),
+        views=(view,),
+        timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+    )
+    folder = resume or out or default_folder(f"pareto-{scene}")
+    reporter = Reporter(quiet=quiet)
+    fronts: dict[str, study.Front] = {}
+
+    def take_apart(label: str, whole: Scene) -> list[Part]:
+        parts, found = study.take_apart(label, whole, polygons, view)
+        fronts.update(found)
+        return parts
+
+    outcome = carry_out(
+        plan, folder, reporter, resume=resume is not None, force=force, split=take_apart
+    )
+    if not any(record["status"] == "ok" for record in outcome.records):
+        raise NothingMeasured("nothing was measured: every case was skipped or failed")
+    run = read_run(folder)
+    table = study.tabulate(run, fronts)
+    with reporter.stage("plotting", 1):
+        study.tabulate_fronts(fronts).to_csv(folder / "fronts.csv", index=False)
+        table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
+        pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
+        write_report(run)
+    console = Console(highlight=False)
+    pareto_answer.print_table(table, Path(scene).name, console)
+    for line in (*pareto_answer.sentences(table), *study.remarks(run.records, fronts)):
+        console.print(line, markup=False, soft_wrap=True)
+    console.print(f"study: {folder}", markup=False, soft_wrap=True)
+    if outcome.interrupted:
+        console.print("stopped early; the same command with --resume goes on")
+        raise typer.Exit(INTERRUPTED)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(pareto)

@@ -1,0 +1,317 @@
+"""The paper's many-criteria question: what lies between the least A and the least D, and what of
+it is faster.
+
+Of single polygons the whole Pareto front of A and D is known. Over a scene the mixture of both is
+swept, which gives the corners of its front's convex hull: exactly so in the means over polygons of
+A over the polygon's area and of D a triangle, which is what the mixture weighs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.frame import View, make_frame
+from harness.polygons import PREDICTED, columns_of
+from harness.run import Part
+from harness.store import Record, Run
+from harness.study.design import Design, choose_polygons
+from harness.summary import groups, time_ratio
+from scenes import Scene
+from triangulators import criteria, exhaustive, registry
+from triangulators.counting import count_triangulations
+from triangulators.pareto import LIMIT, pareto_front
+
+NAMED = (
+    "fan",
+    "ear-clipping",
+    "delaunay",
+    "sweep",
+    "greedy",
+    "max-area",
+    "optimal:overdraw",
+    "optimal:shape",
+    "optimal:half-perimeter",
+    "optimal:edge-length",
+)
+"""What is set beside the front; those that are not installed are left out."""
+
+STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""beta over alpha between the two ends of the sweep, A alone and D alone."""
+
+MOST_POINTS = 15
+"""Points of one front that are measured; of a longer one, at even steps and with both ends."""
+
+MOST_SHOWN = 500
+"""Triangulations of a polygon up to which all of them are drawn beside the front."""
+
+WHOLE = "all"
+"""`polygon` of the rows about the whole scene."""
+
+NORMALISED = ("overdraw_over_area", "shape_a_triangle")
+"""Columns of what the mixture weighs: means over polygons of A over the area, and of D/T."""
+
+SAME = 1e-9
+"""Costs that differ by less than this part are equal."""
+
+
+def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
+    """Return the full name of the optimum for these weights."""
+    return f"optimal:{criteria.mixed(alpha, beta, gamma).name}"
+
+
+SWEEP = (mixture(1, 0), *(mixture(1, step) for step in STEPS), mixture(0, 1))
+"""The sweep, from A alone to D alone."""
+
+WITHOUT_C, WITH_C = mixture(1, 1), mixture(1, 1, 1)
+"""Two optima that are one if C changes nothing."""
+
+
+@dataclass(frozen=True)
+class Front:
+    """The exact front of one polygon of a scene, as it is drawn.
+
+    costs : (f, 2), A in px^2 and D in degrees, ascending in A
+    chosen : the numbers of the points that are measured
+    everything : (t, 2), the costs of all triangulations, None where there are too many to show
+    """
+
+    polygon: int
+    costs: NDArray[np.float64]
+    chosen: tuple[int, ...]
+    everything: NDArray[np.float64] | None = None
+
+
+def label_of(scene: str, polygon: int) -> str:
+    """Return what records call one polygon of a scene."""
+    return f"{scene}#{polygon}"
+
+
+def named() -> tuple[str, ...]:
+    """Return those of `NAMED` that are installed."""
+    return tuple(name for name in NAMED if registry.parse(name).entry.available() is None)
+
+
+def take_apart(
+    label: str, scene: Scene, polygons: int, view: View
+) -> tuple[list[Part], dict[str, Front]]:
+    """Return what is measured, and the front of each single polygon by the label of its part.
+
+    polygons : how many single polygons to take; of a scene of one, that one is all
+
+    Raises
+    ------
+    UsageError
+        if there is no polygon to take
+    """
+    alone = len(scene.polygons) == 1
+    fronts: dict[str, Front] = {}
+    parts = []
+    if alone or polygons:
+        design = Design(polygons=max(polygons, 1), most_vertices=LIMIT)
+        for number, part in choose_polygons(scene, design):
+            front = _front(number, part, view)
+            if front is None:
+                continue
+            points = tuple(f"pareto#{k}" for k in front.chosen)
+            sweep = (*SWEEP, WITH_C) if alone else ()
+            name = label_of(label, number)
+            parts.append(Part(name, part, (*points, *named(), *sweep)))
+            fronts[name] = front
+    if not alone:
+        parts.append(Part(label, scene, (*SWEEP, WITH_C, *named())))
+    if not parts:
+        raise UsageError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
+    return parts, fronts
+
+
+def _front(number: int, scene: Scene, view: View) -> Front | None:
+    """Return the front of a scene's only polygon, None if the grid breaks it."""
+    frame = make_frame(scene.polygons, view)
+    if len(frame.polygons) != 1 or frame.polygons[0].interiors:
+        return None
+    polygon = frame.polygons[0]
+    costs = pareto_front(polygon, "overdraw", "shape").costs
+    steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
+    chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
+    if count_triangulations(polygon) > MOST_SHOWN:
+        return Front(number, costs, chosen)
+    every = exhaustive.tabulate(polygon)
+    return Front(number, costs, chosen, np.column_stack((every["overdraw"], every["shape"])))
+
+
+def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
+    """Return the contents of fronts.csv: one row a point, measured or not."""
+    rows = [
+        {"polygon": front.polygon, "k": k, "overdraw": a, "shape": d, "measured": k in front.chosen}
+        for front in fronts.values()
+        for k, (a, d) in enumerate(front.costs.tolist())
+    ]
+    return pd.DataFrame(rows, columns=["polygon", "k", "overdraw", "shape", "measured"])
+
+
+def tabulate(run: Run, fronts: Mapping[str, Front]) -> pd.DataFrame:
+    """Return the contents of pareto.csv: one row a triangulation, rasteriser and device.
+
+    Triangulators that left polygons out are left out: their sums are of less.
+    """
+    rows: list[dict[str, object]] = []
+    place = {record["scene"]: number for number, record in enumerate(reversed(run.records))}
+    for members in sorted(groups(run.records), key=lambda group: -place[group[0]["scene"]]):
+        good = [record for record in members if record["status"] == "ok"]
+        most = max((record["polygons"] for record in good), default=0)
+        whole = [record for record in good if record["polygons"] == most]
+        base = least_overdraw_end(whole)
+        if base is not None:
+            front = fronts.get(base["scene"])
+            rows += [_row(run, record, base, front) for record in whole]
+    table = pd.DataFrame(rows)
+    return table if table.empty else _with_undominated(table, fronts)
+
+
+def least_overdraw_end(records: Sequence[Record]) -> Record | None:
+    """Return the record of a group that times are compared with."""
+    by_name = {record["triangulator"]: record for record in records}
+    return by_name.get("pareto#0", by_name.get(SWEEP[0]))
+
+
+def _row(run: Run, record: Record, base: Record, front: Front | None) -> dict[str, object]:
+    name = record["triangulator"]
+    ratio = time_ratio(record, base)
+    overdraw, shape = _normalised(run, record, base)
+    counters = record["counters"]
+    return {
+        "polygon": WHOLE if front is None else str(front.polygon),
+        "kind": _kind(name),
+        "triangulator": name,
+        **_weights(name),
+        "overdraw": record["predicted"]["overdraw"],
+        "shape": record["predicted"]["shape"],
+        "half_perimeter": record["predicted"]["half_perimeter"],
+        "same_as_end": same(record, base),
+        "overdraw_over_area": overdraw,
+        "shape_a_triangle": shape,
+        "helper_lanes": counters.get("helper_lanes"),
+        "bbox_tests": counters.get("bbox_tests"),
+        "rasteriser": record["rasteriser"],
+        "device": record["device"],
+        "resolution": record["resolution"],
+        "time_ratio": None if ratio is None else ratio.value,
+        "ci_low": None if ratio is None else ratio.low,
+        "ci_high": None if ratio is None else ratio.high,
+        "verdict": None if ratio is None else ratio.verdict,
+    }
+
+
+def same(record: Record, base: Record) -> bool:
+    """Whether two records are of one triangulation, as their criteria show."""
+    one, other = record["predicted"], base["predicted"]
+    names = ("overdraw", "shape", "half_perimeter", "edge_length")
+    return all(abs(one[name] - other[name]) <= SAME * abs(other[name]) for name in names)
+
+
+def _kind(name: str) -> str:
+    if name.startswith("pareto#"):
+        return "front"
+    return "sweep" if name.startswith("optimal:mixed") else "named"
+
+
+def _weights(name: str) -> dict[str, float | None]:
+    """Return alpha, beta and gamma of a mixture's name, None for anything else."""
+    letters = ("alpha", "beta", "gamma")
+    if _kind(name) != "sweep":
+        return dict.fromkeys(letters)
+    written = name.partition("=")[2] or "1/1/1"
+    return dict(zip(letters, map(float, written.split("/")), strict=True))
+
+
+def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
+    """Return A over the area and D a triangle (degrees), each a mean over polygons.
+
+    Areas and numbers of triangles are the base's, so that all are divided by the same.
+    """
+    own, others = columns_of(run, record), columns_of(run, base)
+    if own is None or others is None:  # one polygon: its columns are its record's totals
+        sums, scale = record["predicted"], base["predicted"]
+        return sums["overdraw"] / scale["area"], sums["shape"] / scale["triangles"]
+    area, triangles = others[f"{PREDICTED}area"], others[f"{PREDICTED}triangles"]
+    return (
+        float(np.mean(own[f"{PREDICTED}overdraw"] / area)),
+        float(np.mean(own[f"{PREDICTED}shape"] / triangles)),
+    )
+
+
+def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, Front]) -> pd.DataFrame:
+    """Add `undominated`: whether nothing is as good in A and in D and better in one.
+
+    For a single polygon that is the whole front, for a scene the other rows.
+    """
+    known = {str(front.polygon): front.costs for front in fronts.values()}
+    marks = pd.Series(False, index=table.index)
+    for (polygon, *_), part in table.groupby(["polygon", "rasteriser", "device"], sort=False):
+        front = known.get(str(polygon))
+        names = NORMALISED if front is None else ("overdraw", "shape")
+        costs = part[list(names)].to_numpy(float)
+        marks[part.index] = undominated(costs, costs if front is None else front)
+    table["undominated"] = marks
+    return table
+
+
+def undominated(costs: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Say of each row of (c, 2) whether no row of `others` is as good in both and better in one.
+
+    Values closer than a part in 10^9 are equal.
+    """
+    slack = SAME * np.maximum(np.abs(costs).max(axis=0, initial=0.0), 1e-300)
+    as_good = (others[None] <= costs[:, None] + slack).all(axis=2)
+    better = (others[None] < costs[:, None] - slack).any(axis=2)
+    return np.asarray(~(as_good & better).any(axis=1))
+
+
+def gamma_changes(records: Sequence[Record]) -> tuple[int, int]:
+    """Return in how many of how many groups the weight of C changed A or D of the optimum."""
+    changed = compared = 0
+    for members in groups(records):
+        found = {r["triangulator"]: r["predicted"] for r in members if r["status"] == "ok"}
+        if WITHOUT_C in found and WITH_C in found:
+            compared += 1
+            pairs = [(found[WITHOUT_C][n], found[WITH_C][n]) for n in ("overdraw", "shape")]
+            changed += any(abs(a - b) > SAME * abs(a) for a, b in pairs)
+    return changed, compared
+
+
+def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]:
+    """Say what a reader must know: what C does, and what was not measured or left out."""
+    said = []
+    changed, compared = gamma_changes(records)
+    if compared and not changed:
+        said.append(
+            f"gamma changes nothing: {WITH_C} and {WITHOUT_C} have the same A and D, as C is the "
+            "same for every triangulation of a polygon"
+        )
+    elif compared:
+        said.append(f"gamma changed A or D of {changed} of {compared} optima: costs that tie")
+    long = [front for front in fronts.values() if len(front.chosen) < len(front.costs)]
+    said += [
+        f"polygon {front.polygon}: {len(front.chosen)} of the front's {len(front.costs)} points "
+        "were measured, at even steps with both ends"
+        for front in long
+    ]
+    most = {r["scene"]: max(o["polygons"] for o in _ok(records, r["scene"])) for r in _ok(records)}
+    partial = [r["triangulator"] for r in _ok(records) if r["polygons"] < most[r["scene"]]]
+    if partial:
+        said.append(f"left out, as not every polygon can be cut so: {', '.join(_once(partial))}")
+    return said
+
+
+def _ok(records: Sequence[Record], scene: str | None = None) -> list[Record]:
+    return [r for r in records if r["status"] == "ok" and scene in (None, r["scene"])]
+
+
+def _once(names: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(names))

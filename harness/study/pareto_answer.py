@@ -1,0 +1,156 @@
+"""What a study of the Pareto front says: a table for the terminal, and sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from harness.study.pareto import WHOLE
+
+FASTER, SLOWER = "faster", "slower"
+
+CORNERS = "front"
+"""Kind of the points that are judged; `sweep` in a row about a whole scene."""
+
+
+def subjects(table: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], pd.DataFrame]]:
+    """Yield (polygon, rasteriser, device) and the rows that belong together."""
+    for key, part in table.groupby(["polygon", "rasteriser", "device"], sort=False):
+        polygon, rasteriser, device = (str(name) for name in key)
+        yield (polygon, rasteriser, device), part
+
+
+def points(part: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a subject's front, or of its sweep, ascending in A, the base first."""
+    kind = CORNERS if (part["kind"] == CORNERS).any() else "sweep"
+    chosen = part[(part["kind"] == kind) & (part["gamma"].fillna(0) == 0)]
+    return chosen.sort_values("overdraw_over_area", kind="stable")
+
+
+def others(part: pd.DataFrame) -> pd.DataFrame:
+    """Return the points that were timed against the least-A end and are not that triangulation."""
+    return _other(points(part))
+
+
+def _other(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[~rows["same_as_end"]].dropna(subset=["time_ratio"])
+
+
+def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
+    """Print a row for each polygon, rasteriser and device."""
+    shown = Table(
+        title=f"{scene}: time against the least-A end of the front of A and D",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        header_style="bold",
+    )
+    shown.add_column("polygon")
+    shown.add_column("rasteriser")
+    for heading in ("points", "slower", "faster", "best"):
+        shown.add_column(heading, justify="right")
+    shown.add_column("fastest of all")
+    for (polygon, rasteriser, _), part in subjects(table):
+        rows = others(part)
+        verdicts = rows["verdict"].value_counts()
+        shown.add_row(
+            polygon,
+            rasteriser,
+            str(len(rows) + 1),
+            *(str(verdicts.get(name, 0)) for name in (SLOWER, FASTER)),
+            "-" if rows.empty else f"{rows['time_ratio'].min():.3f}",
+            _fastest(_other(part)),
+        )
+    console.print(shown)
+
+
+def _fastest(rows: pd.DataFrame) -> str:
+    if rows.empty:
+        return "-"
+    best = rows.sort_values("time_ratio").iloc[0]
+    return f"{best['time_ratio']:.3f} {best['triangulator']}"
+
+
+def sentences(table: pd.DataFrame) -> list[str]:
+    """Say for each rasteriser and device which part of the front is measurably faster."""
+    said = []
+    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
+        for whole in (False, True):
+            subjects_ = [rows for _, rows in subjects(part[(part["polygon"] == WHOLE) == whole])]
+            if subjects_:
+                said.append(f"{rasteriser} on {device}, {_about(subjects_, whole=whole)}")
+        said += [f"{rasteriser} on {device}, {noise}" for noise in _noise(part)]
+    return said
+
+
+def _about(subjects_: list[pd.DataFrame], *, whole: bool) -> str:
+    """Say how the points of all subjects of one sort compare with their least-A ends."""
+    if whole:
+        where, noun = "whole scene", ("step of the sweep", "steps of the sweep")
+    else:
+        where = _count(len(subjects_), "polygon", "polygons")
+        noun = ("point of the front", "points of the fronts")
+    notes = []
+    single = sum(len(others(rows)) == 0 for rows in subjects_)
+    if single:
+        of_them = "" if len(subjects_) == 1 else f" on {single} of them"
+        notes.append(f"A and D agree{of_them}, so that the front is one point")
+    compared = pd.concat([_with_distance(rows) for rows in subjects_])
+    if len(compared):
+        notes.append(_verdicts(compared, noun))
+    notes += _beating(subjects_)
+    return f"{where}: {'; '.join(notes)}."
+
+
+def _with_distance(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return a subject's compared points with `more`: how much greater A is than at the end."""
+    least = float(points(rows)["overdraw"].iloc[0])
+    found = others(rows)
+    return found.assign(more=found["overdraw"] / least - 1)
+
+
+def _verdicts(compared: pd.DataFrame, noun: tuple[str, str]) -> str:
+    faster = compared[compared["verdict"] == FASTER]
+    slower = compared[compared["verdict"] == SLOWER]
+    rest = len(compared) - len(faster) - len(slower)
+    some = f"{len(faster)} {'is' if len(faster) == 1 else 'are'}"
+    text = f"of {_count(len(compared), *noun)} beside the least-A end {some} measurably faster"
+    if len(faster):
+        text += f" (with {_percent(faster['more'].min(), faster['more'].max())} more A)"
+    return f"{text}, {len(slower)} slower, {rest} {'shows' if rest == 1 else 'show'} no difference"
+
+
+def _beating(subjects_: list[pd.DataFrame]) -> list[str]:
+    """Name what is off the front and measurably faster than its least-A end, most often first."""
+    counts: Counter[str] = Counter()
+    for rows in subjects_:
+        off = rows[~rows["undominated"] & (rows["kind"] == "named") & ~rows["same_as_end"]]
+        counts.update(off.loc[off["verdict"] == FASTER, "triangulator"].astype(str).tolist())
+    of_all = f" of {len(subjects_)}" if len(subjects_) > 1 else ""
+    found = [name + (f" ({n}{of_all})" if of_all else "") for name, n in counts.most_common(3)]
+    return [f"off the front, yet faster than that end: {', '.join(found)}"] if found else []
+
+
+def _noise(part: pd.DataFrame) -> list[str]:
+    """Say how far from 1 the ratios of one and the same triangulation were."""
+    named = part[part["same_as_end"] & (part["time_ratio"] != 1)]
+    twins = named["time_ratio"].dropna()
+    if twins.empty:
+        return []
+    most = 100 * float((twins - 1).abs().max())
+    names = _count(len(twins), "other name", "other names")
+    return [f"noise: that end, drawn under {names} as well, took up to {most:.1f} % more or less."]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+def _percent(low: float, high: float) -> str:
+    ends = [f"{100 * value:.1f}" for value in (low, high)]
+    return f"{ends[0]} %" if ends[0] == ends[1] else f"{ends[0]} to {ends[1]} %"

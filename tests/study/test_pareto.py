@@ -1,0 +1,250 @@
+"""The study of the Pareto front, end to end on the CPU reference and a scripted rasteriser."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness.frame import View, make_frame
+from harness.pairs import paired_ratio
+from harness.plan import Plan
+from harness.run import Part
+from harness.store import read_run
+from harness.study import pareto_answer
+from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
+from scenes import load
+from tests.harness.conftest import harness  # noqa: F401 - the command line as a fixture
+from tests.harness.test_cli import assert_one_line
+from tests.harness.test_run import measure, plan_for
+from triangulators import full_name
+from triangulators.exhaustive import tabulate as list_all
+
+BRIEF = ["--rasterisers", "tests.mock:MockRasteriser", "--budget", "0.001", "--quiet"]
+BOTH = ["--rasterisers", "reference,tests.mock:MockRasteriser", "--budget", "0.01", "--quiet"]
+CITY = "city:buildings=40"
+
+
+@pytest.fixture
+def study(harness, tmp_path):  # noqa: F811
+    """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
+
+    def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
+        code, out, err = harness("pareto", "--scene", scene, "--out", "out", *BOTH, *more)
+        assert code == 0, err
+        folder = tmp_path / "out"
+        tables = [pd.read_csv(folder / f"{name}.csv") for name in ("pareto", "fronts")]
+        return folder, tables[0], tables[1], out
+
+    return run
+
+
+def test_a_and_d_agree_on_the_papers_polygon(study):
+    folder, table, fronts, out = study("paper")
+    everything = list_all(load("paper").polygons[0])
+    best = everything["overdraw"].argmin()
+    assert best == everything["shape"].argmin()
+    frame = make_frame(load("paper").polygons, View(512))
+    assert len(fronts) == 1
+    assert fronts["overdraw"][0] == pytest.approx(56 * frame.scale**2, rel=1e-3)
+    assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
+    assert "A and D agree, so that the front is one point" in out
+    assert "gamma changes nothing" in out
+    sweep = table[table["kind"] == "sweep"]
+    assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
+    assert sweep["same_as_end"].all()
+    assert table.loc[table["kind"] == "front", "triangulator"].unique().tolist() == ["pareto#0"]
+    assert table["overdraw_over_area"].min() == pytest.approx(56 / 46, rel=1e-3)
+    plots = {path.name for path in (folder / "plots").iterdir()}
+    assert {"pareto-paper-reference-cpu.png", "pareto-paper-reference-cpu.svg"} <= plots
+
+
+def test_a_citys_fronts_are_those_of_all_triangulations(study):
+    _, table, fronts, out = study(CITY, "--polygons", "3")
+    polygons = load(CITY).polygons
+    compared = 0
+    for number, front in fronts.groupby("polygon"):
+        polygon = make_frame([polygons[number]], View(512)).polygons[0]
+        costs = front[["overdraw", "shape"]].to_numpy()
+        measured = table[(table["polygon"] == str(number)) & (table["rasteriser"] == "reference")]
+        chosen = measured[measured["kind"] == "front"]
+        assert len(chosen) == min(MOST_POINTS, len(front)) == front["measured"].sum()
+        assert {0, len(front) - 1} <= set(chosen["triangulator"].str[7:].astype(int))
+        assert chosen["undominated"].all()
+        if len(polygon.exterior.coords) <= 13:
+            every = list_all(polygon)
+            listed = np.column_stack((every["overdraw"], every["shape"]))
+            assert undominated(costs, listed).all()
+            kept = listed[undominated(listed, listed)]
+            assert np.ptp(kept[:, 0]) == pytest.approx(np.ptp(costs[:, 0]))
+            assert len(np.unique(kept.round(6), axis=0)) == len(costs)
+            compared += 1
+    assert compared >= 1
+    whole = table[(table["polygon"] == "all") & (table["rasteriser"] == "reference")]
+    sweep = whole[(whole["kind"] == "sweep") & (whole["gamma"] == 0)]
+    steps = sweep.set_index("triangulator").loc[list(SWEEP)]
+    assert (np.diff(steps["overdraw_over_area"]) >= -1e-9).all()
+    assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
+    # Neither can cut polygons with holes, so their sums are of less.
+    assert not set(whole["triangulator"]) & {"fan", "max-area"}
+    assert "left out, as not every polygon can be cut so: fan, max-area" in out
+
+
+def test_rows_hold_the_records_figures_and_paired_times(study):
+    folder, table, _, _ = study(CITY, "--polygons", "1")
+    run = read_run(folder)
+    assert run.problems == []
+    records = {(r["scene"], r["triangulator"], r["rasteriser"]): r for r in run.records}
+    rows = table[table["polygon"] == "all"].set_index(["triangulator", "rasteriser"])
+    record = records[CITY, "delaunay", "reference"]
+    row = rows.loc[("delaunay", "reference")]
+    assert row["helper_lanes"] == record["counters"]["helper_lanes"]
+    assert row["bbox_tests"] == record["counters"]["bbox_tests"]
+    assert row["overdraw"] == pytest.approx(record["predicted"]["overdraw"])
+    end = records[CITY, SWEEP[0], "reference"]
+    ratio = paired_ratio(record["time"]["samples_s"], end["time"]["samples_s"])
+    found = tuple(row[["time_ratio", "ci_low", "ci_high"]])
+    assert found == pytest.approx((ratio.value, ratio.low, ratio.high))
+    # The scripted rasteriser takes as long for as many triangles.
+    timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
+    assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
+    assert (timed.loc[list(SWEEP), "verdict"] == "no difference shown").all()
+    assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in run.records}
+
+
+def test_a_study_goes_on_where_it_was(study, harness):  # noqa: F811
+    folder, table, _, _ = study(CITY, "--polygons", "1")
+    cases = (folder / "cases.jsonl").read_text()
+    (folder / "pareto.csv").unlink()
+    again = ("pareto", "--scene", CITY, "--polygons", "1", "--resume", "out", *BOTH)
+    assert harness(*again)[0] == 0
+    assert (folder / "cases.jsonl").read_text() == cases
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "pareto.csv"), table)
+
+
+def test_a_long_front_is_measured_at_even_steps():
+    parts, fronts = take_apart("city", load("city"), 6, View(512))
+    label, front = max(fronts.items(), key=lambda entry: len(entry[1].costs))
+    assert len(front.costs) > 100
+    assert len(front.chosen) == MOST_POINTS
+    assert np.ptp(np.diff(front.chosen)) <= 1
+    part = next(part for part in parts if part.label == label)
+    assert part.triangulators == (*(f"pareto#{k}" for k in front.chosen), *named())
+    assert parts[-1].label == "city"
+
+
+def test_names_of_the_sweep_are_full_names():
+    for name in (*SWEEP, WITH_C):
+        assert full_name(name) == name
+    assert len(set(SWEEP)) == 11
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--scene", "citty"], ["citty", "city"]),
+        (["--scene", "paper", "--resolution", "3"], ["resolution 3"]),
+        (["--scene", "paper", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
+        (["--scene", "paper", "--rasterisers", "opngl"], ["opngl", "opengl"]),
+        (["--scene", "square.geojson"], ["no polygon without holes of 8 to 100 vertices"]),
+    ],
+)
+def test_bad_usage_is_one_line(harness, arguments, parts):  # noqa: F811
+    ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
+    Path("square.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    code, _, err = harness("pareto", *arguments, "--quiet")
+    assert code == 2
+    assert_one_line(err, *parts)
+
+
+def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):  # noqa: F811
+    names = "optimal:mixed=1.0/.5/0,optimal:mixed=1/0.5/0,worst:mixed=1/0.5/0,optimal:mixed=1/1/1"
+    run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)
+    assert harness(*run, "--out", "results")[0] == 0
+    stored = read_run(Path("results"))
+    kept = {record["triangulator"]: record["key"] for record in stored.records}
+    assert list(kept) == ["optimal:mixed=1/0.5/0", "worst:mixed=1/0.5/0", "optimal:mixed"]
+    assert harness("run", "--resume", "results", "--quiet")[0] == 0
+    assert len(read_run(Path("results")).records) == 3
+    assert harness("compare", "results", "results", "--gate", "counters")[0] == 0
+    mesh = ("triangulate", str(block), "-o", "block.obj", "--no-cache", "--quiet")
+    assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
+    assert "mixed=1/0.5/0" in harness("list", "criteria")[1]
+    code, _, err = harness(*mesh, "--criterion", "mixed=1/0.5")
+    assert code == 2
+    assert_one_line(err, "mixed=1/0.5", "alpha/beta/gamma", "not 2")
+    code, _, err = harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0")
+    assert code == 2
+    assert_one_line(err, "mixed=1/-1/0", "not negative")
+
+
+def test_points_of_the_front_are_cases_by_number(block, tmp_path):
+    names = ("pareto", "pareto#0", "pareto#01", "pareto#1", "pareto#99")
+    records = measure(plan_for(block, triangulators=names), tmp_path / "out").records
+    status = {record["triangulator"]: record["status"] for record in records}
+    # An L of six vertices and a square have a front each; the courtyard has a hole.
+    assert set(status) == {"pareto#0", "pareto#1", "pareto#99"}
+    assert status["pareto#0"] == "ok"
+    assert status["pareto#99"] == "skipped"
+    first = next(record for record in records if record["triangulator"] == "pareto#0")
+    assert (first["polygons"], first["polygons_skipped"]) == (2, 1)
+
+
+def test_parts_have_triangulators_of_their_own(block, tmp_path):
+    def split(label, scene):
+        return [Part(f"{label}#0", scene, ("delaunay",)), Part(label, scene)]
+
+    plan: Plan = plan_for(block, triangulators=("ear-clipping",))
+    outcome = measure(plan, tmp_path / "out", split=split)
+    label = block.name
+    assert {(r["scene"], r["triangulator"]) for r in outcome.records} == {
+        (f"{label}#0", "delaunay"),
+        (label, "ear-clipping"),
+    }
+    planned = read_run(tmp_path / "out").facts["plan"]["triangulators"]
+    assert planned == ["delaunay", "ear-clipping"]
+
+
+def row(name: str, overdraw: float, ratio: float, verdict: str, **more: object) -> dict:
+    kind = "front" if name.startswith("pareto") else "named"
+    return {
+        "polygon": "7",
+        "kind": kind,
+        "triangulator": name,
+        "gamma": np.nan,
+        "overdraw": overdraw,
+        "overdraw_over_area": overdraw / 100,
+        "same_as_end": False,
+        "rasteriser": "r",
+        "device": "d",
+        "time_ratio": ratio,
+        "verdict": verdict,
+        "undominated": kind == "front",
+        **more,
+    }
+
+
+def test_the_answer_says_which_part_is_faster():
+    none = "no difference shown"
+    rows = [
+        row("pareto#0", 100.0, 1.0, none, same_as_end=True),
+        row("pareto#1", 104.0, 0.97, "faster"),
+        row("pareto#2", 110.0, 0.95, "faster"),
+        row("pareto#3", 150.0, 1.2, "slower"),
+        row("pareto#4", 190.0, 1.0, none),
+        row("optimal:overdraw", 100.0, 1.02, "slower", same_as_end=True, undominated=True),
+        row("optimal:half-perimeter", 120.0, 0.9, "faster"),
+        row("ear-clipping", 220.0, 1.5, "slower"),
+    ]
+    answer, noise = pareto_answer.sentences(pd.DataFrame(rows))
+    assert answer == (
+        "r on d, 1 polygon: of 4 points of the fronts beside the least-A end 2 are measurably "
+        "faster (with 4.0 to 10.0 % more A), 1 slower, 1 shows no difference; off the front, yet "
+        "faster than that end: optimal:half-perimeter."
+    )
+    assert noise == (
+        "r on d, noise: that end, drawn under 1 other name as well, took up to 2.0 % more or less."
+    )
