@@ -56,7 +56,7 @@ def validate(
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=choose_triangulators(design),
+        triangulators=("optimal",),  # each polygon has its own, below
         rasterisers=tuple(named),
         devices=split_names(device),
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
@@ -72,7 +72,8 @@ def validate(
         resume=resume is not None,
         force=force,
         split=lambda label, whole: [
-            Part(f"{label}#{number}", part) for number, part in choose_polygons(whole, design)
+            Part(f"{label}#{number}", part, choose_triangulators(design, part.polygons[0]))
+            for number, part in choose_polygons(whole, design)
         ],
     )
     if not any(record["status"] == "ok" for record in outcome.records):

@@ -108,13 +108,12 @@ def print_claim(table: pd.DataFrame, criterion: str, console: Console) -> None:
     for among, rows in part.groupby("among", sort=False):
         predicted = rows.drop_duplicates("scene")["predicted_ratio"].median()
         word = " with T-junctions let in" if among == "all" else ""
-        shown = Table(
-            title=f"worst over best by {criterion}{word}: {predicted:.2f} predicted, measured:",
-            title_justify="left",
-            box=None,
-            pad_edge=False,
-            header_style="bold",
+        console.print(
+            f"worst over best by {criterion}{word}: {predicted:.2f} predicted, measured:",
+            style="italic",
+            highlight=False,
         )
+        shown = Table(box=None, pad_edge=False, header_style="bold")
         for heading in ("rasteriser", "device", "measure"):
             shown.add_column(heading)
         shown.add_column("ratio", justify="right")

@@ -52,7 +52,7 @@ def repeat(first: Sequence[Record], second: Sequence[Record]) -> Repeat:
 
 
 def _verdicts(records: Sequence[Record]) -> dict[tuple[object, ...], str]:
-    found = {}
+    found: dict[tuple[object, ...], str] = {}
     for members in groups(records):
         for one, other in combinations(_without_twins(members), 2):
             ratio = time_ratio(one, other)

@@ -37,10 +37,18 @@ def test_polygons_are_simple_and_of_all_sizes():
 
 
 def test_triangulations_are_sampled_broadly():
-    names = choose_triangulators(Design(random=30))
+    city = load("city:buildings=80")
+    polygon = choose_polygons(city, Design(polygons=3))[1][1].polygons[0]
+    names = choose_triangulators(Design(random=30), polygon)
     assert {"ear-clipping", "delaunay", "optimal:overdraw", "worst:half-perimeter"} <= set(names)
     assert sum(name.startswith("random#") for name in names) == 30
     assert len(set(names)) == len(names)
+
+
+def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
+    names = choose_triangulators(Design(random=30), load("paper").polygons[0])
+    assert sum(name.startswith("listed#") for name in names) == 47
+    assert not any(name.startswith("random") for name in names)
 
 
 def test_a_scene_without_simple_polygons_is_refused():
