@@ -35,6 +35,9 @@ EXACT = {
 }
 """Predictions that are counters of a rasteriser without a device."""
 
+SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
+"""Criteria that, when they are all equal, show two names for one triangulation."""
+
 MEASURES = ("helper_lanes", "quads", "bbox_tests", "rows", "tiles_16", "tiles_32", "tiles_64")
 """Counters worth predicting; times are added to them as time_work_<N>."""
 
@@ -80,7 +83,7 @@ def _predictions(record: Record) -> dict[str, object]:
 
 def _without_twins(table: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     same = [name for name in names if name != "triangulator"]
-    rounded = table[["overdraw", "half_perimeter", "edge_length", "shape"]].round(6)
+    rounded = table[list(SAME)].round(6)
     return table[~pd.concat([table[same], rounded], axis=1).duplicated()].reset_index(drop=True)
 
 
@@ -92,6 +95,14 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
         values = source[[*where, counter]].rename(columns={counter: name})
         table = table.merge(values.drop_duplicates(where), on=where, how="left")
     return table
+
+
+def without_twins(records: Sequence[Record]) -> list[Record]:
+    """Return the records of one polygon and view, the first of those that are the same cut."""
+    seen: dict[tuple[float, ...], Record] = {}
+    for record in records:
+        seen.setdefault(tuple(round(record["predicted"][name], 6) for name in SAME), record)
+    return list(seen.values())
 
 
 def correlate(table: pd.DataFrame) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from harness.plots import COLOURS, STYLE
 from harness.store import Record
-from harness.study.analysis import MEASURES
+from harness.study.analysis import MEASURES, without_twins
 from harness.study.matrix import label
 from harness.summary import group_of, groups, time_ratio
 
@@ -137,7 +137,7 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
         if work != 0:
             continue
         with matplotlib.rc_context(STYLE):
-            figure = _figure(good)
+            figure = _figure(without_twins(good))
         first = good[0]
         for suffix in ("png", "svg"):
             name = f"measured-over-a-{first['rasteriser']}-{first['device']}.{suffix}"

@@ -179,10 +179,11 @@ def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
         axes.text(column, row, "constant", ha="center", va="center", fontsize=6, color="#777777")
         return
     dark = abs(value) < 0.6
+    interval = f"\n{cell['ci_low']:.2f} to {cell['ci_high']:.2f}" if cell["polygons"] > 2 else ""
     axes.text(
         column,
         row,
-        f"{value:.3f}\n{cell['ci_low']:.2f} to {cell['ci_high']:.2f}",
+        f"{value:.3f}{interval}",
         ha="center",
         va="center",
         fontsize=6,

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from harness.store import Record
+from harness.study.analysis import without_twins
 from harness.summary import group_of, groups, time_ratio
-
-SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
-"""Criteria that, when they are all equal, show two names for one triangulation."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +52,10 @@ def repeat(first: Sequence[Record], second: Sequence[Record]) -> Repeat:
 def _verdicts(records: Sequence[Record]) -> dict[tuple[object, ...], str]:
     found: dict[tuple[object, ...], str] = {}
     for members in groups(records):
-        for one, other in combinations(_without_twins(members), 2):
+        ordered = sorted(members, key=lambda record: str(record["triangulator"]))
+        for one, other in combinations(without_twins(ordered), 2):
             ratio = time_ratio(one, other)
             if ratio is not None:
                 names = (one["triangulator"], other["triangulator"])
                 found[(*group_of(one), *names)] = ratio.verdict
     return found
-
-
-def _without_twins(members: Sequence[Record]) -> list[Record]:
-    ordered = sorted(members, key=lambda record: str(record["triangulator"]))
-    seen = {tuple(round(r["predicted"][name], 6) for name in SAME): r for r in reversed(ordered)}
-    return sorted(seen.values(), key=lambda record: str(record["triangulator"]))
