@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from shapely.geometry import Polygon, box, mapping
+
+from tests.chromium import Chromium
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED_DATA = ROOT.parent / "shared" / "data"
@@ -22,6 +25,14 @@ def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     content = {"type": "FeatureCollection", "crs": crs, "features": features}
     path.write_text(json.dumps(content))
     return path
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Chromium]:
+    """One browser for all tests that look at a page; without one they fail, and say why."""
+    chromium = Chromium()
+    yield chromium
+    chromium.close()
 
 
 @pytest.fixture
