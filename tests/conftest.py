@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from shapely.geometry import Polygon, box, mapping
 
+from harness.cli import main
 from tests.chromium import Chromium
-
-ROOT = Path(__file__).resolve().parent.parent
-SHARED_DATA = ROOT.parent / "shared" / "data"
 
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
@@ -25,6 +24,32 @@ def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     content = {"type": "FeatureCollection", "crs": crs, "features": features}
     path.write_text(json.dumps(content))
     return path
+
+
+def exit_code(*arguments: str) -> int:
+    """Run the command line in this process; returns its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["harness", *arguments])
+        with pytest.raises(SystemExit) as end:
+            main()
+    return int(end.value.code or 0)
+
+
+@pytest.fixture
+def harness(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the command line in this process, in an empty folder; returns (exit code, out, err)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = exit_code(*arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ from harness.compare.wording import headline
 from harness.store import read_run
 from tests.compare.runs import TRIANGULATORS, dearer, failed, write_run
 from tests.compare.scenarios import SCENARIOS
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
 XSD = etree.XMLSchema(etree.parse(Path(__file__).parent / "junit.xsd"))

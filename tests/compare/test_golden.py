@@ -25,7 +25,8 @@ FORMATS = {
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_outputs(harness, name):
+def test_outputs(harness, name, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
     scenario = SCENARIOS[name]
     scenario.make()
     files = ("--junit", "junit.xml", "--html", "page.html")

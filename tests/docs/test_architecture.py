@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.docs.blocks import ROOT
+from tests.paths import ROOT
 
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 PACKAGES = ("harness", "scenes", "triangulators")

@@ -10,8 +10,9 @@ import pytest
 from harness.cli import app
 from harness.commands.examples import EXAMPLES, PROGRAM, RUN
 from harness.errors import GOOD, INCONCLUSIVE
-from tests.docs.blocks import ROOT, blocks, pages
+from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
+from tests.paths import ROOT
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 LONG = (
