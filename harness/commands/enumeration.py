@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from harness.commands.options import PolygonNumber
 from harness.commands.run import default_folder
 from harness.errors import UsageError
 from harness.progress import Reporter
@@ -19,7 +20,7 @@ from triangulators import Skipped, TriangulationError
 
 def enumerate_(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
-    polygon: Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")] = 0,
+    polygon: PolygonNumber = 0,
     mode: Annotated[
         str,
         typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.export.cache import Cache
 from harness.progress import Reporter
@@ -32,7 +33,7 @@ def triangulate(
     cached: Annotated[
         bool, typer.Option("--cache/--no-cache", help="Use the model database.")
     ] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Triangulate a file of polygons and write the triangles."""
     from harness.export.export import export_file

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import View
 from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
@@ -89,11 +90,9 @@ def run(
     samples: Annotated[
         str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
     ] = "1",
-    work: Annotated[
-        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
-    ] = "0",
+    work: Work = "0",
     order: Annotated[Order, typer.Option(help="Order of submission.")] = Order.native,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     precision: Annotated[
         float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
     ] = Settings.precision,
@@ -119,7 +118,7 @@ def run(
     quick: Annotated[
         bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
     if out and resume:

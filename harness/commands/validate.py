@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Quiet, Seed, Work
 from harness.commands.run import default_folder, numbers, split_names
 from harness.errors import NothingMeasured
 from harness.frame import View
@@ -34,20 +35,18 @@ def validate(
     resolution: Annotated[
         str, typer.Option(help="Viewport in pixels, which each polygon fills; comma-separated.")
     ] = "128",
-    work: Annotated[
-        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
-    ] = "0,8",
+    work: Work = "0,8",
     polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = Design.polygons,
     random: Annotated[
         int, typer.Option(min=0, help="Random triangulations of each polygon.")
     ] = Design.random,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = 0.1,
     out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Resume even if things differ.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="A small study, for a look.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Set predicted against measured, within polygons, and say how well each criterion does."""
     design = QUICK if quick else Design(polygons=polygons, random=random)
