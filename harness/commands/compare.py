@@ -42,7 +42,7 @@ def compare(
     head: Annotated[Path, typer.Argument(help="The run that is judged.")],
     gate: Annotated[
         str | None,
-        typer.Option(help="What may fail: counters, time, or both, comma-separated; both."),
+        typer.Option(help="What may fail: counters, time, or counters,time, which is the default."),
     ] = None,
     threshold: Annotated[
         list[str] | None,

@@ -25,9 +25,14 @@ def enumerate_(
         str,
         typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
     ] = "conforming",
-    out: Annotated[Path | None, typer.Option(help="Folder for triangulations.csv.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the table and plot; results/enumerate-<scene>-<time> if absent."
+        ),
+    ] = None,
 ) -> None:
-    """List every triangulation with its criteria; draw D against A and the Pareto front."""
+    """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

@@ -22,7 +22,8 @@ def triangulate(
     ],
     triangulator: Annotated[str, typer.Option(help="See: harness list triangulators.")] = "optimal",
     criterion: Annotated[
-        str | None, typer.Option(help="For optimal and worst; see: harness list criteria.")
+        str | None,
+        typer.Option(help="For optimal, half-perimeter by default, and worst; see: list criteria."),
     ] = None,
     extrude: Annotated[
         str | None, typer.Option(help="A height, or the attribute that holds it.")
