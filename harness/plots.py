@@ -73,9 +73,15 @@ def plot_run(run: Run) -> list[Path]:
                 if figure is None:
                     continue
                 stem = name if number == 0 else _file_name(name, members[0])
-                for suffix in ("png", "svg"):
-                    figure.savefig(folder / f"{stem}.{suffix}")
-                    files.append(folder / f"{stem}.{suffix}")
+                files += save(figure, folder / stem)
+    return files
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and as SVG, `stem` with their endings; returns the files."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    for file in files:
+        figure.savefig(file)
     return files
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes .venv from the two lock files and sees that OpenGL works without a screen.
-# With the argument `test` it also finds the browser that the tests of reports need.
+# With the argument `test` it also finds the browser that the tests of pages need.
 # Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -72,9 +72,10 @@ find_gl() {
 }
 
 find_browser() {
-    if ! command -v chromium >/dev/null; then
-        is_root || fail "the tests of the reports need a browser; run: sudo apt-get install -y chromium"
-        say "installing chromium, which opens the reports in the tests"
+    # The names that tests/chromium.py looks for.
+    if ! command -v chromium chromium-browser google-chrome chrome >/dev/null; then
+        is_root || fail "the tests of pages need a browser; run: sudo apt-get install -y chromium"
+        say "installing chromium, which opens pages in the tests"
         apt_install chromium || fail "apt-get install chromium failed"
     fi
     touch .venv/browser-works

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from shapely.geometry import Polygon, box, mapping
 
-ROOT = Path(__file__).resolve().parent.parent
-SHARED_DATA = ROOT.parent / "shared" / "data"
+from harness.cli import main
+from tests.chromium import Chromium
 
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
@@ -22,6 +24,40 @@ def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     content = {"type": "FeatureCollection", "crs": crs, "features": features}
     path.write_text(json.dumps(content))
     return path
+
+
+def exit_code(*arguments: str) -> int:
+    """Run the command line in this process; returns its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["harness", *arguments])
+        with pytest.raises(SystemExit) as end:
+            main()
+    return int(end.value.code or 0)
+
+
+@pytest.fixture
+def harness(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the command line in this process, in an empty folder; returns (exit code, out, err)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = exit_code(*arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Chromium]:
+    """One browser for all tests that look at a page; without one they fail, and say why."""
+    chromium = Chromium()
+    yield chromium
+    chromium.close()
 
 
 @pytest.fixture

@@ -131,7 +131,7 @@ BUILTIN = {
         ),
         Entry(
             "optimal",
-            "the minimum of a criterion: exact without holes, local search with them",
+            "the minimum of a criterion: exact up to 2,000 vertices without holes, else by search",
             "triangulators.optimal:triangulate",
             criteria=True,
         ),

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from harness import rasterisers
 from harness.bench import Bench, Target
+from harness.commands.options import Quiet, Seed
 from harness.commands.run import CALIBRATIONS
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -28,11 +29,11 @@ def calibrate(
     resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
     work: Annotated[int, typer.Option(min=0, help="Arithmetic a fragment.")] = 0,
     budget: Annotated[float, typer.Option(help="Seconds of drawing a draw may cost.")] = 0.2,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None, typer.Option(help="results/calibration/<device>.json if absent.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Fit what a draw's time is made of on designed draws, and test the fit on polygons.
 

@@ -42,7 +42,7 @@ def compare(
     head: Annotated[Path, typer.Argument(help="The run that is judged.")],
     gate: Annotated[
         str | None,
-        typer.Option(help="What may fail: counters, time, or both, comma-separated; both."),
+        typer.Option(help="What may fail: counters, time, or counters,time, which is the default."),
     ] = None,
     threshold: Annotated[
         list[str] | None,
@@ -170,7 +170,9 @@ def _text(found: Comparison, kind: str) -> str:
         from harness.compare.html import to_html
 
         return to_html(found)
-    return _json(found.to_json())
+    from harness.compare.json import to_json
+
+    return _json(to_json(found))
 
 
 def _write(file: Path, text: str, *, append: bool = False) -> None:

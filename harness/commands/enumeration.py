@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from harness.commands.options import PolygonNumber
 from harness.commands.run import default_folder
 from harness.errors import UsageError
 from harness.progress import Reporter
@@ -19,14 +20,19 @@ from triangulators import Skipped, TriangulationError
 
 def enumerate_(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
-    polygon: Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")] = 0,
+    polygon: PolygonNumber = 0,
     mode: Annotated[
         str,
         typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
     ] = "conforming",
-    out: Annotated[Path | None, typer.Option(help="Folder for triangulations.csv.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the table and plot; results/enumerate-<scene>-<time> if absent."
+        ),
+    ] = None,
 ) -> None:
-    """List every triangulation with its criteria; draw D against A and the Pareto front."""
+    """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

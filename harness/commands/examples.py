@@ -6,6 +6,7 @@ import typer
 
 PROGRAM = "python -m harness"
 RUN = "results/city-20260101-120000"
+LATER = "results/city-20260102-120000"
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
@@ -16,8 +17,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "validate": ("validate --scene city --quick",),
     "calibrate": ("calibrate --scene city:buildings=50 --budget 0.05",),
     "compare": (
-        f"compare {RUN} {RUN}",
-        f"compare {RUN} {RUN} --gate counters --html comparison.html",
+        f"compare {RUN} {LATER}",
+        f"compare {RUN} {LATER} --gate counters --html comparison.html",
     ),
     "history": ("history results",),
     "report": (

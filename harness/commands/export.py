@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.export.cache import Cache
 from harness.progress import Reporter
@@ -23,7 +24,8 @@ def triangulate(
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="For optimal and worst, e.g. half-perimeter or mixed=1/0.5/0; see: list criteria."
+            help="For optimal, half-perimeter by default, and worst, e.g. mixed=1/0.5/0; "
+            "see: list criteria."
         ),
     ] = None,
     extrude: Annotated[
@@ -35,7 +37,7 @@ def triangulate(
     cached: Annotated[
         bool, typer.Option("--cache/--no-cache", help="Use the model database.")
     ] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Triangulate a file of polygons and write the triangles."""
     from harness.export.export import export_file

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import PolygonNumber, Seed
 from harness.commands.run import split_names
 from harness.errors import UsageError
 from harness.frame import View, make_frame
@@ -18,7 +19,7 @@ from harness.triangulation import triangulate_polygons
 
 def inspect(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")],
-    polygon: Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")] = 0,
+    polygon: PolygonNumber = 0,
     triangulator: Annotated[
         str, typer.Option(help="Comma-separated: one column each.")
     ] = "ear-clipping,optimal:half-perimeter",
@@ -26,7 +27,7 @@ def inspect(
         int, typer.Option(help="Viewport in pixels, which the polygon fills.")
     ] = 64,
     rotation: Annotated[float, typer.Option(help="Degrees, counter-clockwise.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     out: Annotated[
         Path | None, typer.Option(help="The PNG; named after the polygon if absent.")
     ] = None,

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Force, Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import View
 from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
@@ -65,7 +66,7 @@ def run(
         str,
         typer.Option(
             help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
-            "GeoPackage, Shapefile, FlatGeobuf, OSM PBF.",
+            "GeoPackage, Shapefile, SVG, WKT and more. See: harness list scenes.",
         ),
     ] = "",
     triangulators: Annotated[
@@ -89,11 +90,11 @@ def run(
     samples: Annotated[
         str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
     ] = "1",
-    work: Annotated[
-        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
-    ] = "0",
-    order: Annotated[Order, typer.Option(help="Order of submission.")] = Order.native,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    work: Work = "0",
+    order: Annotated[
+        Order, typer.Option(help="In which triangles are submitted; native: as they were made.")
+    ] = Order.native,
+    seed: Seed = 0,
     precision: Annotated[
         float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
     ] = Settings.precision,
@@ -110,16 +111,14 @@ def run(
         Path | None,
         typer.Option(help="Go on with the run in this folder; failed cases are tried again."),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Resume even if plan, code or device differ.")
-    ] = False,
+    force: Force = False,
     calibration: Annotated[
         Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
     if out and resume:

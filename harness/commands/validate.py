@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.commands.options import Force, Quiet, Seed, Work
 from harness.commands.run import default_folder, numbers, split_names
 from harness.errors import NothingMeasured
 from harness.frame import View
@@ -30,25 +31,32 @@ QUICK = Design(polygons=6, random=10, most_vertices=60)
 
 def validate(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "city",
-    rasterisers: Annotated[str, typer.Option(help="Comma-separated.")] = "opengl,bounding-box",
-    device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
+    rasterisers: Annotated[
+        str, typer.Option(help="Comma-separated; see: harness list rasterisers.")
+    ] = "opengl,bounding-box",
+    device: Annotated[
+        str, typer.Option(help="Comma-separated devices; the best one by default.")
+    ] = "",
     resolution: Annotated[
         str, typer.Option(help="Viewport in pixels, which each polygon fills; comma-separated.")
     ] = "128",
-    work: Annotated[
-        str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")
-    ] = "0,8",
+    work: Work = "0,8",
     polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = Design.polygons,
     random: Annotated[
         int, typer.Option(min=0, help="Random triangulations of each polygon.")
     ] = Design.random,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = 0.1,
-    out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the study; results/validate-<scene>-<time> if absent."),
+    ] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Resume even if things differ.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="A small study, for a look.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    force: Force = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Six polygons and short times: a look, not a result.")
+    ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Set predicted against measured, within polygons, and say how well each criterion does."""
     design = QUICK if quick else Design(polygons=polygons, random=random)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from harness.compare.figures import counter_figure, time_figure, to_svg
 from harness.compare.model import Comparison
 from harness.compare.rows import TOTALS_HEADING, affected_totals, groups, run_lines, total_cells
 from harness.compare.wording import headline
+from harness.templates import template
 
 PLOTS = (
     ("time", "Times", time_figure),
@@ -23,20 +23,13 @@ TOTALS = (
 
 def to_html(comparison: Comparison) -> str:
     """Return a page with verdict, plots and tables; no script, no font, no address."""
-    environment = Environment(
-        loader=PackageLoader("harness.compare"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     plots = []
     for name, title, draw in PLOTS:
         figure = draw(comparison)
         if figure is not None:
             # Matplotlib escapes what it writes, so its SVG may stand as it is.
             plots.append((title, Markup(to_svg(figure, name))))
-    return environment.get_template("compare.html.j2").render(
+    return template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
         headline=headline(comparison),
         plots=plots,

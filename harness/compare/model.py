@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from harness import errors
 from harness.compare.settings import Settings
-
-SCHEMA_VERSION = 1
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""
@@ -47,6 +45,9 @@ STATUS_TEXT: dict[Status, str] = {
 
 BROKEN: tuple[Status, ...] = ("now-failing", "fewer-polygons")
 """What worked in BASE and does not in HEAD: a regression, whatever the gates."""
+
+MISSING: tuple[Status, ...] = ("only-base", "now-skipped")
+"""What BASE measured and HEAD did not, with no failure: a regression only where asked."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -250,34 +251,3 @@ class Comparison:
             return True
         slower = case.time is not None and case.time.outcome == "regressed"
         return bool(case.regressions()) or (slower and self.settings.gates_time)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the comparison as JSON-ready values; docs/ci/compare.schema.json describes it."""
-        from harness.compare.wording import headline
-
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "verdict": self.verdict,
-            "exit_code": self.exit_code,
-            "headline": headline(self),
-            "base": asdict(self.base),
-            "head": asdict(self.head),
-            "settings": self.settings.to_json(),
-            "machines_differ": self.machines_differ,
-            "totals": [asdict(total) for total in self.totals],
-            "drifts": [asdict(drift) for drift in self.drifts],
-            "cases": [_case_json(self, case) for case in self.cases],
-            "notes": list(self.notes),
-            "changes": list(self.changes),
-        }
-
-
-MISSING: tuple[Status, ...] = ("only-base", "now-skipped")
-"""What BASE measured and HEAD did not, with no failure: a regression only where asked."""
-
-
-def _case_json(comparison: Comparison, case: CaseChange) -> dict[str, Any]:
-    values = asdict(case)
-    values["name"]["options"] = dict(case.name.options)
-    values["counters"] = list(values["counters"])
-    return {**values, "regressed": comparison.is_regressed(case)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.history.series import TIME, TOGETHER, Series
 from harness.metrics import METRICS
-from harness.plots import COLOURS, MARKERS, STYLE
+from harness.plots import COLOURS, MARKERS, STYLE, save
 from harness.store import Run
 
 if TYPE_CHECKING:
@@ -32,10 +32,7 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
     for metric in dict.fromkeys(entry.metric for entry in series):
         with matplotlib.rc_context(STYLE):
             figure = metric_figure(runs, [entry for entry in series if entry.metric == metric])
-            for suffix in ("png", "svg"):
-                file = folder / f"{metric}.{suffix}"
-                figure.savefig(file)
-                files.append(file)
+            files += save(figure, folder / metric)
     return files
 
 

@@ -7,7 +7,7 @@ It is where the paper's overdraw criterion is exact. `scanline` finds each row's
 
 from __future__ import annotations
 
-import time
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -115,20 +115,8 @@ class _Dispatched(Drawing):
         """Dispatch `repeats` times; each waits for the one before."""
         self.context.activate()
         self.picture.texture.bind_to_image(0, read=False, write=True)
-        self.context.wait()
-        with self.context.queries(repeats) as timers:
-            start = time.perf_counter()
-            for call in range(repeats):
-                timers.begin(call, context.TIME_ELAPSED)
-                self.jobs.run(self.program)
-                timers.end(context.TIME_ELAPSED)
-                self.context.ctx.memory_barrier()
-            self.context.ctx.finish()
-            elapsed = timers.result(repeats - 1)
-            wall = time.perf_counter() - start
-            elapsed += sum(timers.result(call) for call in range(repeats - 1))
-        self.context.check("timing")
-        return Sample(wall=wall, gpu=elapsed * 1e-9)
+        run = partial(self.jobs.run, self.program)
+        return self.context.timed(repeats, run, self.context.ctx.memory_barrier)
 
     def close(self) -> None:
         self.jobs.close()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import files
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
+from harness.rasterisers.base import Sample
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -218,6 +220,27 @@ class Context:
             queries.end(TIME_ELAPSED)
             self.ctx.finish()
             queries.result(0)
+
+    def timed(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
+        """Call `draw` and then `after`, `calls` times, and wait; returns the seconds of all.
+
+        Each call of `draw` has a timer of its own, for llvmpipe's knows only the last flush.
+        """
+        self.wait()
+        with self.queries(calls) as timers:
+            start = time.perf_counter()
+            for call in range(calls):
+                timers.begin(call, TIME_ELAPSED)
+                draw()
+                timers.end(TIME_ELAPSED)
+                after()
+            self.ctx.finish()
+            # zink's glFinish does not wait for what was flushed before it; a result does.
+            elapsed = timers.result(calls - 1)
+            wall = time.perf_counter() - start
+            elapsed += sum(timers.result(call) for call in range(calls - 1))
+        self.check("timing")
+        return Sample(wall=wall, gpu=elapsed * 1e-9)
 
     def check(self, doing: str) -> None:
         """Raise RuntimeError if OpenGL has noted an error since the last check."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -129,28 +129,13 @@ class _Timed(Drawing):
 
         A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
         software rasteriser gets one call each and a flush: it collects a frame before it draws,
-        and would leave out tiles of one draw that a later one covers. Each call has a timer of
-        its own, for llvmpipe's knows only the last flush.
+        and would leave out tiles of one draw that a later one covers.
         """
         calls, instances = (repeats, 1) if self.software else (1, repeats)
         self.context.activate()
         self.mesh.program["work"] = self.work
         self.mesh.bind()
-        self.context.wait()
-        with self.context.queries(calls) as timers:
-            start = time.perf_counter()
-            for call in range(calls):
-                timers.begin(call, context.TIME_ELAPSED)
-                self.mesh.draw(instances)
-                timers.end(context.TIME_ELAPSED)
-                self.context.flush()
-            self.context.ctx.finish()
-            # zink's glFinish does not wait for what was flushed before it; a result does.
-            elapsed = timers.result(calls - 1)
-            wall = time.perf_counter() - start
-            elapsed += sum(timers.result(call) for call in range(calls - 1))
-        self.context.check("timing")
-        return Sample(wall=wall, gpu=elapsed * 1e-9)
+        return self.context.timed(calls, partial(self.mesh.draw, instances), self.context.flush)
 
     def close(self) -> None:
         self.mesh.close()

@@ -15,6 +15,7 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.report.content import content_of
 from harness.store import Run
+from harness.templates import template
 
 FILE = "report.html"
 
@@ -53,18 +54,9 @@ def write_report(run: Run, file: Path | None = None) -> Path:
 
 def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
     """Return the page that shows `content`; `facts` are those of run.json."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("harness.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
     first = content["groups"][0] if content["groups"] else None
     failed = sum(case["row"]["status"] == "failed" for case in content["cases"])
-    return environment.get_template("report.html").render(
+    return template("harness.report", "report.html").render(
         content=content,
         answer=content["study"] or (first["answer"] if first else "A study without a figure."),
         failed=failed,

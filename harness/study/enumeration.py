@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from shapely import Polygon
 
-from harness.plots import COLOURS, STYLE
+from harness.plots import COLOURS, STYLE, save
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.exhaustive import enumerate_triangulations
@@ -85,5 +85,4 @@ def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
         axes.set_xlabel("A, bounding-box overdraw (square units)")
         axes.set_ylabel("D, shape deviation (degrees)")
         axes.legend()
-    for suffix in ("png", "svg"):
-        figure.savefig(plots / f"difference-vs-overdraw.{suffix}")
+    save(figure, plots / "difference-vs-overdraw")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from harness.metrics import METRICS
-from harness.plots import COLOURS, MARKERS, STYLE
+from harness.plots import COLOURS, MARKERS, STYLE, save
 from harness.store import Record
 from harness.summary import groups, time_ratio
 
@@ -102,11 +102,9 @@ def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
                 continue
             with matplotlib.rc_context(STYLE):
                 figure = _figure(part, axis, base, f"{scene}: {rasteriser} on {device}")
-            for suffix in ("png", "svg"):
-                name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}.{suffix}"
-                file = folder / "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-                figure.savefig(file)
-                files.append(file)
+            name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
+            stem = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+            files += save(figure, folder / stem)
     return files
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.plots import COLOURS, MARKERS, STYLE
+from harness.plots import COLOURS, MARKERS, STYLE, save
 from harness.study.analysis import CRITERIA
 
 if TYPE_CHECKING:
@@ -90,11 +90,8 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
                 "predicted-vs-measured": _scatter(rows, f"{rasteriser} on {device}"),
             }
         for kind, figure in figures.items():
-            for suffix in ("png", "svg"):
-                file = plots / f"{kind}-{rasteriser}-{device}.{suffix}"
-                if figure is not None:
-                    figure.savefig(file)
-                    files.append(file)
+            if figure is not None:
+                files += save(figure, plots / f"{kind}-{rasteriser}-{device}")
     return files
 
 

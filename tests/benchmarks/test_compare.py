@@ -18,7 +18,7 @@ import pytest
 from harness.compare import compare_runs
 from harness.store import read_run
 from tests.compare.heavy import EXTRA, WHICH
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 PAIRS, DEARER = 40, 20
 THIRD = "2"

@@ -17,9 +17,9 @@ from pyarrow import parquet
 from harness.export.cache import Cache
 from harness.export.triangulation import COMPILED, triangulate_batch
 from scenes import load
+from tests.paths import ROOT
 from triangulators.batch import ragged
 
-ROOT = Path(__file__).resolve().parents[2]
 MEMORY_MIB = 2048
 TILES = 10
 

@@ -20,7 +20,6 @@ from harness.rasterisers import Device, Options, Triangles, find_device, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.reference import predict
 from harness.worker import Worker
-from scenes import SceneError
 from triangulators import triangulate, vertices
 
 SIZES = (256, 1024, 4096)
@@ -43,7 +42,7 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     number = 2_000_000 // side**2 + 500
     low = rng.integers(1, 1024 - side, (number, 1, 2))
     points = low * SUBPIXEL + rng.integers(0, side * SUBPIXEL, (number, 3, 2))
-    frame = loose(points.reshape(-1, 2).astype(np.int32), 1024)
+    frame = measure.bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
     triangles = np.arange(len(frame.points), dtype=np.int32).reshape(-1, 3)
     tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
     with REFERENCE.prepare(frame, triangles, Options()) as drawing:
@@ -52,13 +51,6 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     benchmark.extra_info["bbox_pixels_per_s"] = tests / seconds
     print(f"\n{side:5} px: {tests / seconds / 1e6:,.0f} million bounding-box pixels a second")
     assert tests / seconds >= 100e6
-
-
-def loose(points: np.ndarray, size: int) -> Frame:
-    """Return a frame in which every three points are a polygon."""
-    offsets = np.arange(0, len(points) + 1, 3, dtype=np.int64)
-    numbers = np.arange(len(offsets) - 1)
-    return Frame(size, size, 1.0, View(size), (), numbers, points, offsets)
 
 
 def on_pixel_centres(size: int) -> Frame:
@@ -91,10 +83,7 @@ def drawn(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
     if scene == "pixel centres":
         frame = on_pixel_centres(size)
     else:
-        try:
-            frame = make_frame(scenes.load(scene).polygons, View(size))
-        except SceneError as error:
-            pytest.skip(f"{scene}: {error}")
+        frame = make_frame(scenes.load(scene).polygons, View(size))
     cut = {
         name: frame.join([triangulate(polygon, name) for polygon in frame.polygons])
         for name in TRIANGULATORS

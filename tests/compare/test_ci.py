@@ -10,7 +10,7 @@ import sys
 import pytest
 import yaml
 
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 MOCK = "tests.mock:MockRasteriser"
 ACTION = yaml.safe_load((ROOT / "action.yml").read_text())

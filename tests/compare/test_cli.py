@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.compare.runs import dearer, failed, slower, write_run
-from tests.conftest import ROOT
 from tests.harness.test_cli import assert_one_line
+from tests.paths import ROOT
 
 
 @pytest.fixture

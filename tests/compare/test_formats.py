@@ -14,6 +14,7 @@ from markdown_it import MarkdownIt
 
 from harness.compare import compare_runs, no_baseline
 from harness.compare.html import to_html
+from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import LIMIT, MARKER, to_markdown
 from harness.compare.settings import Settings
@@ -21,7 +22,7 @@ from harness.compare.wording import headline
 from harness.store import read_run
 from tests.compare.runs import TRIANGULATORS, dearer, failed, write_run
 from tests.compare.scenarios import SCENARIOS
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
 XSD = etree.XMLSchema(etree.parse(Path(__file__).parent / "junit.xsd"))
@@ -98,7 +99,7 @@ def test_inconclusive_is_never_a_passed_test(comparison):
 
 
 def test_json_follows_its_schema(comparison):
-    content = json.loads(json.dumps(comparison.to_json(), allow_nan=False))
+    content = json.loads(json.dumps(to_json(comparison), allow_nan=False))
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     jsonschema.Draft202012Validator(SCHEMA).validate(content)
     assert content["exit_code"] == comparison.exit_code

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+from tests.paths import ROOT
 
 FENCE = re.compile(
     r"(?:^<!-- (?P<kind>file|slow|not run|exit): (?P<note>.*?) -->\n)?"

@@ -6,7 +6,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,12 +13,12 @@ from pathlib import Path
 import pytest
 from shapely import Polygon, box
 
-from harness.cli import main
 from harness.run import run
 from harness.timing import Settings
 from harness.worker import Executor, Worker
-from tests.conftest import write_geojson
-from tests.docs.blocks import COMMAND, ROOT, Block
+from tests.conftest import exit_code, write_geojson
+from tests.docs.blocks import COMMAND, Block
+from tests.paths import ROOT
 
 FULL = bool(os.environ.get("DOCS_FULL"))
 """Whether everything is run as a reader would: in a shell, at full length, the slow ones too."""
@@ -77,9 +76,8 @@ def workers() -> Iterator[Workers]:
 class Reader:
     """Follows a page: writes its files and runs its commands in one folder."""
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._monkeypatch = monkeypatch
         (folder / ".venv").symlink_to(ROOT / ".venv")
         ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
         courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
@@ -102,20 +100,12 @@ class Reader:
         """Run one command; returns its exit code."""
         command = COMMAND.match(line)
         if command and not FULL:
-            return self._inside(shlex.split(command["arguments"]))
+            return exit_code(*shlex.split(command["arguments"]))
         environment = {**os.environ, "PYTHONPATH": f"{self.folder}:{ROOT}"}
         # The reader is in the clone, where the packages are; here they are on the path.
         line = line.removeprefix("PYTHONPATH=. ")
         done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=environment, check=False)
         return done.returncode
-
-    def _inside(self, arguments: list[str]) -> int:
-        self._monkeypatch.setattr(sys, "argv", ["harness", *arguments])
-        try:
-            main()
-        except SystemExit as end:
-            return int(end.code or 0)
-        return 0
 
     def _in_a_clone(self, block: Block) -> None:
         if not FULL:
@@ -144,5 +134,5 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
         monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
         # Drawn by every run and tested in tests/report; here they only take time.
         monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
-    yield Reader(folder, monkeypatch)
+    yield Reader(folder)
     shutil.rmtree(folder, ignore_errors=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from tests.docs.blocks import ROOT
+from tests.paths import ROOT
 
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 PACKAGES = ("harness", "scenes", "triangulators")
@@ -28,20 +29,46 @@ def module_of(file: Path) -> tuple[str, str]:
     return "harness", parts[1]
 
 
-def imports(file: Path) -> Iterator[tuple[str, str]]:
-    """Yield package and part of everything of ours that a file imports, wherever it does."""
+def named(file: Path) -> Iterator[str]:
+    """Yield everything of ours that a file imports, wherever it does, e.g. harness.run.run."""
     for node in ast.walk(ast.parse(file.read_text())):
         names: list[str] = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
-        for name in names:
-            package, *rest = name.split(".")
-            if package == "harness" and rest and rest[0] != "__version__":
-                yield package, rest[0]
-            elif package in ("scenes", "triangulators"):
-                yield package, package
+        yield from (name for name in names if name.partition(".")[0] in PACKAGES)
+
+
+def imports(file: Path) -> Iterator[tuple[str, str]]:
+    """Yield package and part of everything of ours that a file imports."""
+    for name in named(file):
+        package, *rest = name.split(".")
+        if package != "harness":
+            yield package, package
+        elif rest and rest[0] != "__version__":
+            yield package, rest[0]
+
+
+def import_graph() -> dict[str, set[str]]:
+    """Return, for each module, those that it imports; a name stands for its module."""
+    files = {}
+    for file in sources():
+        name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        files[name.removesuffix(".__init__")] = file
+    return {
+        module: {name if name in files else name.rpartition(".")[0] for name in named(file)}
+        for module, file in files.items()
+    }
+
+
+def import_circle(graph: dict[str, set[str]]) -> list[str]:
+    """Return modules that import each other around, or [] where none do."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
 
 
 def sources() -> list[Path]:
@@ -69,6 +96,19 @@ def test_modules_import_from_their_own_box_and_below_only():
         if level[target] < level[source]
     ]
     assert upward == []
+
+
+def test_no_modules_import_each_other_around():
+    graph = import_graph()
+    assert "harness.run" in graph["harness.commands.run"]
+    assert set().union(*graph.values()) <= set(graph)
+    assert import_circle(graph) == []
+
+
+def test_a_circle_would_be_found():
+    graph = import_graph()
+    graph["harness.store"].add("harness.run")
+    assert {"harness.store", "harness.run"} <= set(import_circle(graph))
 
 
 def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():

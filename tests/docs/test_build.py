@@ -13,7 +13,8 @@ import yaml
 
 from harness.cli import app
 from harness.metrics import METRICS
-from tests.docs.blocks import ROOT, pages
+from tests.docs.blocks import pages
+from tests.paths import ROOT
 from triangulators import registry
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from harness.cli import app
-from harness.commands.examples import EXAMPLES, PROGRAM, RUN
+from harness.commands.examples import EXAMPLES, LATER, PROGRAM, RUN
 from harness.errors import GOOD, INCONCLUSIVE
-from tests.docs.blocks import ROOT, blocks, pages
+from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
+from tests.paths import ROOT
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 LONG = (
@@ -75,6 +77,7 @@ def test_each_command_has_an_example():
 def test_the_examples_of_the_help_work(reader: Reader):
     prepare = f"run --scene buildings.geojson --quick --out {RUN}"
     assert reader.run(f".venv/bin/python -m harness {prepare}") == 0
+    shutil.copytree(reader.folder / RUN, reader.folder / LATER)
     for lines in EXAMPLES.values():
         for line in lines:
             brief = line

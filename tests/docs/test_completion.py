@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from tests.docs.blocks import ROOT
+from tests.paths import ROOT
 
 PROGRAM = "import sys; sys.argv[0] = 'raster-harness'; from harness.cli import main; main()"
 

@@ -75,7 +75,8 @@ def test_models_keep_the_area(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".glb", ".obj"])
 def test_models_open_in_pyrender(tmp_path, suffix):
-    pyrender = pytest.importorskip("pyrender", reason="pyrender is an optional extra")
+    import pyrender  # it sets PyOpenGL up as it is imported, so only where it is needed
+
     out = tmp_path / f"city{suffix}"
     export_file(CITY, out)
     scene = pyrender.Scene.from_trimesh_scene(trimesh.load_scene(out))

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from harness.store import Record, read_run
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 
 def command(scene: Path, out: Path, *more: str) -> list[str]:

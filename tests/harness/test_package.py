@@ -8,7 +8,7 @@ import subprocess
 import sys
 import zipfile
 
-from tests.conftest import ROOT
+from tests.paths import ROOT
 
 PACKAGES = ("harness", "triangulators", "scenes")
 LOCKS = ("requirements.lock", "requirements-data.lock")

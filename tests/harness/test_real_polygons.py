@@ -15,7 +15,7 @@ from harness.rasterisers.base import Device, Options
 from harness.triangulation import triangulate_polygons
 from harness.worker import Worker
 from scenes import load
-from tests.conftest import SHARED_DATA
+from tests.paths import shared_data
 
 TRIANGULATORS = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
@@ -28,10 +28,7 @@ def llvmpipe() -> Iterator[tuple[Device, Worker]]:
 
 
 def helsinki() -> list[Polygon]:
-    file = SHARED_DATA / "helsinki.json"
-    if not file.exists():
-        pytest.skip(f"{file} is not here")
-    rings = [entry["rings"] for entry in json.loads(file.read_text())]
+    rings = [entry["rings"] for entry in json.loads(shared_data("helsinki.json").read_text())]
     polygons = [Polygon(each[0], each[1:]) for each in rings]
     mended = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
     return [polygon for polygon in mended if isinstance(polygon, Polygon)]

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from harness.frame import Frame, View
+from harness.frame import Frame
+from harness.measure import bare_frame
 from harness.rasterisers import Options, Rasteriser, find_device, get
 
 Coordinates = list[list[int]]
@@ -18,18 +19,7 @@ MakeFrame = Callable[..., tuple[Frame, np.ndarray]]
 def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
     """Make a frame in which each triangle, three rows of `points` in 1/256 px, is a polygon."""
     points = np.asarray(points, np.int32).reshape(-1, 2)
-    offsets = np.arange(0, len(points) + 1, 3, dtype=np.int64)
-    frame = Frame(
-        width=size,
-        height=size,
-        scale=1.0,
-        view=View(size),
-        polygons=(),
-        source=np.arange(len(offsets) - 1),
-        points=points,
-        offsets=offsets,
-    )
-    return frame, np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    return bare_frame(size, points, 3), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
 
 
 def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Frame, np.ndarray]:

@@ -1,4 +1,4 @@
-"""A browser, and the reports that it is shown."""
+"""The reports that a browser is shown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import itertools
 import json
 import random
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,23 +27,16 @@ from harness.timing import Settings
 from harness.triangulation import triangulate_polygons
 from harness.worker import Inline
 from scenes import load
-from tests.report.chromium import Chromium
+from tests.chromium import Chromium
 
 NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 VIEWS = (View(256), View(128, 30.0))
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Chromium]:
-    chromium = Chromium()
-    yield chromium
-    chromium.close()
-
-
 @pytest.fixture(autouse=True)
 def _usual_window(request: pytest.FixtureRequest) -> None:
     if "browser" in request.fixturenames:
-        chromium = request.getfixturevalue("browser")
+        chromium: Chromium = request.getfixturevalue("browser")
         chromium.resize(1280, 900)
         chromium.prefer("light")
 

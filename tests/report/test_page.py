@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.store import read_arrays, read_run
-from tests.report.chromium import Chromium
+from tests.chromium import Chromium
 from tests.report.conftest import NAMES
 
 POINT = """(() => {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.report.chromium import Chromium
+from tests.chromium import Chromium
 
 CONTRAST = """(() => {
   const light = (colour) => {

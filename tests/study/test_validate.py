@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from harness.cli import main
 from harness.errors import UsageError
 from harness.store import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, tabulate
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from scenes import load
-
-
-def call(monkeypatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["harness", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return int(end.value.code or 0)
+from tests.conftest import exit_code
 
 
 def test_polygons_are_simple_and_of_all_sizes():
@@ -60,10 +51,9 @@ def test_a_scene_without_simple_polygons_is_refused():
 def study(tmp_path_factory):
     """A small study of the city's polygons on the CPU reference."""
     folder = tmp_path_factory.mktemp("study") / "out"
-    with pytest.MonkeyPatch.context() as patch:
-        arguments = ["validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
-        arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
-        assert call(patch, *arguments) == 0
+    arguments = ["validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
+    arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
+    assert exit_code(*arguments) == 0
     return folder
 
 
@@ -105,15 +95,15 @@ def test_the_same_triangulation_by_two_names_counts_once(study):
     pd.testing.assert_frame_equal(correlate(again), correlate(table))
 
 
-def test_all_triangulations_of_the_papers_polygon_are_listed(monkeypatch, tmp_path):
+def test_all_triangulations_of_the_papers_polygon_are_listed(harness, tmp_path):
     counts = {}
     for mode in ("paper", "conforming"):
-        assert call(monkeypatch, "enumerate", "--mode", mode, "--out", str(tmp_path / mode)) == 0
-        table = pd.read_csv(tmp_path / mode / "triangulations.csv")
+        assert harness("enumerate", "--mode", mode, "--out", f"all/{mode}")[0] == 0
+        table = pd.read_csv(tmp_path / "all" / mode / "triangulations.csv")
         counts[mode] = len(table)
-        assert (tmp_path / mode / "plots" / "difference-vs-overdraw.png").exists()
+        assert (tmp_path / "all" / mode / "plots" / "difference-vs-overdraw.png").exists()
     assert counts == {"paper": 47, "conforming": 29}
-    table = pd.read_csv(tmp_path / "paper" / "triangulations.csv")
+    table = pd.read_csv(tmp_path / "all" / "paper" / "triangulations.csv")
     assert table["conforming"].sum() == 29
     assert table.loc[0, "overdraw"] == 53
     assert not table.loc[0, "conforming"]

@@ -3,15 +3,14 @@
 import json
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
-import pytest
 import shapely
 import shapely.affinity
 from hypothesis import strategies as st
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+from tests.paths import shared_data
+
 PAPER = [(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)]
 
 
@@ -22,10 +21,7 @@ def paper_polygon() -> shapely.Polygon:
 @cache
 def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
     """Rings of a file in the shared data, as written; skips the test where it is absent."""
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"{path.name} is not in ../shared/data")
-    entries = json.loads(path.read_text())
+    entries = json.loads(shared_data(name).read_text())
     return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
 
 

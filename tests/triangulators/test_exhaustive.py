@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 
+from tests.paths import shared_data
 from tests.triangulators.cases import (
-    DATA,
     all_triangulations,
     convex,
     paper_polygon,
@@ -30,13 +30,8 @@ def test_the_papers_polygon_has_29_conforming_triangulations():
 
 
 def test_the_papers_mode_gives_its_table_1():
-    path = DATA / "paper_table1.csv"
-    if not path.exists():
-        pytest.skip("paper_table1.csv is not in ../shared/data")
-    printed = [
-        (float(row["area"]), float(row["difference_deg"]))
-        for row in csv.DictReader(path.open(encoding="utf-8"))
-    ]
+    rows = csv.DictReader(shared_data("paper_table1.csv").read_text().splitlines())
+    printed = [(float(row["area"]), float(row["difference_deg"])) for row in rows]
     table = tabulate(paper_polygon(), "paper")
     order = np.argsort(table["overdraw"])
     found = list(zip(table["overdraw"][order], table["shape"][order], strict=True))

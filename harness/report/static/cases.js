@@ -7,7 +7,7 @@ const list = { from: 0, sort: null, descending: false };
 let fields = [
   ["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
   ["draw [ms]", "draw_ms"], ["time ratio", "time_ratio"], ["verdict", "verdict"], ["helper lanes", "helper_lanes"],
-  ["lanes / pixel", "overshading"], ["tests", "bbox_tests"], ["T-junctions", "t_junctions"], ["coverage error", "coverage_error"], ["notes", "reason"],
+  ["lanes /\u00a0pixel", "overshading"], ["tests", "bbox_tests"], ["T-junctions", "t_junctions"], ["coverage error", "coverage_error"], ["notes", "reason"],
 ];
 
 function fieldOf(each, name) {

@@ -153,7 +153,7 @@ function fillHeatmap() {
   $("heatmap").hidden = !drawing;
   $("heatmap-section").querySelector(".empty")?.remove();
   if (!drawing) {
-    $("heatmap-section").append(element("p", { class: "empty" }, "This run kept no drawings of these conditions, so there is no heatmap to show; measure again to get them."));
+    $("heatmap-section").append(element("p", { class: "empty" }, "No drawings of these conditions were kept, as a study keeps none, so there is no heatmap to show; harness inspect draws one."));
     return;
   }
   const names = Object.keys(drawing.triangles);

@@ -52,7 +52,7 @@ function intervalPicture(ratio, low, high, colour) {
 function rankingColumns(at) {
   const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
   return [
-    ["draw, median (95 %)", "ms", interval],
+    ["draw, median (95\u00a0%)", "ms", interval],
     [words(at.main || "helper_lanes"), "", (row) => number(row[at.main])],
     ["lanes shaded / pixel", "", (row) => number(row.overshading)],
     ["tests / pixel", "", (row) => number(row.bbox_overdraw)],

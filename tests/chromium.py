@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 INSTALL = "Chromium is not installed; run: apt-get install -y chromium"
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -27,6 +27,12 @@ FLAGS = (
     "--remote-debugging-pipe",
 )
 PATIENCE_S = 20.0
+
+REPORT_READY = "document.documentElement?.dataset.ready !== undefined"
+"""A report says so itself, once its scripts have drawn it."""
+
+LOADED = "document.readyState === 'complete'"
+"""What the page names has been asked for, and its scripts have run."""
 
 
 class Chromium:
@@ -97,12 +103,13 @@ class Chromium:
         elif event == "Network.requestWillBeSent":
             self.requests.append(values["request"]["url"])
 
-    def open(self, file: Path) -> None:
-        """Open a file and wait until the page says that it is ready."""
+    def open(self, file: Path, ready: str = REPORT_READY) -> None:
+        """Open a file and wait until the JavaScript condition `ready` holds in it."""
         self.errors.clear()
         self.requests.clear()
-        self.send("Page.navigate", url=file.resolve().as_uri())
-        self.wait("document.documentElement?.dataset.ready !== undefined")
+        address = file.resolve().as_uri()
+        self.send("Page.navigate", url=address)
+        self.wait(f"location.href === {json.dumps(address)} && {ready}")
 
     def wait(self, condition: str) -> None:
         """Wait until a JavaScript condition holds."""
