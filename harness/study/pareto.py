@@ -303,9 +303,14 @@ def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]
         for front in long
     ]
     most = {r["scene"]: max(o["polygons"] for o in _ok(records, r["scene"])) for r in _ok(records)}
-    partial = [r["triangulator"] for r in _ok(records) if r["polygons"] < most[r["scene"]]]
+    partial = [
+        record["triangulator"]
+        for record in records
+        if record["status"] == "skipped"
+        or (record["status"] == "ok" and record["polygons"] < most[record["scene"]])
+    ]
     if partial:
-        said.append(f"left out, as not every polygon can be cut so: {', '.join(_once(partial))}")
+        said.append(f"left out where a polygon cannot be cut so: {', '.join(_once(partial))}")
     return said
 
 
