@@ -21,6 +21,7 @@ from harness.commands import (
     history,
     inspect,
     pareto,
+    repeat,
     report,
     run,
     validate,
@@ -48,6 +49,7 @@ for command in (
     export,
     gains,
     pareto,
+    repeat,
     doctor,
     catalogue,
 ):

@@ -31,6 +31,8 @@ SAME_FOR_ALL = ("fragments", "hits", "samples_passed")
 CRITERIA = {
     "overdraw": "the paper's A",
     "half_perimeter": "half-perimeter H",
+    "expected_quads": "expected quads Q",
+    "expected_blocks": "expected 4x4 blocks P",
     "edge_length": "edge length E",
     "rotation_averaged_overdraw": "rotation-averaged A",
     "shape": "the paper's D",

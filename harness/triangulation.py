@@ -20,7 +20,7 @@ SEED_MARK = "#"
 """`random#7` is the random triangulation of seed 7, whatever the seed of the run, and `pareto#3`
 the third after the first of each polygon's Pareto front."""
 
-NUMBERED = {"random": "seed", "pareto": "k"}
+NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
 """Triangulators that take a number, and the parameter that it is."""
 
 BEFORE_TURNING = "@"

@@ -1,7 +1,7 @@
 """Criteria: what a triangle is predicted to cost, from its coordinates alone.
 
 A criterion sums a per-triangle cost over a triangulation. Every built-in one is a weighted sum of
-the seven features below, so one definition of each serves the optimiser, the predictions and the
+the features below, so one definition of each serves the optimiser, the predictions and the
 tests. A feature is a Numba function of three points given as six numbers; a user's own criterion
 is a function of the same form.
 
@@ -94,6 +94,63 @@ def rotated_bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy:
     return (squares + 2.0 * dots + 2.0 * cross * angles) / (4.0 * math.pi)
 
 
+@njit(cache=True)
+def _left(lost: float, doubled_area: float) -> float:
+    """Area, as a share, of what is common to a triangle and its moved copies."""
+    side = 1.0 - lost / doubled_area
+    return side * side if side > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _expected(
+    size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
+) -> float:
+    """Mean number of size x size blocks with a covered pixel centre, over all positions.
+
+    A block at an unknown place on the grid has covered centres where one of `size`^2 copies of
+    the triangle, moved by whole pixels, covers its corner: the mean is the area of the copies'
+    union over size^2. Inclusion and exclusion over the neighbours among the copies (pairs, triples
+    and fours of each unit square) gives that area. What copies have in common is the triangle
+    itself made smaller, by the edges' normals' least products with the moves, so each term is a
+    square. For size 2 this is exact; for more it counts an 8-connected group of centres once, so
+    only slivers with gaps inside a block count too much.
+    """
+    ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
+    cross = ux * vy - uy * vx
+    if cross == 0.0:
+        return 0.0
+    if cross < 0.0:
+        ux, uy, vx, vy, wx, wy = -ux, -uy, -vx, -vy, -wx, -wy
+        cross = -cross
+    width = max(ax, bx, cx) - min(ax, bx, cx)
+    height = max(ay, by, cy) - min(ay, by, cy)
+    falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
+    rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
+    beside = _left(width, cross) + _left(height, cross)
+    across = _left(falling, cross) + _left(rising, cross)
+    triples = 0.0
+    for right in (-1.0, 1.0):
+        for up in (-1.0, 1.0):
+            lost = min(0.0, right * uy, up * ux) + min(0.0, right * vy, up * vx)
+            triples += _left(-lost - min(0.0, right * wy, up * wx), cross)
+    inner = size - 1.0
+    squares = triples - across - _left(width + height, cross)
+    share = size * size - size * inner * beside + inner * inner * squares
+    return 0.5 * cross * share / (size * size)
+
+
+@njit(cache=True)
+def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """2x2 pixel quads with a covered pixel centre (Q), the mean over positions on the grid."""
+    return _expected(2.0, ax, ay, bx, by, cx, cy)
+
+
+@njit(cache=True)
+def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """4x4 pixel blocks with a covered pixel centre (P), the mean over positions on the grid."""
+    return _expected(4.0, ax, ay, bx, by, cx, cy)
+
+
 FEATURES = (
     "triangles",
     "area",
@@ -102,6 +159,8 @@ FEATURES = (
     "edge_length",
     "shape",
     "rotated_bbox_area",
+    "expected_quads",
+    "expected_blocks",
 )
 
 
@@ -123,12 +182,16 @@ def weighted(
         total += weights[5] * shape(ax, ay, bx, by, cx, cy)
     if weights[6] != 0.0:
         total += weights[6] * rotated_bbox_area(ax, ay, bx, by, cx, cy)
+    if weights[7] != 0.0:
+        total += weights[7] * expected_quads(ax, ay, bx, by, cx, cy)
+    if weights[8] != 0.0:
+        total += weights[8] * expected_blocks(ax, ay, bx, by, cx, cy)
     return total
 
 
 @njit(cache=True)
 def _feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    sums = np.zeros(7)
+    sums = np.zeros(9)
     for row in range(len(triangles)):
         a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -141,6 +204,8 @@ def _feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         sums[4] += edge_length(ax, ay, bx, by, cx, cy)
         sums[5] += shape(ax, ay, bx, by, cx, cy)
         sums[6] += rotated_bbox_area(ax, ay, bx, by, cx, cy)
+        sums[7] += expected_quads(ax, ay, bx, by, cx, cy)
+        sums[8] += expected_blocks(ax, ay, bx, by, cx, cy)
     return sums
 
 
@@ -148,8 +213,8 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     """Sum every criterion over a triangulation.
 
     points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: triangles, area,
-    half_perimeter, bbox_area, edge_length, shape (degrees), overdraw, rotation_averaged_overdraw
-    and complexity (bytes).
+    half_perimeter, bbox_area, edge_length, shape (degrees), expected_quads, expected_blocks,
+    overdraw, rotation_averaged_overdraw and complexity (bytes).
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
@@ -179,7 +244,7 @@ class Criterion:
     normalise: Callable[[np.ndarray, float, int], np.ndarray] | None = None
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
-        """Return the (7,) weights for a polygon of this area and number of triangles."""
+        """Return the (k,) weights of `FEATURES` for a polygon of this area and triangle count."""
         weights = np.array(self.weights, dtype=np.float64)
         if self.normalise is None:
             return weights
@@ -199,6 +264,17 @@ class Criterion:
         if not self.maximum:
             return float(np.dot(weights, sums))
         return max(float(np.dot(weights, _feature_sums(points, row))) for row in rows)
+
+
+CALIBRATED = (
+    "triangles",
+    "area",
+    "half_perimeter",
+    "bbox_area",
+    "expected_quads",
+    "expected_blocks",
+)
+"""Features that a device's time may be made of."""
 
 
 def _linear(name: str, description: str, **coefficients: float) -> Criterion:
@@ -233,15 +309,15 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
 
 
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
-    """A device's fitted cost: coefficients of triangles, area, half_perimeter and bbox_area."""
-    known = FEATURES[:4]
+    """A device's fitted cost: coefficients of some of `CALIBRATED`. Raises `ValueError`."""
+    known = CALIBRATED
     unknown = set(coefficients) - set(known)
     if unknown:
         raise ValueError(
             f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
         )
     return _linear(
-        "calibrated", "coefficients of T, S, w+h, w*h fitted on a device", **coefficients
+        "calibrated", "coefficients of T, S, H, w*h, Q and P fitted on a device", **coefficients
     )
 
 
@@ -250,6 +326,10 @@ CRITERIA: dict[str, Criterion] = {
     for criterion in (
         _linear("overdraw", "bounding-box area minus triangle area (A)", bbox_area=1, area=-1),
         _linear("half-perimeter", "bounding-box width plus height (H)", half_perimeter=1),
+        _linear(
+            "expected-quads", "2x2 pixel quads to shade, over all positions (Q)", expected_quads=1
+        ),
+        _linear("expected-blocks", "4x4 pixel blocks touched, likewise (P)", expected_blocks=1),
         _linear("edge-length", "perimeter (E)", edge_length=1),
         _linear("shape", "deviation of the angles from 60 degrees (D)", shape=1),
         _linear("complexity", "24 bytes a triangle (C)", triangles=BYTES_PER_TRIANGLE),

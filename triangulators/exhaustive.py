@@ -7,6 +7,7 @@ the paper's recursion gives the same and removes duplicates.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -15,9 +16,9 @@ import shapely
 from triangulators import criteria
 from triangulators.cost import cost_of, evaluate
 from triangulators.counting import count_of_cycle, count_triangulations
-from triangulators.errors import TriangulationError
+from triangulators.errors import Skipped, TriangulationError
 from triangulators.paper import Recursion
-from triangulators.polygon import Boundary, boundary, boundary_area, check
+from triangulators.polygon import Boundary, boundary, boundary_area, boundary_of_rings, check
 from triangulators.starts import Cycle, cycle_of
 
 Mode = Literal["conforming", "paper"]
@@ -44,6 +45,10 @@ def enumerate_triangulations(
         return ring.cycle[_all(ring)]
     if mode != "paper":
         raise ValueError(f"mode is 'conforming' or 'paper', not {mode!r}")
+    return _paper(outline, ring)
+
+
+def _paper(outline: Boundary, ring: Cycle) -> list[np.ndarray]:
     _refuse(count_of_cycle(ring), MOST_PAPER)
     found = Recursion(outline.points, drop_straight=True).all(ring.cycle.tolist())
     return [np.array(sorted(triangles), dtype=np.int32) for triangles in sorted(map(sorted, found))]
@@ -120,3 +125,30 @@ def triangulate(
     everything = _all(ring)
     totals = [evaluate(ring.points, triangles, cost) for triangles in everything]
     return ring.cycle[everything[int(np.argmin(totals))]]
+
+
+def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
+    """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
+
+    Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
+    Raises `Skipped` for holes and where the list ends before k, and `TriangulationError` if there
+    are more than 20,000.
+    """
+    everything = _kept(outline.points.tobytes(), tuple(outline.ends.tolist()))
+    if not 0 <= k < len(everything):
+        raise Skipped(f"listed: the list ends at number {len(everything) - 1}, before {k}")
+    return everything[k].copy()
+
+
+@lru_cache(maxsize=8)
+def _kept(points: bytes, ends: tuple[int, ...]) -> list[np.ndarray]:
+    corners = np.frombuffer(points).reshape(-1, 2).copy()
+    outline = boundary_of_rings(corners, np.array(ends, np.uint32))
+    found = _paper(outline, cycle_of(outline, "listed"))
+    return sorted(found, key=lambda triangles: _order(outline.points, triangles))
+
+
+def _order(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:
+    """Return what listed triangulations are sorted by: A and D, rounded so that equal ones tie."""
+    sums = criteria.predict(points, triangles)
+    return round(sums["overdraw"], 9), round(sums["shape"], 9)

@@ -117,6 +117,12 @@ BUILTIN = {
             handles_holes=False,
         ),
         Entry(
+            "listed",
+            "one of all that the paper's method lists, by its number from the least A on; k=",
+            "triangulators.exhaustive:triangulate_listed",
+            handles_holes=False,
+        ),
+        Entry(
             "exhaustive",
             "the best of all triangulations, every one listed (the paper's method)",
             "triangulators.exhaustive:triangulate",

@@ -34,7 +34,11 @@ def calibrate(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
-    """Fit time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) on designed draws; test it on polygons."""
+    """Fit what a draw's time is made of on designed draws, and test the fit on polygons.
+
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cQ*Q + cP*P, of triangles, area, half-perimeter,
+    bounding-box area, expected quads and expected 4x4 blocks.
+    """
     reporter = Reporter(quiet=quiet)
     target = Target(rasteriser, rasterisers.find_device(rasteriser, device))
     loaded = load_scene(scene, seed, reporter)

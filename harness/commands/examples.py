@@ -32,6 +32,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "pareto --scene city --polygons 4 --budget 0.2",
     ),
     "gains": (f"gains {RUN} --out results/gains",),
+    "repeat": (f"repeat {RUN} {RUN}",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

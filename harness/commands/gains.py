@@ -5,28 +5,61 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 from rich.console import Console
 
+from harness.commands.run import split_names
 from harness.errors import NothingMeasured
+from harness.run import full_names
 from harness.store import read_run
 from harness.study import gains as study
+
+MOST_SAID = 12
+"""Views in which another was faster that are named; all are in gains.csv."""
 
 
 def gains(
     runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
     out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
+    bases: Annotated[
+        str, typer.Option(help="Triangulators that ratios are given over; comma-separated.")
+    ] = ",".join(study.BASES),
 ) -> None:
-    """Set each triangulator's time against ear clipping's and Delaunay's, over all views."""
+    """Set each triangulator's time against others', over all views, and say which one is beaten."""
     records = [record for path in runs for record in read_run(path).records]
-    table = study.tabulate(records)
+    wanted = full_names(split_names(bases))
+    table = study.tabulate(records, wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")
     table.to_csv(out / "gains.csv", index=False, float_format="%.5g")
-    Console().print(
+    console = Console()
+    for name in wanted:
+        _say_how_it_did(study.best(table, name), name, console)
+    console.print(
         f"{len(table)} ratios in {out}/gains.csv, {len(files)} plots", markup=False, soft_wrap=True
     )
+
+
+def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
+    """Say in how many views `name` was shown to be slower than some other, and where."""
+    if views.empty:
+        return
+    beaten = views[views["faster"] != ""]
+    console.print(
+        f"{name}: no other shown faster in {len(views) - len(beaten)} of {len(views)} views",
+        markup=False,
+        soft_wrap=True,
+    )
+    for row in beaten.head(MOST_SAID).to_dict("records"):
+        view = f"{row['scene']} {row['resolution']} px"
+        for key, word in (("rotation", "turned"), ("work", "work"), ("samples", "samples")):
+            if row[key] not in (0, 1):
+                view += f", {word} {row[key]:g}"
+        console.print(f"  {view}: {row['faster']} faster", markup=False, soft_wrap=True)
+    if len(beaten) > MOST_SAID:
+        console.print(f"  and {len(beaten) - MOST_SAID} more views", markup=False)
 
 
 def add_to(app: typer.Typer) -> None:

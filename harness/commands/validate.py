@@ -18,7 +18,7 @@ from harness.report import write_report
 from harness.run import Part
 from harness.run import run as carry_out
 from harness.store import read_run
-from harness.study import analysis, matrix
+from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.timing import Settings
 
@@ -56,7 +56,7 @@ def validate(
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=choose_triangulators(design),
+        triangulators=("optimal",),  # each polygon has its own, below
         rasterisers=tuple(named),
         devices=split_names(device),
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
@@ -72,17 +72,25 @@ def validate(
         resume=resume is not None,
         force=force,
         split=lambda label, whole: [
-            Part(f"{label}#{number}", part) for number, part in choose_polygons(whole, design)
+            Part(f"{label}#{number}", part, choose_triangulators(design, part.polygons[0]))
+            for number, part in choose_polygons(whole, design)
         ],
     )
     if not any(record["status"] == "ok" for record in outcome.records):
         raise NothingMeasured("nothing was measured: every case was skipped or failed")
     with reporter.stage("correlating", 1):
-        correlations = analysis.write_correlations(outcome.records, folder)
-        matrix.plot_study(correlations, analysis.tabulate(outcome.records), folder)
+        table = analysis.tabulate(outcome.records)
+        correlations = analysis.write(table, folder)
+        matrix.plot_study(correlations, table, folder)
+        matrix.plot_sizes(analysis.by_resolution(table), folder)
+        ends = extremes.tabulate(outcome.records)
+        ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
+        if ends["scene"].nunique() == 1:
+            extremes.plot_polygon(outcome.records, folder / "plots")
         write_report(read_run(folder))
     console = Console()
     matrix.print_matrix(correlations, console)
+    extremes.print_claim(ends, "overdraw", console)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
 
 

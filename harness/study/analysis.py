@@ -16,6 +16,8 @@ CRITERIA = {
     "shape": "D, shape deviation",
     "complexity": "C, complexity",
     "half_perimeter": "H, half-perimeter",
+    "expected_quads": "Q, expected quads",
+    "expected_blocks": "P, expected 4x4 blocks",
     "edge_length": "E, edge length",
     "rotation_averaged_overdraw": "A averaged over rotation",
     "exact_quads": "quads, exactly",
@@ -41,9 +43,10 @@ def tabulate(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row a polygon, triangulation, rasteriser, device and view, measures as columns.
 
     Triangulators that give a polygon the same triangulation, as their criteria show, stand for
-    one row: a triangulation must not count twice for having two names.
+    one row: a triangulation must not count twice for having two names. Those with T-junctions
+    are left out: they have fewer triangles and cover other pixels.
     """
-    good = [r for r in records if r["status"] == "ok" and r["polygons"]]
+    good = [r for r in records if r["status"] == "ok" and r["polygons"] and r["conforming"]]
     rows: dict[tuple[object, ...], dict[str, object]] = {}
     for record in good:
         options = record["options"]
@@ -127,8 +130,23 @@ def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimat
     return [*within(columns), *pooled(columns, triangles)]
 
 
-def write_correlations(records: Sequence[Record], folder: Path) -> pd.DataFrame:
-    """Write correlations.csv into a study's folder and return what it holds."""
-    correlations = correlate(tabulate(records))
+def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Write what `tabulate` gave as measured.csv and its correlations.csv; returns the latter."""
+    table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
+    correlations = correlate(table)
     correlations.to_csv(folder / "correlations.csv", index=False, float_format="%.6g")
+    sizes = by_resolution(table)
+    if not sizes.empty:
+        sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")
     return correlations
+
+
+def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
+    """Return `correlate` of each resolution by itself, with the resolution; empty for one alone."""
+    if table.empty or table["resolution"].nunique() < 2:
+        return pd.DataFrame()
+    parts = [
+        correlate(part).assign(resolution=size)
+        for size, part in table.groupby("resolution", sort=True)
+    ]
+    return pd.concat(parts, ignore_index=True)

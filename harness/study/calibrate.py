@@ -95,7 +95,7 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
-    """Return (k, 5) rows of `calibration.TERMS`, from coordinates alone."""
+    """Return (k, 7) rows of `calibration.TERMS`, from coordinates alone."""
     return np.array(
         [
             calibration.terms(predict(frame.points / SUBPIXEL, triangles))
@@ -180,7 +180,9 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        return {name: float(stored[name]) for name in calibration.TERMS}
+        # A file from before there were Q and P weighs them with nothing.
+        since = dict.fromkeys(calibration.TERMS[5:], 0.0)
+        return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:
         raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
     except (OSError, ValueError, KeyError, TypeError) as error:

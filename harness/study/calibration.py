@@ -1,8 +1,9 @@
 """Fits what a device's time is made of, on draws designed to tell the parts apart.
 
-    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h)
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cQ*Q + cP*P
 
-with T triangles, S their area, H the half-perimeters and w*h the areas of their bounding boxes.
+with T triangles, S their area, H the half-perimeters, w*h the areas of their bounding boxes, and Q
+and P the expected quads and 4x4 blocks, which unlike H are small for slivers that cover nothing.
 The fit is non-negative, because no part can make a draw faster, and robust, because a draw that
 something else disturbed must not bend it. It stays a sum over triangles, so `optimal:calibrated`
 minimises it exactly.
@@ -21,14 +22,26 @@ from shapely import Polygon
 
 from harness.frame import SUBPIXEL
 
-TERMS = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
-"""Columns of a design: one for the draw itself, then T, S, H and the sum of w*h."""
+TERMS = (
+    "draw",
+    "triangles",
+    "area",
+    "half_perimeter",
+    "bbox_area",
+    "expected_quads",
+    "expected_blocks",
+)
+"""Columns of a design: one for the draw itself, then T, S, H, the sum of w*h, Q and P."""
 
-UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2")
+UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2", "s", "s")
 
 VERTICES = (6, 12, 24, 48, 96)
 EXTENTS = (0.03, 0.06, 0.12, 0.25, 0.5, 0.95)
 """Sizes of the designed polygons as shares of the viewport."""
+
+SHAPES = ((0.35, 1.0), (0.35, 0.05), (0.97, 1.0))
+"""Least radius of a star, as a share of its greatest, and how far it is squeezed. The squeezed and
+the nearly round are cut into slivers, which tell what is covered from what is only bounded."""
 
 CUTS = ("delaunay", "optimal:half-perimeter", "worst:half-perimeter", "random#0", "random#1")
 
@@ -58,26 +71,32 @@ class Fit:
 def designed_polygons(resolution: int, seed: int = 0) -> list[tuple[Polygon, int]]:
     """Return (polygon in a viewport of `resolution` px, copies) that vary T, S, H and w*h.
 
-    Stars of random radii, some squeezed and turned, of every number of vertices in `VERTICES` and
-    every extent in `EXTENTS`. Small ones are drawn in many copies, so that a draw's own cost
+    Stars of random radii, turned, of all numbers of vertices in `VERTICES`, `EXTENTS` and `SHAPES`.
+    Small ones are drawn in many copies, so that a draw's own cost
     can be told from that of its triangles.
     """
     random = np.random.default_rng(seed)
     found = []
     for number in VERTICES:
         for extent in EXTENTS:
-            for squeeze in (1.0, 0.25):
+            for least, squeeze in SHAPES:
                 copies = 8 if extent < 0.2 and random.random() < 0.5 else 1
-                found.append((_star(random, resolution, number, extent, squeeze), copies))
+                star = _star(random, resolution, number, extent, least, squeeze)
+                found.append((star, copies))
     return found
 
 
 def _star(
-    random: np.random.Generator, resolution: int, number: int, share: float, squeeze: float
+    random: np.random.Generator,
+    resolution: int,
+    number: int,
+    share: float,
+    least: float,
+    squeeze: float,
 ) -> Polygon:
     extent = share * resolution
     turn = 2 * np.pi * (np.arange(number) + random.uniform(-0.3, 0.3, number)) / number
-    radius = random.uniform(0.35, 1.0, number) * extent / 2
+    radius = random.uniform(least, 1.0, number) * extent / 2
     xy = np.column_stack([radius * np.cos(turn), squeeze * radius * np.sin(turn)])
     angle = random.uniform(0, np.pi)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -91,7 +110,7 @@ def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 def fit(design: Design, seconds: NDArray[np.float64], seed: int = 0, resamples: int = 200) -> Fit:
-    """Fit non-negative coefficients to (k, 5) rows of `TERMS` and (k,) times.
+    """Fit non-negative coefficients to (k, 7) rows of `TERMS` and (k,) times.
 
     Errors are relative, so that short draws count as much as long ones.
     """
@@ -135,7 +154,7 @@ def _solve(design: Design, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
-    """Return the (k,) seconds that coefficients predict for (k, 5) rows of `TERMS`."""
+    """Return the (k,) seconds that coefficients predict for (k, 7) rows of `TERMS`."""
     return design @ np.array([fitted[name] for name in TERMS])
 
 

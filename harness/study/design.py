@@ -18,11 +18,12 @@ from shapely import Polygon
 from harness.errors import UsageError
 from scenes import Scene
 from triangulators import registry
+from triangulators.exhaustive import count_triangulations, enumerate_triangulations
 
-STEERED = ("overdraw", "shape", "half-perimeter", "edge-length")
+STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""
 
-NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto")
+NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
 """Triangulators that are not methods a program would choose by name."""
 
 FEWEST_VERTICES = 8
@@ -36,11 +37,14 @@ class Design:
     polygons : how many are drawn from the scene
     random : random triangulations of each
     most_vertices : larger polygons are left out, because their optima take long
+    all_below : a polygon with fewer triangulations is cut in all ways, instead of at random; those
+        with T-junctions that the paper's method makes are among them
     """
 
     polygons: int = 24
     random: int = 30
     most_vertices: int = 400
+    all_below: int = 100
 
 
 def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
@@ -81,12 +85,15 @@ def _alone(scene: Scene, number: int) -> Scene:
     return replace(scene, polygons=polygons, attributes=attributes, dropped=[], repaired=[])
 
 
-def choose_triangulators(design: Design) -> tuple[str, ...]:
-    """Return the names of all triangulations to measure of each polygon."""
+def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
+    """Return the names of all triangulations to measure of a polygon without holes."""
     named = [
         name
         for name, entry in registry.BUILTIN.items()
         if name not in NOT_NAMED and entry.available() is None
     ]
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
+    if count_triangulations(polygon) < design.all_below:
+        count = len(enumerate_triangulations(polygon, "paper"))
+        return (*named, *steered, *(f"listed#{k}" for k in range(count)))
     return (*named, *steered, *(f"random#{seed}" for seed in range(design.random)))

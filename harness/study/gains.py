@@ -16,7 +16,8 @@ from harness.summary import groups, time_ratio
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BASES = ("ear-clipping", "delaunay")
+BASES = ("ear-clipping", "delaunay", "optimal:calibrated")
+"""What ratios are given over: what programs use today, and the best that the harness knows."""
 
 AXES = {
     "resolution": "viewport (px)",
@@ -27,7 +28,7 @@ AXES = {
 """What varies in a study of gains, each with its axis label."""
 
 
-def tabulate(records: Sequence[Record]) -> pd.DataFrame:
+def tabulate(records: Sequence[Record], bases: Sequence[str] = BASES) -> pd.DataFrame:
     """Return one row a case and base: the paired ratio of times and of helper lanes.
 
     Cases that left polygons out have no ratio: their times are of less work.
@@ -35,10 +36,10 @@ def tabulate(records: Sequence[Record]) -> pd.DataFrame:
     rows = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok"]
-        bases = {record["triangulator"]: record for record in good}
+        named = {record["triangulator"]: record for record in good}
         for record in good:
-            for name in BASES:
-                row = _row(record, bases.get(name), name)
+            for name in bases:
+                row = _row(record, named.get(name), name)
                 if row is not None:
                     rows.append(row)
     return pd.DataFrame(rows)
@@ -67,6 +68,25 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         "helper_lanes_ratio": lanes[0] / lanes[1] if lanes[0] and lanes[1] else None,
         "polygons": record["polygons"],
     }
+
+
+def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return how `name` did against all others, one row a scene, device, view and shading.
+
+    rivals : triangulators timed beside it on the same polygons; faster : those that the 95 %
+    interval shows to be faster than it, and by how much
+    """
+    own = table[(table["base"] == name) & (table["triangulator"] != name)]
+    where = ["scene", "rasteriser", "device", *AXES]
+    rows = []
+    for keys, part in own.groupby(where, sort=False):
+        ahead = part[part["verdict"] == "faster"]
+        shares = 1 - ahead["time_ratio"].to_numpy()
+        names = [f"{n} {s:.1%}" for n, s in zip(ahead["triangulator"], shares, strict=True)]
+        rows.append(
+            {**dict(zip(where, keys, strict=True)), "rivals": len(part), "faster": "; ".join(names)}
+        )
+    return pd.DataFrame(rows, columns=[*where, "rivals", "faster"])
 
 
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:

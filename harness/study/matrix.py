@@ -29,11 +29,15 @@ LABELS = {
 
 MATCHING = {
     "helper_lanes": "half_perimeter",
-    "quads": "exact_quads",
+    "quads": "expected_quads",
     "bbox_tests": "bbox_area",
-    "time_work_0": "half_perimeter",
+    "time_work_0": "expected_blocks",
 }
 """Measure -> the prediction of the same thing, for the scatter plots' ideal line."""
+
+
+OVER_RESOLUTION = ("expected_quads", "half_perimeter", "edge_length", "overdraw", "shape")
+"""Criteria whose correlations are drawn over the resolution."""
 
 
 def label(measure: str) -> str:
@@ -92,6 +96,62 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
                     figure.savefig(file)
                     files.append(file)
     return files
+
+
+def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw how the criteria's rank correlations depend on the resolution, a figure a device.
+
+    sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
+    """
+    import matplotlib
+
+    files: list[Path] = []
+    if sizes.empty:
+        return files
+    for (rasteriser, device), part in select(sizes, "spearman_within").items():
+        # Quads are ranked as helper lanes are: all triangulations have the same fragments.
+        wanted = [m for m in dict.fromkeys(part["measure"]) if m in MATCHING and m != "quads"]
+        with matplotlib.rc_context(STYLE):
+            figure = _lines(part, wanted, f"{rasteriser} on {device}")
+        for suffix in ("png", "svg"):
+            file = folder / "plots" / f"criteria-over-resolution-{rasteriser}-{device}.{suffix}"
+            if figure is not None:
+                figure.savefig(file)
+                files.append(file)
+    return files
+
+
+def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None:
+    from matplotlib.figure import Figure
+
+    if not measures:
+        return None
+    figure = Figure(figsize=(max(3.4 * len(measures), 4.6), 3.4))
+    row = figure.subplots(1, len(measures), squeeze=False)[0]
+    for axes, measure in zip(row, measures, strict=True):
+        for index, criterion in enumerate(OVER_RESOLUTION):
+            line = part[(part["criterion"] == criterion) & (part["measure"] == measure)]
+            # Beside each other, so that intervals can be told apart.
+            aside = 1 + 0.03 * (index - len(OVER_RESOLUTION) // 2)
+            axes.errorbar(
+                line["resolution"] * aside,
+                line["value"],
+                yerr=[line["value"] - line["ci_low"], line["ci_high"] - line["value"]],
+                color=COLOURS[index % len(COLOURS)],
+                marker=MARKERS[index % len(MARKERS)],
+                markersize=4,
+                linewidth=1,
+                elinewidth=0.7,
+                label=CRITERIA[criterion],
+            )
+        axes.set_xscale("log", base=2)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlabel("viewport that a polygon fills (px)")
+        axes.set_ylabel(f"rank correlation with {label(measure)}")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.suptitle(f"{title}: medians over polygons, 95 % intervals", fontsize=9)
+    return figure
 
 
 def _heatmap(part: pd.DataFrame, title: str) -> Figure:

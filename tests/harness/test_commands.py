@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -86,6 +87,42 @@ def test_gains_set_times_against_a_base(harness, block):
     assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
     names = [path.name for path in Path("gains/plots").iterdir()]
     assert any(name.startswith("gain-resolution-") for name in names)
+
+
+def test_gains_say_who_is_beaten(harness, block):
+    """The mock's times go with its counters, so who is ahead is known beforehand."""
+    run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
+    assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
+    code, out, _ = harness("gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping")
+    assert code == 0
+    table = pd.read_csv("gains/gains.csv")
+    assert set(table["base"]) == {"optimal:overdraw", "ear-clipping"}
+    for base in ("optimal:overdraw", "ear-clipping"):
+        own = table[table["base"] == base]
+        beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
+        assert f"{base}: no other shown faster in {2 - beaten} of 2 views" in out
+    code, _, err = harness("gains", "run", "--out", "gains", "--bases", "nothing")
+    assert code == 2
+    assert_one_line(err, "unknown triangulator")
+
+
+def test_repeat_compares_counters_and_verdicts(harness, block):
+    plan = ("run", "--scene", str(block), "--resolution", "64", *MOCK)
+    for out in ("one", "two"):
+        assert harness(*plan, "--triangulators", "ear-clipping,optimal,worst", "--out", out)[0] == 0
+    code, out, _ = harness("repeat", "one", "two")
+    assert code == 0
+    assert "counters: equal in 3 of 3 cases" in out
+    assert re.search(r"verdicts: [\d.]+% of \d pairs agree", out)
+    cases = Path("two/cases.jsonl")
+    cases.write_text(re.sub(r'"quads": (\d+)', r'"quads": 1\1', cases.read_text(), count=1))
+    code, out, _ = harness("repeat", "one", "two")
+    assert code == 1
+    assert "counters: equal in 2 of 3 cases" in out
+    assert harness(*plan[:3], "--resolution", "128", *MOCK, "--out", "other")[0] == 0
+    code, _, err = harness("repeat", "one", "other")
+    assert code == 2
+    assert_one_line(err, "no case in common")
 
 
 def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):

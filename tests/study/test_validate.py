@@ -11,7 +11,8 @@ import pytest
 from harness.cli import main
 from harness.errors import UsageError
 from harness.store import read_run
-from harness.study.analysis import correlate, tabulate
+from harness.study import extremes
+from harness.study.analysis import by_resolution, correlate, tabulate
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from scenes import load
 
@@ -36,10 +37,18 @@ def test_polygons_are_simple_and_of_all_sizes():
 
 
 def test_triangulations_are_sampled_broadly():
-    names = choose_triangulators(Design(random=30))
+    city = load("city:buildings=80")
+    polygon = choose_polygons(city, Design(polygons=3))[1][1].polygons[0]
+    names = choose_triangulators(Design(random=30), polygon)
     assert {"ear-clipping", "delaunay", "optimal:overdraw", "worst:half-perimeter"} <= set(names)
     assert sum(name.startswith("random#") for name in names) == 30
     assert len(set(names)) == len(names)
+
+
+def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
+    names = choose_triangulators(Design(random=30), load("paper").polygons[0])
+    assert sum(name.startswith("listed#") for name in names) == 47
+    assert not any(name.startswith("random") for name in names)
 
 
 def test_a_scene_without_simple_polygons_is_refused():
@@ -109,3 +118,59 @@ def test_all_triangulations_of_the_papers_polygon_are_listed(monkeypatch, tmp_pa
     assert table.loc[0, "overdraw"] == 53
     assert not table.loc[0, "conforming"]
     assert table[table["conforming"]]["overdraw"].min() == 56
+
+
+def test_worst_over_best_is_what_the_counters_say(study):
+    ends = pd.read_csv(study / "extremes.csv")
+    measured = pd.read_csv(study / "measured.csv").set_index(["rasteriser", "polygon"])
+    tests = ends[(ends["measure"] == "bbox_tests") & (ends["among"] == "conforming")]
+    assert len(tests) == 6 * 4
+    for row in tests[tests["criterion"] == "overdraw"].to_dict("records"):
+        polygon = measured.loc[(row["rasteriser"], row["scene"])]
+        assert row["ratio"] == pytest.approx(
+            polygon["bbox_tests"].max() / polygon["bbox_tests"].min(), rel=0.01
+        )
+        a = polygon["overdraw"]
+        assert row["predicted_ratio"] == pytest.approx(a.max() / a.min(), rel=1e-4)
+        # A leaves out the area, which every triangulation has to fill: it promises too much.
+        assert 1 < row["ratio"] < row["predicted_ratio"]
+
+
+def test_the_expected_quads_rank_better_than_the_half_perimeter(study):
+    table = pd.read_csv(study / "correlations.csv")
+    wanted = (table["rasteriser"] == "reference") & (table["measure"] == "helper_lanes")
+    cells = table[wanted & (table["statistic"] == "spearman_within")].set_index("criterion")[
+        "value"
+    ]
+    assert cells["expected_quads"] > 0.98
+    assert cells["expected_quads"] > cells["half_perimeter"] > cells["overdraw"]
+    slopes = table[wanted & (table["statistic"] == "slope_within")].set_index("criterion")["value"]
+    assert slopes["expected_quads"] > 1  # a helper lane is a quarter of a quad
+
+
+def test_correlations_of_each_resolution(study):
+    table = pd.read_csv(study / "measured.csv")
+    assert by_resolution(table).empty
+    twice = pd.concat([table, table.assign(resolution=64)])
+    sizes = by_resolution(twice)
+    assert set(sizes["resolution"]) == {64, 512}
+    once = correlate(table)
+    again = sizes[sizes["resolution"] == 512].drop(columns="resolution").reset_index(drop=True)
+    pd.testing.assert_frame_equal(again, once)
+
+
+def test_a_polygon_is_drawn_with_its_t_junctions_marked(study, tmp_path):
+    records = read_run(study).records
+    first = [record for record in records if record["scene"] == records[0]["scene"]]
+    # As if the best by A had a T-junction, as the paper's own best has.
+    best = min(record["predicted"]["overdraw"] for record in first)
+    some = [dict(r, conforming=r["predicted"]["overdraw"] > best) for r in first]
+    files = extremes.plot_polygon(some, tmp_path)
+    assert {"measured-over-a-reference-cpu.png", "measured-over-a-reference-cpu.svg"} <= {
+        file.name for file in files
+    }
+    drawn = (tmp_path / "measured-over-a-reference-cpu.svg").read_text()
+    assert "with T-junctions" in drawn
+    table = extremes.tabulate(some)
+    promised = table[table["criterion"] == "overdraw"].groupby("among")["predicted_ratio"].max()
+    assert promised["all"] > promised["conforming"]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area
+from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area, union_of_copies
 from triangulators import UnknownName, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, FEATURES, predict
 
@@ -19,7 +19,14 @@ ONE = np.array([[0, 1, 2]])
 def test_each_equals_its_plain_definition(triangle):
     assume(abs(twice_area(*triangle)) > 0.5)
     found = predict(np.array(triangle), ONE)
-    for name in ("overdraw", "half-perimeter", "edge-length", "shape", "complexity"):
+    for name in (
+        "overdraw",
+        "half-perimeter",
+        "edge-length",
+        "shape",
+        "complexity",
+        "expected-quads",
+    ):
         expected = brute_cost(name, *triangle)
         assert found[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
@@ -42,6 +49,29 @@ def test_rotation_average_is_the_average_over_rotations(triangle):
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)
 
 
+@settings(deadline=None)
+@given(corners)
+def test_expected_blocks_are_exact_but_for_slivers_with_gaps(triangle):
+    area = abs(twice_area(*triangle)) / 2
+    assume(area > 0.25)
+    found = predict(np.array(triangle), ONE)["expected_blocks"]
+    exact = union_of_copies(triangle, 4)
+    # Each covered centre for itself is the most that gaps can make of it.
+    assert exact * (1 - 1e-9) - 1e-9 <= found <= area + 1e-9
+    sides = [np.subtract(triangle[k - 1], triangle[k]) for k in range(3)]
+    if 2 * area / max(np.hypot(*side) for side in sides) > 4:
+        assert found == pytest.approx(exact, rel=0.03)
+
+
+def test_large_triangles_have_the_textbook_number_of_quads():
+    """(S + (b-1)(w+h) + (b-1)^2) / b^2 blocks of b x b are touched; corners may miss a centre."""
+    points = np.array([[0.0, 0.0], [900.0, 100.0], [300.0, 700.0]])
+    found = predict(points, ONE)
+    textbook = (found["area"] + found["half_perimeter"] + 1) / 4
+    assert found["expected_quads"] == pytest.approx(textbook, rel=1e-5)
+    assert found["expected_quads"] < textbook
+
+
 def test_sums_and_keys():
     polygon = paper_polygon()
     found = predict(vertices(polygon), triangulate(polygon, "optimal"))
@@ -53,6 +83,8 @@ def test_sums_and_keys():
         "edge_length",
         "shape",
         "overdraw",
+        "expected_quads",
+        "expected_blocks",
         "rotation_averaged_overdraw",
         "complexity",
     }
@@ -78,7 +110,7 @@ def test_mixed_is_normalised_as_stated():
 def test_calibrated_takes_coefficients_by_name():
     points, triangles = vertices(star(20)), triangulate(star(20), "delaunay")
     sums = predict(points, triangles)
-    coefficients = {"triangles": 2.0, "area": 3.0, "half_perimeter": 5.0, "bbox_area": 7.0}
+    coefficients = {name: 2.0 + k for k, name in enumerate(criteria.CALIBRATED)}
     expected = sum(weight * sums[key] for key, weight in coefficients.items())
     found = criteria.find("calibrated", coefficients=coefficients)
     assert found.total(points, triangles) == pytest.approx(expected, rel=1e-12)

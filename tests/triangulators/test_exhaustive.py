@@ -15,6 +15,7 @@ from tests.triangulators.cases import (
     with_hole,
 )
 from triangulators import Skipped, TriangulationError, triangulate
+from triangulators.criteria import predict
 from triangulators.exhaustive import count_triangulations, enumerate_triangulations, tabulate
 from triangulators.paper import Recursion
 from triangulators.polygon import boundary
@@ -98,3 +99,19 @@ def test_too_many_is_an_error_that_names_the_count_and_the_way_out():
 def test_holes_are_skipped():
     with pytest.raises(Skipped, match="holes"):
         triangulate(with_hole(np.random.default_rng(0), 8, 3), "exhaustive")
+
+
+def test_listed_gives_all_of_the_papers_mode_by_overdraw():
+    table = tabulate(paper_polygon(), "paper")
+    points = boundary(paper_polygon()).points
+    found = [triangulate(paper_polygon(), "listed", k=k) for k in range(47)]
+    assert len({tuple(sorted(map(tuple, triangles.tolist()))) for triangles in found}) == 47
+    costs = [predict(points, triangles)["overdraw"] for triangles in found]
+    assert costs == pytest.approx(sorted(table["overdraw"]))
+    assert costs[0] == 53.0
+    assert not verify(paper_polygon(), found[0]).conforming
+    assert sum(verify(paper_polygon(), triangles).conforming for triangles in found) == 29
+    with pytest.raises(Skipped, match="ends at number 46"):
+        triangulate(paper_polygon(), "listed", k=47)
+    with pytest.raises(TriangulationError, match="more than 20000"):
+        triangulate(convex(20), "listed")

@@ -3,7 +3,7 @@
 const chart = { plot: null, marks: [], at: -1 };
 
 const UNITS = { overdraw: "px²", half_perimeter: "px", edge_length: "px", shape: "degrees", complexity: "bytes",
-  rotation_averaged_overdraw: "px²" };
+  rotation_averaged_overdraw: "px²", expected_quads: "quads", expected_blocks: "blocks" };
 
 const chosen = (id) => $(id).value;
 const isRatio = () => chosen("scale") === "ratio";

@@ -1,0 +1,47 @@
+"""`harness repeat`: does a second run say what the first one said?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.errors import UsageError
+from harness.store import read_run
+from harness.study.repeat import repeat as compare
+
+
+def repeat(
+    first: Annotated[Path, typer.Argument(help="Run folder.")],
+    second: Annotated[Path, typer.Argument(help="Run folder of the same plan.")],
+) -> None:
+    """Check that two runs of one plan have equal counters, and how often verdicts agree.
+
+    Every two triangulations of the same polygons that were timed together are a pair, with a
+    verdict in each run: faster, slower, or no difference shown. Exits with 1 if a counter differs.
+    """
+    found = compare(read_run(first).records, read_run(second).records)
+    if not found.cases:
+        raise UsageError(f"{first} and {second} have no case in common: run the same plan twice")
+    console = Console()
+
+    def say(text: str) -> None:
+        console.print(text, markup=False, soft_wrap=True, highlight=False)
+
+    same = found.cases - len(found.unequal)
+    say(f"counters: equal in {same:,} of {found.cases:,} cases")
+    for key in found.unequal[:5]:
+        say(f"  differ: {key}")
+    if found.pairs:
+        say(
+            f"verdicts: {found.agreeing / found.pairs:.1%} of {found.pairs:,} pairs agree, "
+            f"{found.opposite / found.pairs:.2%} are opposite"
+        )
+    raise typer.Exit(1 if found.unequal else 0)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(repeat)
