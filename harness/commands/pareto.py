@@ -80,7 +80,7 @@ def pareto(
         write_report(run)
     console = Console(highlight=False)
     pareto_answer.print_table(table, Path(scene).name, console)
-    for line in (*pareto_answer.sentences(table), *study.remarks(run.records, fronts)):
+    for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
     if outcome.interrupted:

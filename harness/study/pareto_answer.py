@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.study.pareto import WHOLE
+from harness.store import Record
+from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, Front
+from harness.summary import groups
 
 FASTER, SLOWER = "faster", "slower"
 
@@ -154,3 +156,52 @@ def _count(number: int, one: str, many: str) -> str:
 def _percent(low: float, high: float) -> str:
     ends = [f"{100 * value:.1f}" for value in (low, high)]
     return f"{ends[0]} %" if ends[0] == ends[1] else f"{ends[0]} to {ends[1]} %"
+
+
+def gamma_changes(records: Sequence[Record]) -> tuple[int, int]:
+    """Return in how many of how many groups the weight of C changed A or D of the optimum."""
+    changed = compared = 0
+    for members in groups(records):
+        found = {r["triangulator"]: r["predicted"] for r in members if r["status"] == "ok"}
+        if WITHOUT_C in found and WITH_C in found:
+            compared += 1
+            pairs = [(found[WITHOUT_C][n], found[WITH_C][n]) for n in ("overdraw", "shape")]
+            changed += any(abs(a - b) > SAME * abs(a) for a, b in pairs)
+    return changed, compared
+
+
+def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]:
+    """Say what a reader must know: what C does, and what was not measured or left out."""
+    said = []
+    changed, compared = gamma_changes(records)
+    if compared and not changed:
+        said.append(
+            f"gamma changes nothing: {WITH_C} and {WITHOUT_C} have the same A and D, as C is the "
+            "same for every triangulation of a polygon"
+        )
+    elif compared:
+        said.append(f"gamma changed A or D of {changed} of {compared} optima: costs that tie")
+    long = [front for front in fronts.values() if len(front.chosen) < len(front.costs)]
+    said += [
+        f"polygon {front.polygon}: {len(front.chosen)} of the front's {len(front.costs)} points "
+        "were measured, at even steps with both ends"
+        for front in long
+    ]
+    most = {r["scene"]: max(o["polygons"] for o in _ok(records, r["scene"])) for r in _ok(records)}
+    partial = [
+        record["triangulator"]
+        for record in records
+        if record["status"] == "skipped"
+        or (record["status"] == "ok" and record["polygons"] < most[record["scene"]])
+    ]
+    if partial:
+        said.append(f"left out where a polygon cannot be cut so: {', '.join(_once(partial))}")
+    return said
+
+
+def _ok(records: Sequence[Record], scene: str | None = None) -> list[Record]:
+    return [r for r in records if r["status"] == "ok" and scene in (None, r["scene"])]
+
+
+def _once(names: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(names))

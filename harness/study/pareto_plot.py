@@ -44,7 +44,8 @@ def plot(table: pd.DataFrame, fronts: Mapping[str, Front], scene: str, folder: P
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
-        title = f"{scene}: {rasteriser} on {device}"
+        size = part["resolution"].iloc[0]
+        title = f"{scene}, {size} px: {rasteriser} on {device}"
         whole = part["polygon"] == WHOLE
         chosen = {"pareto": part[whole] if whole.any() else part}
         if whole.any() and not whole.all():
@@ -77,8 +78,6 @@ def _figure(rows: pd.DataFrame, fronts: Mapping[str, Front], title: str) -> Figu
         number = str(part["polygon"].iloc[0])
         front = known.get(number)
         _panel(panel, part, front, norm, large=len(parts) == 1)
-        if front is not None and len(parts) > 1:
-            panel.set_title(f"polygon {number}: front of {len(front.costs)}", fontsize=8)
     for panel in panels[len(parts) :]:
         panel.set_visible(False)
     if norm is not None:
@@ -111,7 +110,7 @@ def _panel(
         panel.scatter(cloud[:, 0], cloud[:, 1], s=6, color="#BBBBBB", linewidths=0, zorder=1)
     _line(panel, part, front)
     for kind, mark in MARKS.items():
-        _marks(panel, part[part["kind"] == kind], mark, norm, size=30 if large else 18)
+        _marks(panel, part[part["kind"] == kind], mark, norm, size=30 if large else 22)
     panel.set_xlabel("A over the area" if front else "A over the area, mean of the polygons")
     panel.set_ylabel("D per triangle (degrees)")
     panel.margins(0.08)
@@ -119,7 +118,9 @@ def _panel(
         _name(panel, part)
         _legend(panel, front)
     else:
-        _number(panel, part)
+        beyond = ", ".join(_number(panel, part))
+        title = f"polygon {part['polygon'].iloc[0]}: front of {_points(front)}"
+        panel.set_title(title + (f"\nbeyond: {beyond}" if beyond else ""), fontsize=7)
 
 
 def _scale(part: pd.DataFrame) -> NDArray[np.float64]:
@@ -134,8 +135,7 @@ def _legend(panel: Axes, front: Front | None) -> None:
     if front is None:
         line = "alpha to beta swept from A alone to D alone"
     else:
-        size = len(front.costs)
-        line = f"Pareto front: {size} {'point' if size == 1 else 'points'}"
+        line = f"Pareto front: {_points(front)}"
     marks = [
         _key("o", line, "white", "-"),
         _key("D", "named", "white", ""),
@@ -144,6 +144,11 @@ def _legend(panel: Axes, front: Front | None) -> None:
         marks.append(_key("o", f"all {len(front.everything)} triangulations", "#BBBBBB", ""))
     place: Literal["lower right", "center right"] = "lower right" if front else "center right"
     panel.legend(handles=marks, loc=place, fontsize=6.5)
+
+
+def _points(front: Front | None) -> str:
+    size = 0 if front is None else len(front.costs)
+    return f"{size} {'point' if size == 1 else 'points'}"
 
 
 def _key(mark: str, text: str, fill: str, line: Literal["-", ""]) -> Line2D:
@@ -162,8 +167,8 @@ def _key(mark: str, text: str, fill: str, line: Literal["-", ""]) -> Line2D:
     )
 
 
-def _number(panel: Axes, part: pd.DataFrame) -> None:
-    """Show a front's neighbourhood; number what is named there and say how much lies beyond."""
+def _number(panel: Axes, part: pd.DataFrame) -> list[str]:
+    """Show a front's neighbourhood; number what is named there, and return what lies beyond."""
     front = part[part["kind"] != "named"]
     rows = part[part["kind"] == "named"]
     inside = pd.Series(True, index=rows.index)
@@ -188,19 +193,7 @@ def _number(panel: Axes, part: pd.DataFrame) -> None:
             fontsize=6,
             annotation_clip=True,
         )
-    beyond = [str(NUMBERS[name]) for name in rows.loc[~inside, "triangulator"]]
-    if beyond:
-        panel.text(
-            0.98,
-            0.98,
-            f"beyond: {', '.join(beyond)}",
-            transform=panel.transAxes,
-            ha="right",
-            va="top",
-            fontsize=6,
-            zorder=4,
-            bbox={"color": "white", "pad": 1},
-        )
+    return [str(NUMBERS[name]) for name in rows.loc[~inside, "triangulator"]]
 
 
 def _line(panel: Axes, part: pd.DataFrame, front: Front | None) -> None:
@@ -232,7 +225,7 @@ def _marks(
             cmap=colours,
             norm=None if colours is None else norm,
             edgecolors=["black" if ringed else LINE for ringed in faster],
-            linewidths=[1.8 if ringed else 0.5 for ringed in faster],
+            linewidths=[1.3 if ringed else 0.5 for ringed in faster],
         )
 
 

@@ -53,6 +53,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
     assert "A and D agree, so that the front is one point" in out
     assert "gamma changes nothing" in out
+    assert "left out where a polygon cannot be cut so: fan" in out
     sweep = table[table["kind"] == "sweep"]
     assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
     assert sweep["same_as_end"].all()
@@ -90,7 +91,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
     # Neither can cut polygons with holes, so their sums are of less.
     assert not set(whole["triangulator"]) & {"fan", "max-area"}
-    assert "left out, as not every polygon can be cut so: fan, max-area" in out
+    assert "left out where a polygon cannot be cut so: fan, max-area" in out
 
 
 def test_rows_hold_the_records_figures_and_paired_times(study):
