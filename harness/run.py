@@ -45,6 +45,7 @@ def run(
     force: bool = False,
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
+    database: Path | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -52,6 +53,7 @@ def run(
     force : resume even where plan, code or device differ from those of the run
     open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
+    database : model database that triangulations are read from and written to; None for none
 
     Raises
     ------
@@ -67,7 +69,7 @@ def run(
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        bench = Bench(open_worker, plan.timeout_s)
+        bench = Bench(open_worker, plan.timeout_s, database)
         # Of a file only its name: the same file elsewhere is the same scene.
         label = Path(plan.scene).name
         parts = split(label, scene) if split else [(label, scene)]

@@ -122,6 +122,8 @@ class Runner:
                 except TaskFailed as error:
                     self._give_up(name, groups, "failed", str(error))
                 else:
+                    for note in result.notes:
+                        self.reporter.warn_once(note)
                     triangles = frame.join(result.parts)
                     if len(triangles):
                         prediction = records.predict_frame(frame, result.parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,15 @@ def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     content = {"type": "FeatureCollection", "crs": crs, "features": features}
     path.write_text(json.dumps(content))
     return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep tests, and the programs they start, away from the user's model database."""
+    with pytest.MonkeyPatch.context() as patch:
+        place = tmp_path_factory.mktemp("cache") / "triangulations.sqlite"
+        patch.setenv("RASTER_HARNESS_CACHE", str(place))
+        yield
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.cache import default_path
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import View
 from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
@@ -116,6 +117,9 @@ def run(
     calibration: Annotated[
         Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
     ] = None,
+    cached: Annotated[
+        bool, typer.Option("--cache/--no-cache", help="Use the model database.")
+    ] = True,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
     ] = False,
@@ -154,7 +158,14 @@ def run(
     _load_ahead()
     folder = resume or out or default_folder(plan.scene)
     reporter = Reporter(quiet=quiet)
-    outcome = carry_out(plan, folder, reporter, resume=resume is not None, force=force)
+    outcome = carry_out(
+        plan,
+        folder,
+        reporter,
+        resume=resume is not None,
+        force=force,
+        database=default_path() if cached else None,
+    )
     finish(outcome, Console(), reporter)
 
 
