@@ -13,9 +13,9 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.cost import cost_of, evaluate
+from triangulators.cost import cheapest, cost_of
 from triangulators.counting import count_of_cycle, count_triangulations
-from triangulators.errors import TriangulationError
+from triangulators.errors import Skipped, TriangulationError
 from triangulators.paper import Recursion
 from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.starts import Cycle, cycle_of
@@ -113,10 +113,14 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the best of all triangulations; raises as `enumerate_triangulations` does."""
+    """Return the best of all triangulations; raises `Skipped` for holes and for too many."""
     ring = cycle_of(outline, "exhaustive")
+    if count_of_cycle(ring, MOST) > MOST:
+        raise Skipped(
+            f"exhaustive: the polygon has more than {MOST} triangulations;"
+            " 'optimal' finds the best without listing them"
+        )
     found = criteria.find(criterion, **parameters)
     cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
     everything = _all(ring)
-    totals = [evaluate(ring.points, triangles, cost) for triangles in everything]
-    return ring.cycle[everything[int(np.argmin(totals))]]
+    return ring.cycle[everything[cheapest(ring.points, everything, cost)]]
