@@ -31,6 +31,7 @@ INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as shells have it."""
 
 QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+QUICK_TIMEOUT_S = 60.0
 
 
 class Fit(StrEnum):
@@ -102,8 +103,12 @@ def run(
         float, typer.Option(help="Seconds of drawing a case may cost on average.")
     ] = Settings.budget_s,
     timeout: Annotated[
-        float, typer.Option(help="Seconds after which a triangulator or device is given up.")
-    ] = Plan.timeout_s,
+        float | None,
+        typer.Option(
+            help="Seconds after which a triangulator or device is given up; "
+            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick, unless given."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<scene>-<time> if absent.")
     ] = None,
@@ -152,7 +157,7 @@ def run(
                 for iterations in numbers(work, "--work", int)
             ),
             timing=timing,
-            timeout_s=timeout,
+            timeout_s=timeout or (QUICK_TIMEOUT_S if quick else Plan.timeout_s),
             calibration=_coefficients(calibration, triangulators, device),
         )
     _load_ahead()
