@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import psutil
@@ -56,11 +57,15 @@ class Bench:
 
     open_worker : how processes are made; tests give inline ones
     timeout_s : longest that one task may take, apart from the time it was told to spend drawing
+    database : model database that triangulations are read from and written to
     """
 
-    def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
+    def __init__(
+        self, open_worker: OpenWorker, timeout_s: float, database: Path | None = None
+    ) -> None:
         self._open_worker = open_worker
         self._timeout_s = timeout_s
+        self._database = database
         self._workers: dict[str, Executor] = {}
         self._opened: dict[str, measure.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
@@ -86,9 +91,8 @@ class Bench:
         label = "triangulators" if own else f"triangulator {name}"
         limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
         with self.clocked("triangulate"):
-            return self._call(
-                label, {}, limit, triangulate_polygons, name, polygons, seed, calibration
-            )
+            arguments = (name, polygons, seed, calibration, self._database)
+            return self._call(label, {}, limit, triangulate_polygons, *arguments)
 
     def open(self, target: Target) -> measure.Opened:
         """Open the device, test its timer, and return what it is; done once.

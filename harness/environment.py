@@ -58,7 +58,7 @@ def collect(seed: int) -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in PACKAGES},
         "kernel": f"{platform.system()} {platform.release()}",
-        "cpu": _cpu_name(),
+        "cpu": cpu_name(),
         "cores": psutil.cpu_count(logical=False),
         "threads": psutil.cpu_count(),
         "governor": _read(Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")),
@@ -130,7 +130,8 @@ def _run(*command: str) -> str | None:
     return done.stdout.strip()
 
 
-def _cpu_name() -> str | None:
+def cpu_name() -> str | None:
+    """Return the processor's model as the system names it, None where it does not."""
     for line in (_read(Path("/proc/cpuinfo")) or "").splitlines():
         if line.startswith("model name"):
             return line.split(":", 1)[1].strip()

@@ -63,6 +63,12 @@ class Reporter:
             self._shown.add(message)
             self.say(message)
 
+    def warn_once(self, message: str) -> None:
+        """Show one line, with --quiet, too, unless it was shown before."""
+        if message not in self._shown:
+            self._shown.add(message)
+            self.warn(message)
+
     def warn(self, message: str) -> None:
         """Show one line that is shown with --quiet, too."""
         self.console.print(f"warning: {message}", markup=False, style="yellow", soft_wrap=True)

@@ -76,6 +76,7 @@ def measured(
         "predicted": prediction.totals,
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
+        "polygons_cached": triangulation.cached,
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
         "coverage_error": None,

@@ -59,6 +59,7 @@ def run(
     force: bool = False,
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
+    database: Path | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -66,6 +67,7 @@ def run(
     force : resume even where plan, code or device differ from those of the run
     open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
+    database : model database that triangulations are read from and written to; None for none
 
     Raises
     ------
@@ -86,7 +88,7 @@ def run(
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        bench = Bench(open_worker, plan.timeout_s)
+        bench = Bench(open_worker, plan.timeout_s, database)
         frames: list[dict[str, Any]] = []
         bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)

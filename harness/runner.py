@@ -17,8 +17,8 @@ from harness.plan import Case, Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.store import Record, Store
-from harness.triangulation import BEFORE_TURNING, FrameTriangulation, carry_over
-from harness.worker import TaskFailed
+from harness.triangulation import BEFORE_TURNING, FrameTriangulation, carry_over, is_builtin
+from harness.worker import TaskFailed, TaskTimedOut
 from scenes import Scene
 
 BASELINE = "delaunay"
@@ -119,9 +119,13 @@ class Runner:
             for name in wanted:
                 try:
                     result = self._cut(name, frame)
+                except TaskTimedOut as error:
+                    self._give_up(name, groups, *self._too_slow(name, error))
                 except TaskFailed as error:
                     self._give_up(name, groups, "failed", str(error))
                 else:
+                    for note in result.notes:
+                        self.reporter.warn_once(note)
                     triangles = frame.join(result.parts)
                     if len(triangles):
                         prediction = records.predict_frame(frame, result.parts)
@@ -144,6 +148,15 @@ class Runner:
             base, upright.polygons, self.plan.seed, self.plan.calibration
         )
         return carry_over(before, upright, frame)
+
+    def _too_slow(self, name: str, error: TaskTimedOut) -> tuple[str, str]:
+        """Return status and reason: ours are slow by design, others may have hung."""
+        if not is_builtin(name):
+            return "failed", str(error)
+        return "skipped", (
+            f"triangulating took more than {self.plan.timeout_s:g} s; give it longer with "
+            "--timeout, or a smaller scene (limit=)"
+        )
 
     def _give_up(self, name: str, groups: list[Group], status: str, reason: str) -> None:
         for group in groups:

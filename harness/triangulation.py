@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from harness.frame import Frame
+from harness.kept import Kept
 from triangulators import Skipped, criteria, registry, triangulate, vertices
 from triangulators.verify import verify
 
@@ -36,6 +38,9 @@ class FrameTriangulation:
     seconds : wall time of the triangulator alone, without checks and without compiling
     skipped, failed : (polygon number in the frame, reason)
     t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
+    cached : polygons whose triangles were read from the model database; `seconds` has for them
+        what computing them took when they were
+    notes : what the user should know of the model database
     """
 
     parts: list[NDArray[np.int32] | None] = field(default_factory=list)
@@ -43,6 +48,8 @@ class FrameTriangulation:
     skipped: list[tuple[int, str]] = field(default_factory=list)
     failed: list[tuple[int, str]] = field(default_factory=list)
     t_junctions: list[int] = field(default_factory=list)
+    cached: int = 0
+    notes: list[str] = field(default_factory=list)
 
     @property
     def conforming(self) -> bool:
@@ -57,7 +64,7 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
     triangle that snapping turned over is drawn as it is, and counts as not conforming.
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
-    result = FrameTriangulation(seconds=before.seconds)
+    result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
     for number, (polygon, source) in enumerate(
         zip(turned.polygons, turned.source.tolist(), strict=True)
     ):
@@ -88,30 +95,80 @@ def triangulate_polygons(
     polygons: Sequence[Polygon],
     seed: int,
     calibration: Mapping[str, float] | None = None,
+    database: Path | None = None,
 ) -> FrameTriangulation:
     """Run the triangulator `name` over polygons in px; never raises for a polygon's sake.
 
     calibration : coefficients that the criterion `calibrated` weighs its terms with
+    database : model database to read from and write to; only for triangulators of our own, whose
+        version it knows
     """
     result = FrameTriangulation()
-    _warm_up(name, seed, calibration)
-    for number, polygon in enumerate(polygons):
-        part, junctions = None, 0
-        start = time.perf_counter()
-        try:
-            part = _call(name, polygon, seed, calibration)
-        except Skipped as reason:
-            result.skipped.append((number, str(reason)))
-        except Exception as error:
-            result.failed.append((number, f"{type(error).__name__}: {error}"))
-        result.seconds += time.perf_counter() - start
-        if part is not None:
-            part, junctions, problem = _check(polygon, part)
-            if problem:
-                result.failed.append((number, problem))
-        result.parts.append(part)
-        result.t_junctions.append(junctions)
+    if not is_builtin(name):
+        database = None
+    parameters = {} if database is None else _parameters(name, seed, calibration)
+    with Kept(database, name.partition(SEED_MARK)[0], parameters) as kept:
+        known = kept.find(polygons)
+        if None in known:
+            _warm_up(name, seed, calibration)
+        for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
+            part, junctions, seconds = None, 0, 0.0
+            if timed is not None:
+                part, junctions, _ = _check(polygon, timed.triangles)
+                seconds = timed.seconds
+            if part is not None:
+                result.cached += 1
+            else:
+                part, junctions, seconds = _compute(
+                    name, polygon, seed, calibration, number, result
+                )
+                if part is not None:
+                    kept.keep(number, part, seconds)
+            result.seconds += seconds
+            result.parts.append(part)
+            result.t_junctions.append(junctions)
+    result.notes = kept.notes
     return result
+
+
+def _compute(
+    name: str,
+    polygon: Polygon,
+    seed: int,
+    calibration: Mapping[str, float] | None,
+    number: int,
+    result: FrameTriangulation,
+) -> tuple[NDArray[np.int32] | None, int, float]:
+    """Return triangles, T-junctions and seconds; without triangles `result` is told why."""
+    part, junctions = None, 0
+    start = time.perf_counter()
+    try:
+        part = _call(name, polygon, seed, calibration)
+    except Skipped as reason:
+        result.skipped.append((number, str(reason)))
+    except Exception as error:
+        result.failed.append((number, f"{type(error).__name__}: {error}"))
+    seconds = time.perf_counter() - start
+    if part is not None:
+        part, junctions, problem = _check(polygon, part)
+        if problem:
+            result.failed.append((number, problem))
+    return part, junctions, seconds
+
+
+def _parameters(name: str, seed: int, calibration: Mapping[str, float] | None) -> dict[str, Any]:
+    """Return what besides the polygon decides the triangulation, JSON-ready."""
+    base, _, own_seed = name.partition(SEED_MARK)
+    if base == "random":
+        return {"seed": int(own_seed or seed)}
+    if base.endswith(":calibrated") and calibration is not None:
+        return {"calibration": sorted(_terms(calibration).items())}
+    return {}
+
+
+def _terms(calibration: Mapping[str, float]) -> dict[str, float]:
+    # A draw's own cost is the same however it is cut, so it is no criterion's term.
+    return {term: calibration[term] for term in calibration if term != "draw"}
 
 
 def _call(
@@ -124,16 +181,24 @@ def _call(
     if base == "random":
         return triangulate(polygon, base, seed=seed)
     if base.endswith(":calibrated") and calibration is not None:
-        # A draw's own cost is the same however it is cut, so it is no criterion's term.
-        terms = {term: calibration[term] for term in calibration if term != "draw"}
-        return triangulate(polygon, base, criterion=criteria.calibrated(terms))
+        return triangulate(polygon, base, criterion=criteria.calibrated(_terms(calibration)))
     return triangulate(polygon, name)
 
 
 def _warm_up(name: str, seed: int, calibration: Mapping[str, float] | None) -> None:
     """Load compiled code, which would otherwise count as the first polygon's time."""
-    hole = box(3, 3, 5, 5).exterior.coords
-    for polygon in (box(0, 0, 8, 8), Polygon(box(0, 0, 8, 8).exterior.coords, [hole])):
+    square = box(0, 0, 8, 8).exterior
+    holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
+    # Many vertices, few of which see each other: large polygons take other paths than small ones.
+    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    reach = np.where(np.arange(200) % 2, 50.0, 400.0)
+    star = np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
+    for polygon in (
+        Polygon(square),
+        Polygon(square, holes[:1]),
+        Polygon(square, holes),
+        Polygon(star),
+    ):
         try:
             _call(name, polygon, seed, calibration)
         except Exception:  # the real polygons will tell

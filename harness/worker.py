@@ -37,6 +37,10 @@ class TaskFailed(HarnessError):  # noqa: N818 - says what happened
     """A task crashed, hung or raised; the message says which and quotes its last output."""
 
 
+class TaskTimedOut(TaskFailed):
+    """A task ran past its time and was stopped."""
+
+
 class Executor(Protocol):
     """Runs a function somewhere and waits for its result."""
 
@@ -117,7 +121,9 @@ class Worker:
         Raises
         ------
         TaskFailed
-            if the process dies, runs past `timeout_s` (it is killed) or the function raises
+            if the process dies or the function raises
+        TaskTimedOut
+            if it runs past `timeout_s`; it is killed
         HarnessError
             as the function raised it
         """
@@ -130,7 +136,7 @@ class Worker:
             except FutureTimeoutError as error:
                 if future.done():
                     reason = f"{self.name} ran past {timeout_s:g} s and was stopped"
-                    raise TaskFailed(self._quote(reason, written)) from error
+                    raise TaskTimedOut(self._quote(reason, written)) from error
                 waited += POLL_S
                 if tick:
                     tick(waited)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -26,42 +26,88 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     with several levels of detail the highest is taken. The table has the object's identifier and
     type, the kind of surface, and its height.
     """
-    model = _model(source)
-    if source.layer not in (None, *_WANTED):
-        raise SceneError(
-            f"{source.path} has no layer {source.layer!r}; give {' or '.join(_WANTED)}"
-        )
-    wanted = _WANTED if source.layer is None else (source.layer,)
+    model = _model(str(source.path), source.path.read_bytes)
+    found = _Surfaces(source)
     try:
-        vertices = _vertices(model)
+        vertices = _vertices(model, model)
         objects = dict(model["CityObjects"])
     except _FAULTS as error:
         raise SceneError(f"{source.path} is not sound CityJSON: {_reason(error)}") from error
-    geometries: list[Any] = []
-    labels: list[str] = []
-    rows: list[dict[str, Any]] = []
-    dropped: list[Note] = []
-    for identifier, thing in objects.items():
-        try:
-            for number, (kind, polygon, height) in enumerate(_surfaces(thing, vertices)):
-                if kind in wanted:
-                    geometries.append(polygon)
-                    labels.append(f"{identifier} surface {number}")
-                    kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
-                    rows.append({**kinds, "height": height})
-        except _FAULTS as error:
-            dropped.append((str(identifier), f"is not a sound city object: {_reason(error)}"))
-    crs = _crs(model)
-    yield Raw(geometries, labels, pd.DataFrame(rows), crs, "m", dropped)
+    found.add(objects, vertices)
+    yield found.taken(_crs(model))
 
 
-def _model(source: Source) -> dict[str, Any]:
+def read_sequence(source: Source, size: int) -> Iterator[Raw]:
+    """A text sequence: a CityJSON object for all, then a line for each CityJSONFeature.
+
+    As `read`, `size` features at a time.
+    """
+    found = _Surfaces(source)
+    with source.path.open("rb") as lines:
+        head = _model(f"{source.path}, line 1", lambda: next(lines, b""))
+        crs = _crs(head)
+        for number, line in enumerate(lines, start=2):
+            if not line.strip():
+                continue
+            try:
+                feature = json.loads(line)
+                if feature["type"] != "CityJSONFeature":
+                    raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
+                found.add(dict(feature["CityObjects"]), _vertices(feature, head))
+            except (RecursionError, *_FAULTS) as error:
+                found.dropped.append((f"line {number}", f"is not sound: {_reason(error)}"))
+            if number % size == 0:
+                yield found.taken(crs)
+    yield found.taken(crs)
+
+
+class _Surfaces:
+    """The wanted surfaces of city objects, gathered until they are taken."""
+
+    def __init__(self, source: Source) -> None:
+        if source.layer not in (None, *_WANTED):
+            raise SceneError(
+                f"{source.path} has no layer {source.layer!r}; give {' or '.join(_WANTED)}"
+            )
+        self._wanted = _WANTED if source.layer is None else (source.layer,)
+        self._clear()
+
+    def _clear(self) -> None:
+        self.dropped: list[Note] = []
+        self._geometries: list[Any] = []
+        self._labels: list[str] = []
+        self._rows: list[dict[str, Any]] = []
+
+    def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
+        """Take in the surfaces of objects that share vertices."""
+        for identifier, thing in objects.items():
+            try:
+                for number, (kind, polygon, height) in enumerate(_surfaces(thing, vertices)):
+                    if kind in self._wanted:
+                        self._geometries.append(polygon)
+                        self._labels.append(f"{identifier} surface {number}")
+                        kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
+                        self._rows.append({**kinds, "height": height})
+            except _FAULTS as error:
+                reason = f"is not a sound city object: {_reason(error)}"
+                self.dropped.append((str(identifier), reason))
+
+    def taken(self, crs: str | None) -> Raw:
+        """What was gathered since the last call."""
+        columns = ["id", "type", "surface", "height"]
+        table = pd.DataFrame(self._rows, columns=columns)
+        raw = Raw(self._geometries, self._labels, table, crs, "m", self.dropped)
+        self._clear()
+        return raw
+
+
+def _model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
     try:
-        model = json.loads(source.path.read_bytes())
+        model = json.loads(content())
     except (ValueError, RecursionError, OSError) as error:
-        raise SceneError(f"{source.path} is not readable JSON: {error}") from error
+        raise SceneError(f"{name} is not readable JSON: {error}") from error
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
-        raise SceneError(f"{source.path} is JSON, but its type is not CityJSON")
+        raise SceneError(f"{name} is JSON, but its type is not CityJSON")
     return model
 
 
@@ -76,10 +122,11 @@ def _crs(model: dict[str, Any]) -> str | None:
     return f"EPSG:{code}" if code.isdigit() else None
 
 
-def _vertices(model: dict[str, Any]) -> NDArray[np.float64]:
+def _vertices(model: dict[str, Any], about: dict[str, Any]) -> NDArray[np.float64]:
+    """(n, 3), as `about`, the model or the head of its sequence, scales and moves them."""
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
-    if "transform" in model:
-        transform = model["transform"]
+    if "transform" in about:
+        transform = about["transform"]
         vertices = vertices * np.array(transform["scale"], dtype=float) + transform["translate"]
     return vertices
 

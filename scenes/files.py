@@ -193,11 +193,12 @@ def _existing(path: str) -> Path:
 def _reader(path: Path) -> str:
     """The "module:function" that reads this file."""
     reader = _READERS.get(path.suffix.lower(), _GDAL)
-    if reader == _GDAL and path.suffix.lower() == ".json" and path.is_file():
+    city = {".json": "scenes.cityjson:read", ".jsonl": "scenes.cityjson:read_sequence"}
+    if path.suffix.lower() in city and path.is_file():
         with path.open("rb") as stream:
             # CityJSON requires its type, and writers put it first
             if b'"CityJSON"' in stream.read(4096):
-                return "scenes.cityjson:read"
+                return city[path.suffix.lower()]
     return reader
 
 

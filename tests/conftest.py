@@ -60,6 +60,15 @@ def browser() -> Iterator[Chromium]:
     chromium.close()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep tests, and the programs they start, away from the user's model database."""
+    with pytest.MonkeyPatch.context() as patch:
+        place = tmp_path_factory.mktemp("cache") / "triangulations.sqlite"
+        patch.setenv("RASTER_HARNESS_CACHE", str(place))
+        yield
+
+
 @pytest.fixture
 def block(tmp_path: Path) -> Path:
     """A GeoJSON file of three footprints: an L, a courtyard, a square."""

@@ -109,3 +109,26 @@ def total_cost(
 def evaluate(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     """Return what `cost` makes of a triangulation."""
     return float(total_cost(points, triangles, *cost[:5]))
+
+
+@njit(cache=True)
+def _cheapest(
+    points: np.ndarray,
+    many: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    maximum: bool,
+) -> int:
+    best, least = 0, np.inf
+    for number in range(len(many)):
+        total = total_cost(points, many[number], weights, function, custom, sign, maximum)
+        if total < least:
+            best, least = number, total
+    return best
+
+
+def cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
+    """Return which of many triangulations (k, m, 3) is least; the first of those that are equal."""
+    return int(_cheapest(points, many, *cost[:5]))

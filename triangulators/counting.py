@@ -12,17 +12,22 @@ from triangulators.polygon import boundary, check
 from triangulators.starts import Cycle, cycle_of
 
 
-def count_triangulations(polygon: shapely.Polygon) -> int:
+def count_triangulations(polygon: shapely.Polygon, most: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
+    most: where there are more, that there are is all that is found out; see `count_of_cycle`.
     Raises `InvalidPolygon`, and `Skipped` for holes.
     """
     check(polygon)
-    return count_of_cycle(cycle_of(boundary(polygon), "count"))
+    return count_of_cycle(cycle_of(boundary(polygon), "count"), most)
 
 
-def count_of_cycle(ring: Cycle) -> int:
-    """Return the exact number of triangulations of a `Cycle`."""
+def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
+    """Return the exact number of triangulations of a `Cycle`.
+
+    most: stop at the first part of the polygon that has more, and return how many that has: the
+    polygon has no fewer, as every triangulation of a part is one of the whole when completed.
+    """
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
     ways: list[dict[int, int]] = [{} for _ in range(n)]  # ways[j][k]: of the corners k..j
@@ -35,6 +40,8 @@ def count_of_cycle(ring: Cycle) -> int:
                 if left is not None:
                     total += left * right
             row[j] = total
+            if most is not None and total > most:
+                return total
         for j, total in row.items():
             ways[j][i] = total
     return row[n - 1]

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.cost import cost_of, evaluate
+from triangulators.cost import cheapest, cost_of
 from triangulators.counting import count_of_cycle, count_triangulations
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.paper import Recursion
@@ -118,21 +118,24 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the best of all triangulations; raises as `enumerate_triangulations` does."""
+    """Return the best of all triangulations; raises `Skipped` for holes and for too many."""
     ring = cycle_of(outline, "exhaustive")
+    if count_of_cycle(ring, MOST) > MOST:
+        raise Skipped(
+            f"exhaustive: the polygon has more than {MOST} triangulations;"
+            " 'optimal' finds the best without listing them"
+        )
     found = criteria.find(criterion, **parameters)
     cost = cost_of(found, boundary_area(outline), outline.expected_triangles)
     everything = _all(ring)
-    totals = [evaluate(ring.points, triangles, cost) for triangles in everything]
-    return ring.cycle[everything[int(np.argmin(totals))]]
+    return ring.cycle[everything[cheapest(ring.points, everything, cost)]]
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
 
     Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
-    Raises `Skipped` for holes and where the list ends before k, and `TriangulationError` if there
-    are more than 20,000.
+    Raises `Skipped` for holes, for more than 20,000, and where the list ends before k.
     """
     everything = _kept(outline.points.tobytes(), tuple(outline.ends.tolist()))
     if not 0 <= k < len(everything):
@@ -144,7 +147,10 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
 def _kept(points: bytes, ends: tuple[int, ...]) -> list[np.ndarray]:
     corners = np.frombuffer(points).reshape(-1, 2).copy()
     outline = boundary_of_rings(corners, np.array(ends, np.uint32))
-    found = _paper(outline, cycle_of(outline, "listed"))
+    ring = cycle_of(outline, "listed")
+    if count_of_cycle(ring, MOST_PAPER) > MOST_PAPER:
+        raise Skipped(f"listed: the polygon has more than {MOST_PAPER} triangulations")
+    found = _paper(outline, ring)
     return sorted(found, key=lambda triangles: _order(outline.points, triangles))
 
 

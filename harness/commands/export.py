@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.cache import Cache
 from harness.commands.options import Quiet
 from harness.errors import UsageError
-from harness.export.cache import Cache
 from harness.progress import Reporter
 
 

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from harness.cache import default_path
 from harness.commands.options import Force, Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import View
@@ -31,6 +32,7 @@ INTERRUPTED = 130
 """Exit code of a process that Ctrl-C ended, as shells have it."""
 
 QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+QUICK_TIMEOUT_S = 60.0
 
 
 class Fit(StrEnum):
@@ -102,8 +104,12 @@ def run(
         float, typer.Option(help="Seconds of drawing a case may cost on average.")
     ] = Settings.budget_s,
     timeout: Annotated[
-        float, typer.Option(help="Seconds after which a triangulator or device is given up.")
-    ] = Plan.timeout_s,
+        float | None,
+        typer.Option(
+            help="Seconds after which a triangulator or device is given up; "
+            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick, unless given."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<scene>-<time> if absent.")
     ] = None,
@@ -115,6 +121,9 @@ def run(
     calibration: Annotated[
         Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
     ] = None,
+    cached: Annotated[
+        bool, typer.Option("--cache/--no-cache", help="Use the model database.")
+    ] = True,
     quick: Annotated[
         bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
     ] = False,
@@ -147,13 +156,20 @@ def run(
                 for iterations in numbers(work, "--work", int)
             ),
             timing=timing,
-            timeout_s=timeout,
+            timeout_s=timeout or (QUICK_TIMEOUT_S if quick else Plan.timeout_s),
             calibration=_coefficients(calibration, triangulators, device),
         )
     _load_ahead()
     folder = resume or out or default_folder(plan.scene)
     reporter = Reporter(quiet=quiet)
-    outcome = carry_out(plan, folder, reporter, resume=resume is not None, force=force)
+    outcome = carry_out(
+        plan,
+        folder,
+        reporter,
+        resume=resume is not None,
+        force=force,
+        database=default_path() if cached else None,
+    )
     finish(outcome, Console(), reporter)
 
 

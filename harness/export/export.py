@@ -15,10 +15,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.cache import Cache
 from harness.errors import UsageError
 from harness.export import mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
-from harness.export.cache import Cache
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
 from harness.export.npz import NpzWriter

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.mesh import Mesh, with_z
+from harness.export.mesh import Mesh, plan_area, with_z
 from harness.export.writer import About, Output, append, plain
 
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -160,13 +160,6 @@ def _stretch(
     exact: NDArray[np.float64], rounded: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> float:
     """The factor, within rounding of 1, that gives the rounded mesh its exact plan area."""
-    wanted, got = _plan_area(exact, triangles), _plan_area(rounded, triangles)
+    wanted, got = plan_area(exact, triangles), plan_area(rounded, triangles)
     factor = float(np.sqrt(wanted / got)) if wanted > 0 and got > 0 else 1.0
     return factor if abs(factor - 1.0) < 1e-6 else 1.0
-
-
-def _plan_area(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
-    # about a corner of each triangle: far from the origin the plain formula loses digits
-    a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
-    u, v = b - a, c - a
-    return float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2)

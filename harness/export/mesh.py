@@ -154,3 +154,11 @@ def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
         np.r_[0, np.cumsum(np.diff(mesh.triangle_starts)[~gone])],
         mesh.attributes[~gone].reset_index(drop=True),
     )
+
+
+def plan_area(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
+    """Area of triangles (m, 3) of (n, 2 or 3) vertices seen from above."""
+    # about a corner of each triangle: far from the origin the plain formula loses digits
+    a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
+    u, v = b - a, c - a
+    return float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2)

@@ -1,15 +1,20 @@
-"""Wavefront OBJ: text, double precision, a group for each polygon."""
+"""Wavefront OBJ: text, a group for each polygon."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
 from harness.export.mesh import Mesh, with_z
+from harness.export.single import fits, in_single
 from harness.export.writer import About, AttributeTable, Output
 
 
 class ObjWriter:
-    """Groups are called feature_0, feature_1, ...; attributes go to a CSV file beside."""
+    """Groups are called feature_0, feature_1, ...; attributes go to a CSV file beside.
+
+    Coordinates are such that single precision, which most viewers keep, holds them exactly. Where
+    it is too coarse, because the polygons lie far from their origin, they are the source's own.
+    """
 
     def __init__(self, output: Output, about: About) -> None:
         self._stream = output.file(mode="w")
@@ -22,6 +27,8 @@ class ObjWriter:
 
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
+        if fits(mesh.vertices):
+            mesh = in_single(mesh)
         points = with_z(mesh.vertices).tolist()
         self._stream.write("".join([f"v {x!r} {y!r} {z!r}\n" for x, y, z in points]))
         faces = (mesh.triangles + 1 + self._vertices).tolist()

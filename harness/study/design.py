@@ -93,7 +93,7 @@ def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
         if name not in NOT_NAMED and entry.available() is None
     ]
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
-    if count_triangulations(polygon) < design.all_below:
+    if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
         return (*named, *steered, *(f"listed#{k}" for k in range(count)))
     return (*named, *steered, *(f"random#{seed}" for seed in range(design.random)))

@@ -14,7 +14,7 @@ import shapely
 from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
-from harness.export.cache import Cache
+from harness.cache import Cache
 from harness.export.triangulation import COMPILED, triangulate_batch
 from scenes import load
 from tests.paths import ROOT

@@ -181,6 +181,20 @@ def test_changed_content_is_not_compared(runs):
     assert "5 cases of changed content" in out
 
 
+@pytest.mark.parametrize("seconds", [0.0005, 5.0])
+def test_the_time_of_a_cached_triangulation_is_neither_better_nor_worse(runs, seconds):
+    def read_back(entry):
+        entry |= {"polygons_cached": 500, "triangulate_s": seconds}
+
+    code, out, _ = runs("--json", "found.json", edits={"*": read_back})
+    assert code == 0
+    found = json.loads(Path("found.json").read_text())
+    judged = {change["metric"] for case in found["cases"] for change in case["counters"]}
+    assert "quads" in judged
+    assert not any("triangulat" in metric for metric in judged)
+    assert "improved" not in out
+
+
 def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     def lost(entry):
         entry |= {"polygons": 499, "reason": "failed polygon 3: boom"}

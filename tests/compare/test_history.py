@@ -70,6 +70,20 @@ def test_gaps_are_no_changes(tmp_path):
     assert fan.changes == ()
 
 
+def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
+    def read_back(entry):
+        entry |= {"polygons_cached": 500, "triangulate_s": 0.5}
+
+    for number in range(1, 7):
+        edits = {"delaunay": read_back} if number in (2, 5) else {}
+        write_run(tmp_path / str(number), seed=number, edits=edits)
+    found = read_series(find_runs([tmp_path]), ["triangulate_ms"])
+    delaunay = next(series for series in found if series.name.triangulator == "delaunay")
+    assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
+    assert np.nanmax(delaunay.values) == 50
+    assert not any(series.changes for series in found)
+
+
 def test_the_command_draws_and_lists(harness, year):
     code, out, _ = harness("history", str(year), "--out", "plots")
     assert code == 0

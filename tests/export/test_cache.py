@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness import cache as model
 from harness.errors import UsageError
 from harness.export import Cache, default_path, export_file
-from harness.export import cache as model
 from harness.export.triangulation import COMPILED, triangulate_batch
 from scenes import load
 
@@ -66,6 +66,18 @@ def test_another_version_of_the_triangulators_has_other_keys(monkeypatch):
     before = key(1)
     monkeypatch.setattr(model, "code_version", lambda: "another")
     assert key(1) != before
+
+
+def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
+    said: list[str] = []
+    with Cache(path, said.append) as cache:
+        cache.put_many("delaunay", [(key(1), SOME)])
+        monkeypatch.setattr(model, "LIMIT_BYTES", 0)
+        cache.put_many("delaunay", [(key(2), SOME)])
+        assert list(cache.get_many([key(1), key(2)])) == [key(1)]
+    assert [
+        line.endswith("is full (0 GiB), keeps no more: harness cache clear") for line in said
+    ] == [True]
 
 
 class TestDamage:

@@ -73,12 +73,43 @@ def test_models_keep_the_area(tmp_path, suffix):
     assert model.area == pytest.approx(area_of(CITY), rel=exact)
 
 
+@pytest.fixture(params=["city", "far city", "degrees", "one star"])
+def flat_source(request, tmp_path) -> tuple[str, float]:
+    """A source of flat polygons and its area: generated ones, and what a file may hold."""
+    if request.param == "city":
+        return CITY, area_of(CITY)
+    polygons = load("stress", family="random-star", vertices=24, seed=3).polygons
+    if request.param == "far city":
+        # a few kilometres from the origin, to the centimetre, as surveyors give it
+        polygons = load(CITY).polygons
+        polygons = [shapely.transform(p, lambda xy: np.round(xy, 2) + 4000.0) for p in polygons]
+    if request.param == "degrees":
+        polygons = load(CITY).polygons
+        degree = np.array([1 / 55_600, 1 / 111_200])
+        polygons = [
+            shapely.transform(p, lambda xy: np.round([24.94, 60.17] + xy * degree, 7))
+            for p in polygons
+        ]
+    path = tmp_path / "source.geojson"
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(polygon)}
+        for polygon in polygons
+        if polygon.is_valid
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    if request.param != "degrees":  # which GeoJSON holds unless it says otherwise
+        crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3067"}}
+        path.write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": features}))
+    return str(path), area_of(str(path))
+
+
 @pytest.mark.parametrize("suffix", [".glb", ".obj"])
-def test_models_open_in_pyrender(tmp_path, suffix):
+def test_models_open_in_pyrender(tmp_path, flat_source, suffix):
     import pyrender  # it sets PyOpenGL up as it is imported, so only where it is needed
 
     out = tmp_path / f"city{suffix}"
-    export_file(CITY, out)
+    source, expected = flat_source
+    export_file(source, out)
     scene = pyrender.Scene.from_trimesh_scene(trimesh.load_scene(out))
     area = 0.0
     for node in scene.mesh_nodes:
@@ -89,8 +120,33 @@ def test_models_open_in_pyrender(tmp_path, suffix):
             if faces is None:  # pyrender has pulled the triangles apart
                 faces = np.arange(len(points)).reshape(-1, 3)
             area += trimesh.Trimesh(points, faces, process=False).area
-    # pyrender holds positions in single precision, which glTF's whole numbers survive
-    assert area == pytest.approx(area_of(CITY), rel=1e-9 if suffix == ".glb" else 1e-5)
+    # pyrender holds positions in single precision, which what is written survives
+    assert area == pytest.approx(expected, rel=1e-9)
+    assert area == pytest.approx(read_model(out).area, rel=1e-9)
+
+
+@pytest.mark.parametrize("extrude", [None, 3.3])
+def test_obj_says_the_same_in_single_and_in_double_precision(tmp_path, flat_source, extrude):
+    source, _ = flat_source
+    export_file(source, tmp_path / "a.obj", extrude=extrude)
+    lines = (tmp_path / "a.obj").read_text().splitlines()
+    points = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=float)
+    assert (points.astype(np.float32) == points).all()
+    # no vertex is further off than one step of single precision
+    export_file(source, tmp_path / "a.npz", extrude=extrude)
+    with np.load(tmp_path / "a.npz") as data:
+        exact = data["vertices"]
+    off = np.abs(points[:, :2] - exact[:, :2])
+    assert (off <= np.spacing(np.abs(exact[:, :2]).astype(np.float32))).all()
+
+
+def test_obj_far_from_the_origin_keeps_the_sources_coordinates(tmp_path, houses):
+    export_file(houses, tmp_path / "a.obj")
+    assert "\nv 386000.0 6672000.0 0.0\n" in (tmp_path / "a.obj").read_text()
+    inexact = shapely.box(386_000.123, 6_672_000.456, 386_010, 6_672_008)
+    (tmp_path / "a.wkt").write_text(inexact.wkt)
+    export_file(tmp_path / "a.wkt", tmp_path / "b.obj")
+    assert "v 386000.123 6672000.456 0.0" in (tmp_path / "b.obj").read_text()
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply"])

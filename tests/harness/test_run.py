@@ -211,3 +211,11 @@ def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
     assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
     with pytest.raises(UsageError, match="a seed is written random#7"):
         measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
+
+
+def test_our_own_triangulator_that_is_too_slow_is_skipped_with_the_way_out(tmp_path):
+    scene = Path("stress:family=random-maze,vertices=20000")
+    plan = plan_for(scene, triangulators=("optimal:shape",), timeout_s=0.2)
+    (record,) = measure(plan, tmp_path / "out", open_worker=Worker).records
+    assert record["status"] == "skipped"
+    assert "took more than 0.2 s; give it longer with --timeout" in record["reason"]

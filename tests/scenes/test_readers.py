@@ -11,6 +11,7 @@ import shapely
 import trimesh
 
 from scenes import SceneError, load
+from scenes.files import read_chunks
 from tests.scenes.conftest import assert_sound
 
 SQUARE = shapely.box(0, 0, 10, 10)
@@ -178,6 +179,53 @@ def cityjson(semantics: bool = True, **changes) -> str:
         "vertices": vertices,
     }
     return json.dumps(model | changes)
+
+
+def cityjson_sequence(houses: int) -> list[str]:
+    """A head line, and a line for each house, 20 m apart."""
+    model = json.loads(cityjson())
+    head = {**model, "CityObjects": {}, "vertices": []}
+    lines = [json.dumps(head)]
+    for number in range(houses):
+        vertices = [[x + 20_000 * number, y, z] for x, y, z in model["vertices"]]
+        objects = {f"house {number}": model["CityObjects"]["house"]}
+        feature = {"type": "CityJSONFeature", "id": f"house {number}", "CityObjects": objects}
+        lines.append(json.dumps({**feature, "vertices": vertices}))
+    return lines
+
+
+class TestCityJsonSequence:
+    @pytest.mark.parametrize("size", [1, 2, 100])
+    def test_features_are_read_in_chunks(self, tmp_path, size):
+        path = write(tmp_path / "town.city.jsonl", "\n".join([*cityjson_sequence(5), ""]))
+        chunks = list(read_chunks(str(path), layer="RoofSurface", size=size))
+        assert max(len(chunk.cleaned.polygons) for chunk in chunks) <= size
+        polygons = [polygon for chunk in chunks for polygon in chunk.cleaned.polygons]
+        expected = [(100 + 20 * k, 200, 110 + 20 * k, 208) for k in range(5)]
+        assert np.array([p.bounds for p in polygons]) == pytest.approx(np.array(expected))
+        scene = load(path)
+        assert len(scene.polygons) == 10
+        assert scene.units == "m"
+        assert list(scene.attributes["id"][::2]) == [f"house {k}" for k in range(5)]
+
+    def test_a_bad_line_costs_its_feature(self, tmp_path):
+        lines = cityjson_sequence(3)
+        lines[1] = lines[1][:50]
+        lines[2] = json.dumps({"type": "Feature", "CityObjects": {}})
+        scene = load(write(tmp_path / "town.city.jsonl", "\n".join(lines)))
+        assert len(scene.polygons) == 2
+        assert [which for which, _ in scene.dropped] == ["line 2", "line 3"]
+        assert "not CityJSONFeature" in scene.dropped[1][1]
+
+    def test_errors(self, tmp_path):
+        lines = cityjson_sequence(1)
+        path = write(tmp_path / "a.city.jsonl", lines[0][:-1] + "\n" + lines[1])
+        with pytest.raises(SceneError, match="line 1 is not readable JSON"):
+            load(path)
+        with pytest.raises(SceneError, match="give RoofSurface or GroundSurface"):
+            load(write(tmp_path / "b.city.jsonl", "\n".join(lines)), layer="Roof")
+        with pytest.raises(SceneError, match="holds no polygon"):
+            load(write(tmp_path / "c.city.jsonl", lines[0]))
 
 
 class TestCityJson:

@@ -17,7 +17,6 @@ from harness.store import read_run
 from harness.study import pareto_answer
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from scenes import load
-from tests.harness.conftest import harness  # noqa: F401 - the command line as a fixture
 from tests.harness.test_cli import assert_one_line
 from tests.harness.test_run import measure, plan_for
 from triangulators import full_name
@@ -29,7 +28,7 @@ CITY = "city:buildings=40"
 
 
 @pytest.fixture
-def study(harness, tmp_path):  # noqa: F811
+def study(harness, tmp_path):
     """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
 
     def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
@@ -116,7 +115,7 @@ def test_rows_hold_the_records_figures_and_paired_times(study):
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in run.records}
 
 
-def test_a_study_goes_on_where_it_was(study, harness):  # noqa: F811
+def test_a_study_goes_on_where_it_was(study, harness):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
@@ -153,7 +152,7 @@ def test_names_of_the_sweep_are_full_names():
         (["--scene", "square.geojson"], ["no polygon without holes of 8 to 100 vertices"]),
     ],
 )
-def test_bad_usage_is_one_line(harness, arguments, parts):  # noqa: F811
+def test_bad_usage_is_one_line(harness, arguments, parts):
     ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
     Path("square.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     code, _, err = harness("pareto", *arguments, "--quiet")
@@ -161,7 +160,7 @@ def test_bad_usage_is_one_line(harness, arguments, parts):  # noqa: F811
     assert_one_line(err, *parts)
 
 
-def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):  # noqa: F811
+def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     names = "optimal:mixed=1.0/.5/0,optimal:mixed=1/0.5/0,worst:mixed=1/0.5/0,optimal:mixed=1/1/1"
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)
     assert harness(*run, "--out", "results")[0] == 0

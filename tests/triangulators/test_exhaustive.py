@@ -15,10 +15,12 @@ from tests.triangulators.cases import (
     with_hole,
 )
 from triangulators import Skipped, TriangulationError, triangulate
+from triangulators.counting import count_of_cycle
 from triangulators.criteria import predict
 from triangulators.exhaustive import count_triangulations, enumerate_triangulations, tabulate
 from triangulators.paper import Recursion
 from triangulators.polygon import boundary
+from triangulators.starts import cycle_of
 from triangulators.verify import verify
 
 
@@ -87,8 +89,22 @@ def test_convex_polygons_have_catalans_number():
 def test_too_many_is_an_error_that_names_the_count_and_the_way_out():
     for polygon, name in ((convex(40), "176733862787006701400|1.76e20"), (star(200), "e")):
         with pytest.raises(TriangulationError, match=name) as caught:
-            triangulate(polygon, "exhaustive")
+            enumerate_triangulations(polygon)
         assert "optimal" in str(caught.value)
+
+
+@pytest.mark.parametrize("polygon", [convex(40), star(200)])
+def test_polygons_of_too_many_are_skipped_with_the_way_out(polygon):
+    with pytest.raises(Skipped, match="more than 1000000 triangulations; 'optimal' finds"):
+        triangulate(polygon, "exhaustive")
+
+
+def test_counting_may_stop_at_a_part_that_has_enough():
+    for polygon in (paper_polygon(), convex(12), star(24)):
+        ring = cycle_of(boundary(polygon), "count")
+        whole = count_of_cycle(ring)
+        assert count_of_cycle(ring, whole) == whole
+        assert whole // 2 < count_of_cycle(ring, whole // 2) <= whole
 
 
 def test_holes_are_skipped():
@@ -108,5 +124,5 @@ def test_listed_gives_all_of_the_papers_mode_by_overdraw():
     assert sum(verify(paper_polygon(), triangles).conforming for triangles in found) == 29
     with pytest.raises(Skipped, match="ends at number 46"):
         triangulate(paper_polygon(), "listed", k=47)
-    with pytest.raises(TriangulationError, match="more than 20000"):
+    with pytest.raises(Skipped, match="more than 20000"):
         triangulate(convex(20), "listed")

@@ -12,6 +12,7 @@ import json
 import logging
 import os
 import sqlite3
+import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from functools import cache as once
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,25 @@ import triangulators
 from harness.errors import UsageError
 
 SCHEMA = 1
+LIMIT_BYTES = 4 * 2**30
+"""Size of the file from which nothing more is kept, so that it cannot fill a disk unasked."""
+
 _BATCH = 500  # SQLite takes at least 999 parameters
 _WAIT_S = 30.0
 _LOG = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
+
+
+class Timed(NamedTuple):
+    """The (m, 3) triangles of a polygon and the seconds that computing them took."""
+
+    triangles: NDArray[np.int32]
+    seconds: float
+
+
+class _Model(NamedTuple):
+    triangles: NDArray[np.int32]
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,12 +98,23 @@ class Cache:
 
     def get_many(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
         """The (m, 3) triangles of those keys that are there and whole."""
-        return self._safely(lambda: self._read(keys), {})
+        return {key: model.triangles for key, model in self._found(keys).items()}
+
+    def get_timed(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
+        """Like `get_many`, of those that were put with the time that computing them took."""
+        return {
+            key: Timed(model.triangles, model.seconds)
+            for key, model in self._found(keys).items()
+            if model.seconds is not None
+        }
 
     def put_many(self, triangulator: str, items: Iterable[tuple[bytes, NDArray[np.int32]]]) -> None:
         """Keep triangulations; what is there already under the same key is replaced."""
-        rows = [(key, triangulator, _sealed(key, triangles)) for key, triangles in items]
-        self._safely(lambda: self._write(rows), None)
+        self._put(triangulator, [(key, _Model(triangles)) for key, triangles in items])
+
+    def put_timed(self, triangulator: str, items: Iterable[tuple[bytes, Timed]]) -> None:
+        """Like `put_many`, with the seconds that each took."""
+        self._put(triangulator, [(key, _Model(*timed)) for key, timed in items])
 
     def clear(self) -> int:
         """Forget everything; returns how many triangulations there were."""
@@ -102,17 +129,29 @@ class Cache:
         entries = sum(count for count, _ in kinds.values())
         return CacheInfo(self.path, entries, self.path.stat().st_size, kinds)
 
-    def _read(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
-        found: dict[bytes, NDArray[np.int32]] = {}
+    def _put(self, triangulator: str, items: list[tuple[bytes, _Model]]) -> None:
+        if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
+            size = f"{LIMIT_BYTES / 2**30:g} GiB"
+            self._say(f"cache {self.path} is full ({size}), keeps no more: harness cache clear")
+            return
+        rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
+        self._safely(lambda: self._write(rows), None)
+
+    def _found(self, keys: Sequence[bytes]) -> dict[bytes, _Model]:
+        nothing: dict[bytes, _Model] = {}
+        return self._safely(lambda: self._read(keys), nothing)
+
+    def _read(self, keys: Sequence[bytes]) -> dict[bytes, _Model]:
+        found: dict[bytes, _Model] = {}
         for batch in _batches(keys):
             marks = ",".join("?" * len(batch))
             query = f"SELECT key, value FROM model WHERE key IN ({marks})"
             for key, value in self._database.execute(query, batch):
-                triangles = _unsealed(key, value)
-                if triangles is None:
+                model = _unsealed(key, value)
+                if model is None:
                     self._say(f"cache {self.path}: an entry is damaged and is computed again")
                 else:
-                    found[key] = triangles
+                    found[key] = model
         return found
 
     def _write(self, rows: list[tuple[bytes, str, bytes]]) -> None:
@@ -224,17 +263,24 @@ def _checksum(key: bytes, data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8, key=key).digest()
 
 
-def _sealed(key: bytes, triangles: NDArray[np.int32]) -> bytes:
-    data = np.ascontiguousarray(triangles, dtype="<i4").tobytes()
+def _sealed(key: bytes, model: _Model) -> bytes:
+    """Checksum, triangles of 12 bytes each and, where it was measured, 8 bytes of seconds."""
+    data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
+    if model.seconds is not None:
+        data += struct.pack("<d", model.seconds)
     return _checksum(key, data) + data
 
 
-def _unsealed(key: bytes, value: Any) -> NDArray[np.int32] | None:
-    if not isinstance(value, bytes) or len(value) % 12 != 8:
+def _unsealed(key: bytes, value: Any) -> _Model | None:
+    if not isinstance(value, bytes) or len(value) % 12 not in (8, 4):
         return None
-    if _checksum(key, value[8:]) != value[:8]:
+    checksum, data = value[:8], value[8:]
+    if _checksum(key, data) != checksum:
         return None
-    return np.frombuffer(value, "<i4", offset=8).reshape(-1, 3).astype(np.int32)
+    count = len(data) // 12
+    triangles = np.frombuffer(data, "<i4", count=3 * count).reshape(-1, 3).astype(np.int32)
+    rest = data[12 * count :]
+    return _Model(triangles, struct.unpack("<d", rest)[0] if rest else None)
 
 
 def _batches(keys: Sequence[bytes]) -> Iterator[list[bytes]]:
