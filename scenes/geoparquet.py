@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from scenes.files import Raw, Source
 from scenes.scene import Note, SceneError
+
+_NATIVE = {"polygon": 2, "multipolygon": 3}
+"""Native encodings that hold polygons, and how many lists lie about their coordinates."""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
     """Geometries of the file's primary column, `size` rows at a time.
 
-    `layer` names another geometry column. Geometries must be encoded as WKB, which is what nearly
-    all writers do.
+    `layer` names another geometry column. Geometries are encoded as WKB, which is what nearly all
+    writers do, or natively, as lists of lists of coordinates.
     """
     try:
         import pyarrow as pa
@@ -28,18 +32,18 @@ def read(source: Source, size: int) -> Iterator[Raw]:
         ) from error
     try:
         with parquet.ParquetFile(source.path) as file:
-            column, crs = _geometry_column(source, file.schema_arrow)
+            column, encoding, crs = _geometry_column(source, file.schema_arrow)
             start = 0
             for batch in file.iter_batches(batch_size=size):
-                yield _raw(batch, column, crs, start)
+                yield _raw(batch, column, encoding, crs, start)
                 start += batch.num_rows
-    except (pa.ArrowException, OSError, UnicodeError) as error:
+    except (pa.ArrowException, OSError, ValueError, shapely.GEOSException) as error:
         reason = " ".join(str(error).split())
         raise SceneError(f"{source.path} cannot be read as Parquet: {reason}") from error
 
 
-def _geometry_column(source: Source, schema: Any) -> tuple[str, str | None]:
-    """Name and reference system of the column to read."""
+def _geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None]:
+    """Name, encoding and reference system of the column to read."""
     try:
         geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
         column = source.layer or geo["primary_column"]
@@ -48,12 +52,40 @@ def _geometry_column(source: Source, schema: Any) -> tuple[str, str | None]:
     except (ValueError, TypeError, KeyError) as error:
         what = "no geometry column" + (f" {source.layer!r}" if source.layer else "")
         raise SceneError(f"{source.path} has {what} in its GeoParquet metadata") from error
-    if encoding != "WKB" or column not in schema.names:
+    there = column in schema.names
+    if not there or encoding not in ("WKB", _nesting(schema.field(column).type)):
         raise SceneError(
             f"{source.path}: column {column} is encoded as {encoding}, which is not read: "
             "write it as WKB"
         )
-    return column, _code(about.get("crs", "OGC:CRS84"))
+    return column, encoding, _code(about.get("crs", "OGC:CRS84"))
+
+
+def _nesting(kind: Any) -> str:
+    """The native encoding that an Arrow type is for: lists about a struct of x and y."""
+    import pyarrow as pa
+
+    depth = 0
+    while pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        kind, depth = kind.value_type, depth + 1
+    names = {kind.field(i).name for i in range(kind.num_fields)} if pa.types.is_struct(kind) else {}
+    return next((n for n, d in _NATIVE.items() if d == depth and {"x", "y"} <= set(names)), "")
+
+
+def _decoded(values: Any, encoding: str) -> NDArray[Any]:
+    """(n,) polygons of a natively encoded column; None where it has none."""
+    none = values.is_null().to_numpy(zero_copy_only=False)
+    # rows cut out of a longer column still point into the whole: copy them out
+    values = values.take(np.flatnonzero(~none))
+    offsets = []
+    for _ in range(_NATIVE[encoding]):
+        offsets.append(np.asarray(values.offsets, dtype=np.int64))
+        values = values.values
+    xy = np.column_stack([np.asarray(values.field(axis)) for axis in ("x", "y")])
+    kind = shapely.GeometryType[encoding.upper()]
+    geometries = np.full(len(none), None, dtype=object)
+    geometries[~none] = shapely.from_ragged_array(kind, xy, tuple(reversed(offsets)))
+    return geometries
 
 
 def _code(crs: Any) -> str | None:
@@ -66,12 +98,14 @@ def _code(crs: Any) -> str | None:
     return "GEOGCRS" if crs.get("type") == "GeographicCRS" else None
 
 
-def _raw(batch: Any, column: str, crs: str | None, start: int) -> Raw:
+def _raw(batch: Any, column: str, encoding: str, crs: str | None, start: int) -> Raw:
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
+    table = batch.remove_column(index).to_pandas()
+    if encoding != "WKB":
+        return Raw(_decoded(batch.column(index), encoding), labels, table, crs)
     values = batch.column(index).to_pylist()
     geometries = shapely.from_wkb(np.array([*values, None], dtype=object), on_invalid="ignore")[:-1]
-    table = batch.remove_column(index).to_pandas()
     broken = [
         i
         for i, (value, made) in enumerate(zip(values, geometries, strict=True))
