@@ -22,7 +22,7 @@ once() { # folder, then the command that makes it
 # What does the choice buy?
 peers=ear-clipping,delaunay,sweep,manifold,max-area,greedy,optimal:overdraw,optimal:shape
 peers+=,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
-for scene in city helsinki counties glyphs; do
+for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
         --resolution 256,512,1024,2048,4096 --triangulators $peers --budget 1
 done
@@ -46,6 +46,12 @@ once $to/osmesa/validate-city "${harness[@]}" validate --scene city --resolution
 for scene in city helsinki; do
     once $to/cpu/validate-$scene-sizes "${harness[@]}" validate --scene $scene --work 0 \
         --rasterisers reference --resolution 64,128,256,512,1024,2048 --budget 0.001
+done
+
+# Weighing A against D.
+for scene in paper city; do
+    once $to/llvmpipe/pareto-$scene "${harness[@]}" pareto --scene $scene --resolution 512 \
+        --rasterisers opengl,bounding-box --device llvmpipe --budget 1
 done
 
 # The same study once more, from the same seed: counters must be equal, verdicts agree.
