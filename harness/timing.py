@@ -28,6 +28,9 @@ REFERENCE = "(reference)"
 AGREEMENT = 0.30
 """GPU timer and wall clock may differ by this much on the self-test's draw."""
 
+LONGEST_BATCH = 10
+"""Batches' lengths that a drawing compared with much shorter ones is drawn for at most."""
+
 MIN_ROUNDS = 12
 """Enough for a 95 % interval of the median that is not simply the sample's range."""
 
@@ -54,7 +57,8 @@ class Settings:
     least_share : share of the budget that is always drawn: what is precise enough by itself gets
         pairs that tell smaller differences
     paired : whether the candidates are compared with each other; then all are drawn equally often
-        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw
+        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
+        up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
     """
 
     precision: float = 0.01
@@ -143,15 +147,17 @@ def time_together(
     """
     start = clock()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
-    times = {
-        name: Times(_warm_up(drawing, batch, settings.warm_up_s, test.timer, clock))
-        for name, drawing in drawings.items()
-    }
-    compared = [entry for name, entry in times.items() if name not in (EMPTY, REFERENCE)]
+    times: dict[str, Times] = {}
+    draw_s: dict[str, float] = {}
+    for name, drawing in drawings.items():
+        repeats, draw_s[name] = _warm_up(drawing, batch, settings.warm_up_s, test.timer, clock)
+        times[name] = Times(repeats)
+    compared = [name for name in drawings if name not in (EMPTY, REFERENCE)]
     if settings.paired and compared:
-        most = max(entry.repeats for entry in compared)
-        for entry in compared:
-            entry.repeats = most
+        most = max(times[name].repeats for name in compared)
+        for name in compared:
+            fits = int(LONGEST_BATCH * batch / max(draw_s[name], 1e-12))
+            times[name].repeats = min(most, max(times[name].repeats, fits))
     order = list(drawings)
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
@@ -200,8 +206,11 @@ def _is_precise(entry: Times, precision: float) -> bool:
 
 def _warm_up(
     drawing: Timeable, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
-) -> int:
-    """Draw until times are stable; returns the repeats that make a batch last `batch_s`."""
+) -> tuple[int, float]:
+    """Draw until times are stable.
+
+    Returns the repeats that make a batch last `batch_s`, and the seconds of one draw.
+    """
     deadline = clock() + limit_s
     repeats = 1
     while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
@@ -217,7 +226,7 @@ def _warm_up(
         if abs(after - before) <= 0.02 * before:
             break
         recent = newer
-    return repeats
+    return repeats, statistics.median(recent) / repeats
 
 
 def _seconds(sample: Sample, timer: Timer) -> float:

@@ -101,6 +101,14 @@ def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
     assert times[REFERENCE].repeats > 2 * times["a"].repeats
 
 
+def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
+    drawings, clock, _ = scripted({"tiny": 2e-6, "long": 5e-3, "as long": 5.1e-3})
+    times = time_together(drawings, Settings(budget_s=1e-3, warm_up_s=0.0), WALL, clock=clock)
+    assert times["tiny"].repeats >= 400
+    assert times["long"].repeats == 2
+    assert clock.now < 3 * MIN_ROUNDS * 10e-3
+
+
 def test_a_coarse_timer_needs_longer_batches():
     coarse = TimerTest("wall", 0.01, None, 1e-4, "scripted")
     drawings, clock, _ = scripted({"a": 1e-3})
