@@ -62,8 +62,11 @@ def clean(geometries: Any, labels: list[str] | None = None) -> Cleaned:
     for i in np.flatnonzero(~keep):
         reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
         dropped.append((label(source[i]), reason))
-    polygons = shapely.orient_polygons(_without_repeats(parts[keep]))
-    return Cleaned(polygons, source[keep], dropped, repaired)
+    polygons, source = shapely.orient_polygons(_without_repeats(parts[keep])), source[keep]
+    # Of coordinates beyond 2^53 units, rounding decides, and turning a ring rounds otherwise.
+    sound = shapely.area(polygons) > 0
+    dropped += [(label(source[i]), "its area is lost in rounding") for i in np.flatnonzero(~sound)]
+    return Cleaned(polygons[sound], source[sound], dropped, repaired)
 
 
 def _usable(given: NDArray[Any], label: Any, dropped: list[Note]) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.plots import COLOURS, STYLE
+from harness.plots import COLOURS, STYLE, save
 from harness.store import Record
 from harness.study.analysis import MEASURES, without_twins
 from harness.study.matrix import label
@@ -130,7 +130,7 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
     """
     import matplotlib
 
-    files = []
+    files: list[Path] = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok" and record["polygons"]]
         work = dict(group_of(good[0])[-1])["work"] if good else None
@@ -138,12 +138,10 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
             continue
         with matplotlib.rc_context(STYLE):
             figure = _figure(without_twins(good))
-        first = good[0]
-        for suffix in ("png", "svg"):
-            name = f"measured-over-a-{first['rasteriser']}-{first['device']}.{suffix}"
-            if figure is not None:
-                figure.savefig(folder / name)
-                files.append(folder / name)
+        if figure is not None:
+            first = good[0]
+            name = f"measured-over-a-{first['rasteriser']}-{first['device']}"
+            files += save(figure, folder / name)
     return files
 
 

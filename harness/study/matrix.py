@@ -110,11 +110,9 @@ def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
         wanted = [m for m in dict.fromkeys(part["measure"]) if m in MATCHING and m != "quads"]
         with matplotlib.rc_context(STYLE):
             figure = _lines(part, wanted, f"{rasteriser} on {device}")
-        for suffix in ("png", "svg"):
-            file = folder / "plots" / f"criteria-over-resolution-{rasteriser}-{device}.{suffix}"
-            if figure is not None:
-                figure.savefig(file)
-                files.append(file)
+        if figure is not None:
+            name = f"criteria-over-resolution-{rasteriser}-{device}"
+            files += save(figure, folder / "plots" / name)
     return files
 
 

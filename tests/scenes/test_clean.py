@@ -58,6 +58,16 @@ def test_huge_and_tiny_coordinates():
     assert cleaned.dropped == [("feature 2", "area overflows: coordinates too large")]
 
 
+def test_what_rounding_leaves_no_area_is_dropped():
+    """Where a coordinate's last digit is worth 4 units, the way round decides about the area."""
+    thin = shapely.Polygon([(2.7e16, 2.7e16), (1, 0), (1, 5), (4.5e15, 4.5e15)])
+    assert thin.is_valid
+    assert thin.area > 0
+    cleaned = clean([thin, shapely.box(0, 0, 1, 1)])
+    assert len(cleaned.polygons) == len(cleaned.source) == 1
+    assert cleaned.dropped == [("feature 0", "its area is lost in rounding")]
+
+
 def test_empty_holes_are_left_out():
     (out,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
     assert len(out.interiors) == 0
