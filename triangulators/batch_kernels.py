@@ -5,6 +5,7 @@ from numba import njit
 
 from triangulators.criteria import bbox_area, edge_length, half_perimeter
 from triangulators.dense import fill_box_table, trace_box_table
+from triangulators.order import walk_of
 from triangulators.predicates import orient, turn
 from triangulators.unfold import fold_back, grow, neighbours_of, unfold
 
@@ -186,3 +187,4 @@ def improve_many(
         points = coordinates[start : start + ends[-1]]
         own = triangles[bounds[task] : bounds[task + 1]]
         done[task] = _improve(points, ends, own, box)
+        own[:] = own[walk_of(own, len(points))]

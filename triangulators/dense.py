@@ -143,8 +143,10 @@ def trace_box_table(
             return 0
         triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
         found += 1
-        stack[height, 0], stack[height, 1] = i, apex
-        stack[height + 1, 0], stack[height + 1, 1] = apex, j
+        # The smaller side is done first, as `order.walk` has it.
+        left = 0 if apex - i > j - apex else 1
+        stack[height + left, 0], stack[height + left, 1] = i, apex
+        stack[height + 1 - left, 0], stack[height + 1 - left, 1] = apex, j
         height += 2
     return found
 

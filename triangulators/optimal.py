@@ -14,6 +14,7 @@ from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.cost import cost_of
 from triangulators.exact import TABLE_ONLY, optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
+from triangulators.order import walk
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.predicates import on_grid
 from triangulators.starts import best_start, ring_triangulation
@@ -51,6 +52,13 @@ def triangulate_worst(
 
 
 def _optimise(
+    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
+) -> np.ndarray:
+    found = _search(outline, criterion, sign, limit, seed)
+    return walk(found, len(outline.points))
+
+
+def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> np.ndarray:
     cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)

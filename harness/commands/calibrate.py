@@ -52,7 +52,7 @@ def calibrate(
             Settings(
                 precision=0.005, budget_s=budget, warm_up_s=0.05, min_batch_s=5e-3, paired=False
             ),
-            Options(work=work),
+            Options(work=work, order="walk"),
             resolution,
             reporter,
             seed,

@@ -57,6 +57,7 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
         for key, word in (("rotation", "turned"), ("work", "work"), ("samples", "samples")):
             if row[key] not in (0, 1):
                 view += f", {word} {row[key]:g}"
+        view += f", {row['order']} order" if row["order"] != "native" else ""
         console.print(f"  {view}: {row['faster']} faster", markup=False, soft_wrap=True)
     if len(beaten) > MOST_SAID:
         console.print(f"  and {len(beaten) - MOST_SAID} more views", markup=False)

@@ -46,6 +46,7 @@ class Order(StrEnum):
     """Order in which triangles are submitted."""
 
     native = "native"
+    walk = "walk"
     morton = "morton"
     shuffled = "shuffled"
 

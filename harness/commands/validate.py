@@ -68,7 +68,8 @@ def validate(
         rasterisers=tuple(named),
         devices=split_names(device),
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
-        options=tuple(Options(work=int(n)) for n in numbers(work, "--work", int)),
+        # In one kind of order, so that nothing but the diagonals differs.
+        options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
         timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
     folder = resume or out or default_folder(f"validate-{scene}")

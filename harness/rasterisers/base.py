@@ -28,7 +28,7 @@ gives a total."""
 
 SAMPLES = (1, 4, 8)
 MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
-ORDERS = ("native", "morton", "shuffled")
+ORDERS = ("native", "walk", "morton", "shuffled")
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,14 @@ class Options:
 
     samples : samples a pixel, 1 (no multisampling), 4 or 8
     work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
-    order : order of submission; "native" is the triangulator's, "morton" along a space-filling
-        curve over the triangles' centres, "shuffled" random with `seed`
+    order : order of submission; "native" is the triangulator's, "walk" from neighbour to
+        neighbour, "morton" along a space-filling curve over the triangles' centres, "shuffled"
+        random with `seed`
     """
 
     samples: int = 1
     work: int = 0
-    order: Literal["native", "morton", "shuffled"] = "native"
+    order: Literal["native", "walk", "morton", "shuffled"] = "native"
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
+from triangulators.order import walk
 
 Triangles = NDArray[np.int32]
 
@@ -28,7 +29,7 @@ class Order(Protocol):
 
     @property
     def order(self) -> str:
-        """One of native, morton, shuffled."""
+        """One of native, walk, morton, shuffled."""
 
     @property
     def seed(self) -> int:
@@ -48,7 +49,9 @@ def submission(frame: Frame, triangles: Triangles, options: Order) -> Triangles:
         raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
-    if options.order == "morton":
+    if options.order == "walk":
+        array = walk(array, len(frame.points))
+    elif options.order == "morton":
         array = array[np.argsort(_morton(frame, array), kind="stable")]
     elif options.order == "shuffled":
         array = np.random.default_rng(options.seed).permutation(array)

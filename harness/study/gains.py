@@ -27,6 +27,9 @@ AXES = {
 }
 """What varies in a study of gains, each with its axis label."""
 
+KEYS = (*AXES, "order")
+"""What rows that belong together share, besides the scene and the device."""
+
 
 def tabulate(records: Sequence[Record], bases: Sequence[str] = BASES) -> pd.DataFrame:
     """Return one row a case and base: the paired ratio of times and of helper lanes.
@@ -58,6 +61,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         "rotation": record["rotation"],
         "work": record["options"]["work"],
         "samples": record["options"]["samples"],
+        "order": record["options"]["order"],
         "triangulator": record["triangulator"],
         "base": name,
         "time_ratio": ratio.value,
@@ -77,7 +81,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     interval shows to be faster than it, and by how much
     """
     own = table[(table["base"] == name) & (table["triangulator"] != name)]
-    where = ["scene", "rasteriser", "device", *AXES]
+    where = ["scene", "rasteriser", "device", *KEYS]
     rows = []
     for keys, part in own.groupby(where, sort=False):
         ahead = part[part["verdict"] == "faster"]
@@ -113,7 +117,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
 
     figure = Figure(figsize=(4.6, 3.6))
     axes = figure.subplots()
-    others = [name for name in AXES if name != axis]
+    others = [name for name in KEYS if name != axis]
     # Only what varies on this axis: everything else as it was at the first value measured.
     fixed = part[(part[others] == part[others].iloc[0]).all(axis=1)]
     for index, (name, line) in enumerate(fixed.groupby("triangulator", sort=False)):

@@ -55,7 +55,12 @@ def test_layers_that_hide_each_other_are_all_counted(llvmpipe, reference, native
 
 def test_image_equals_the_references(llvmpipe, reference, scattered):
     frame, triangles = scattered(seed=9, size=300, number=60, grid=64)
-    for options in (Options(), Options(order="shuffled", seed=2), Options(order="morton")):
+    for options in (
+        Options(),
+        Options(order="shuffled", seed=2),
+        Options(order="morton"),
+        Options(order="walk"),
+    ):
         drawn = llvmpipe.image(frame, triangles, options)
         assert np.array_equal(drawn, reference.image(frame, triangles, options))
 

@@ -13,7 +13,11 @@ from harness.rasterisers.order import submission
 
 
 @settings(deadline=None)
-@given(st.integers(0, 60), st.sampled_from(["native", "morton", "shuffled"]), st.integers(0, 2**32))
+@given(
+    st.integers(0, 60),
+    st.sampled_from(["native", "walk", "morton", "shuffled"]),
+    st.integers(0, 2**32),
+)
 def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(scattered, number, order, seed):
     frame, triangles = scattered(seed=1, size=512, number=max(number, 1), grid=1)
     triangles = triangles[:number]

@@ -102,7 +102,7 @@ def test_counts_are_per_polygon_and_do_not_depend_on_order(reference, scattered)
     frame, triangles = scattered(seed=3, size=64, number=50, grid=1)
     native = reference.count(frame, triangles, Options())
     assert native["fragments"].shape == (50,)
-    for order in ("morton", "shuffled"):
+    for order in ("walk", "morton", "shuffled"):
         other = reference.count(frame, triangles, Options(order=order, seed=5))
         for name, values in native.items():
             assert np.array_equal(values, other[name]), name

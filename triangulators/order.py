@@ -1,0 +1,96 @@
+"""The order in which triangles are given: neighbours one after another.
+
+What draws triangles shades a vertex again once it has left its cache, or where a batch ends. So
+the triangles are walked along their dual graph, depth first and always into the smaller part
+first: then only some log2(m) edges wait at any time for what lies beyond them.
+"""
+
+import numpy as np
+from numba import njit
+
+from triangulators.unfold import neighbours_of
+
+
+def walk(triangles: np.ndarray, count: int) -> np.ndarray:
+    """Return triangles (m, 3) of `count` points in the order of a walk; each stays as it is."""
+    rows = np.ascontiguousarray(triangles, dtype=np.int32)
+    return rows[walk_of(rows, count)] if len(rows) > 2 else rows
+
+
+@njit(cache=True, nogil=True)
+def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
+    """Return the (m,) rows of int32 triangles in the order of the walk.
+
+    Each part that hangs together is walked from its first triangle with one neighbour, or from
+    its first; where the dual graph has cycles, along a tree grown breadth first.
+    """
+    m = len(triangles)
+    across = neighbours_of(triangles, count)
+    parent = np.full(m, -2, dtype=np.int32)
+    size = np.ones(m, dtype=np.int32)
+    queue = np.empty(m, dtype=np.int32)
+    order = np.empty(m, dtype=np.int32)
+    stack = np.empty(m, dtype=np.int32)
+    done = 0
+    for first in range(m):
+        if parent[first] != -2:
+            continue
+        root = _leaf(across, first, parent, queue)
+        parent[root] = -1
+        queue[0] = root
+        head, tail = 0, 1
+        while head < tail:
+            row = queue[head]
+            head += 1
+            for e in range(3):
+                other = across[row, e]
+                if other >= 0 and parent[other] == -2:
+                    parent[other] = row
+                    queue[tail] = other
+                    tail += 1
+        for at in range(tail - 1, 0, -1):
+            size[parent[queue[at]]] += size[queue[at]]
+        stack[0] = root
+        height = 1
+        while height > 0:
+            height -= 1
+            row = stack[height]
+            order[done] = row
+            done += 1
+            begin = height
+            for e in range(3):
+                other = across[row, e]
+                if other >= 0 and parent[other] == row:
+                    parent[other] = -4  # once, even where two edges lead to it
+                    at = height
+                    while at > begin and size[stack[at - 1]] < size[other]:
+                        stack[at] = stack[at - 1]
+                        at -= 1
+                    stack[at] = other
+                    height += 1
+    return order
+
+
+@njit(cache=True, nogil=True)
+def _leaf(across: np.ndarray, first: int, parent: np.ndarray, queue: np.ndarray) -> int:
+    """Return a triangle with at most one neighbour that hangs together with `first`, or `first`."""
+    queue[0] = first
+    parent[first] = -3
+    head, tail, found = 0, 1, -1
+    while head < tail and found < 0:
+        row = queue[head]
+        head += 1
+        degree = 0
+        for e in range(3):
+            other = across[row, e]
+            if other >= 0:
+                degree += 1
+                if parent[other] == -2:
+                    parent[other] = -3
+                    queue[tail] = other
+                    tail += 1
+        if degree <= 1:
+            found = row
+    for at in range(tail):
+        parent[queue[at]] = -2
+    return found if found >= 0 else first
