@@ -11,7 +11,7 @@ only=${1:-}
 once() { # folder, then the command that makes it
     [[ "$1" == *"$only"* ]] || return 0
     [ -e "$1/correlations.csv" ] || [ -e "$1/summary.csv" ] || [ -e "$1/pareto.csv" ] && return
-    printf '\n== %s\n' "$1"
+    printf "\n== %s %s\n" "$1" "$(date +%T)"
     rm -rf "$1"
     "${@:2}" --out "$1" --quiet
 }
@@ -70,6 +70,9 @@ for scene in city helsinki; do
         --rasterisers reference --resolution 64,128,256,512,1024 --polygons 12 --budget 0.001
 done
 
-[[ gains == *"$only"* ]] && "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
-[[ validate-city-again == *"$only"* ]] &&
+if [[ gains == *"$only"* ]]; then
+    "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
+fi
+if [[ validate-city-again == *"$only"* ]]; then
     "${harness[@]}" repeat $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
+fi
