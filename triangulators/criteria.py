@@ -151,6 +151,17 @@ def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
     return _expected(4.0, ax, ay, bx, by, cx, cy)
 
 
+@njit(cache=True)
+def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Chance that the bounding box holds a pixel centre (R), the mean over positions on the grid.
+
+    What a rasteriser has to set up: a triangle whose box holds none is dropped before that.
+    """
+    width = max(ax, bx, cx) - min(ax, bx, cx)
+    height = max(ay, by, cy) - min(ay, by, cy)
+    return min(width, 1.0) * min(height, 1.0)
+
+
 FEATURES = (
     "triangles",
     "area",
@@ -161,6 +172,7 @@ FEATURES = (
     "rotated_bbox_area",
     "expected_quads",
     "expected_blocks",
+    "expected_setups",
 )
 
 
@@ -186,12 +198,14 @@ def weighted(
         total += weights[7] * expected_quads(ax, ay, bx, by, cx, cy)
     if weights[8] != 0.0:
         total += weights[8] * expected_blocks(ax, ay, bx, by, cx, cy)
+    if weights[9] != 0.0:
+        total += weights[9] * expected_setups(ax, ay, bx, by, cx, cy)
     return total
 
 
 @njit(cache=True)
 def _feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    sums = np.zeros(9)
+    sums = np.zeros(10)
     for row in range(len(triangles)):
         a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -206,6 +220,7 @@ def _feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         sums[6] += rotated_bbox_area(ax, ay, bx, by, cx, cy)
         sums[7] += expected_quads(ax, ay, bx, by, cx, cy)
         sums[8] += expected_blocks(ax, ay, bx, by, cx, cy)
+        sums[9] += expected_setups(ax, ay, bx, by, cx, cy)
     return sums
 
 
@@ -214,7 +229,7 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
 
     points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: triangles, area,
     half_perimeter, bbox_area, edge_length, shape (degrees), expected_quads, expected_blocks,
-    overdraw, rotation_averaged_overdraw and complexity (bytes).
+    expected_setups, overdraw, rotation_averaged_overdraw and complexity (bytes).
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
@@ -273,6 +288,7 @@ CALIBRATED = (
     "bbox_area",
     "expected_quads",
     "expected_blocks",
+    "expected_setups",
 )
 """Features that a device's time may be made of."""
 
@@ -317,7 +333,7 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
             f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
         )
     return _linear(
-        "calibrated", "coefficients of T, S, H, w*h, Q and P fitted on a device", **coefficients
+        "calibrated", "coefficients of T, S, H, w*h, Q, P and R fitted on a device", **coefficients
     )
 
 

@@ -95,7 +95,7 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
-    """Return (k, 7) rows of `calibration.TERMS`, from coordinates alone."""
+    """Return (k, 8) rows of `calibration.TERMS`, from coordinates alone."""
     return np.array(
         [
             calibration.terms(predict(frame.points / SUBPIXEL, triangles))
@@ -180,7 +180,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        # A file from before there were Q and P weighs them with nothing.
+        # A file from before there were Q, P and R weighs them with nothing.
         since = dict.fromkeys(calibration.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:

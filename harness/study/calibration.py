@@ -1,9 +1,10 @@
 """Fits what a device's time is made of, on draws designed to tell the parts apart.
 
-    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cQ*Q + cP*P
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cQ*Q + cP*P + cR*R
 
-with T triangles, S their area, H the half-perimeters, w*h the areas of their bounding boxes, and Q
-and P the expected quads and 4x4 blocks, which unlike H are small for slivers that cover nothing.
+with T triangles, S their area, H the half-perimeters, w*h the areas of their bounding boxes, Q and
+P the expected quads and 4x4 blocks, which unlike H are small for slivers that cover nothing, and R
+the expected number of triangles whose bounding box holds a pixel centre: others are dropped early.
 The fit is non-negative, because no part can make a draw faster, and robust, because a draw that
 something else disturbed must not bend it. It stays a sum over triangles, so `optimal:calibrated`
 minimises it exactly.
@@ -30,13 +31,14 @@ TERMS = (
     "bbox_area",
     "expected_quads",
     "expected_blocks",
+    "expected_setups",
 )
-"""Columns of a design: one for the draw itself, then T, S, H, the sum of w*h, Q and P."""
+"""Columns of a design: one for the draw itself, then T, S, H, the sum of w*h, Q, P and R."""
 
-UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2", "s", "s")
+UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2", "s", "s", "s")
 
 VERTICES = (6, 12, 24, 48, 96)
-EXTENTS = (0.03, 0.06, 0.12, 0.25, 0.5, 0.95)
+EXTENTS = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5, 0.95)
 """Sizes of the designed polygons as shares of the viewport."""
 
 SHAPES = ((0.35, 1.0), (0.35, 0.05), (0.97, 1.0))
@@ -81,6 +83,7 @@ def designed_polygons(resolution: int, seed: int = 0) -> list[tuple[Polygon, int
         for extent in EXTENTS:
             for least, squeeze in SHAPES:
                 copies = 8 if extent < 0.2 and random.random() < 0.5 else 1
+                copies = 32 if extent < 0.02 else copies
                 star = _star(random, resolution, number, extent, least, squeeze)
                 found.append((star, copies))
     return found
@@ -110,7 +113,7 @@ def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 def fit(design: Design, seconds: NDArray[np.float64], seed: int = 0, resamples: int = 200) -> Fit:
-    """Fit non-negative coefficients to (k, 7) rows of `TERMS` and (k,) times.
+    """Fit non-negative coefficients to (k, 8) rows of `TERMS` and (k,) times.
 
     Errors are relative, so that short draws count as much as long ones.
     """
@@ -154,7 +157,7 @@ def _solve(design: Design, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
-    """Return the (k,) seconds that coefficients predict for (k, 7) rows of `TERMS`."""
+    """Return the (k,) seconds that coefficients predict for (k, 8) rows of `TERMS`."""
     return design @ np.array([fitted[name] for name in TERMS])
 
 

@@ -85,6 +85,7 @@ def test_sums_and_keys():
         "overdraw",
         "expected_quads",
         "expected_blocks",
+        "expected_setups",
         "rotation_averaged_overdraw",
         "complexity",
     }
