@@ -33,42 +33,59 @@ def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
     stack = np.empty(m, dtype=np.int32)
     done = 0
     for first in range(m):
-        if parent[first] != -2:
-            continue
-        root = _leaf(across, first, parent, queue)
-        parent[root] = -1
-        queue[0] = root
-        head, tail = 0, 1
-        while head < tail:
-            row = queue[head]
-            head += 1
-            for e in range(3):
-                other = across[row, e]
-                if other >= 0 and parent[other] == -2:
-                    parent[other] = row
-                    queue[tail] = other
-                    tail += 1
-        for at in range(tail - 1, 0, -1):
-            size[parent[queue[at]]] += size[queue[at]]
-        stack[0] = root
-        height = 1
-        while height > 0:
-            height -= 1
-            row = stack[height]
-            order[done] = row
-            done += 1
-            begin = height
-            for e in range(3):
-                other = across[row, e]
-                if other >= 0 and parent[other] == row:
-                    parent[other] = -4  # once, even where two edges lead to it
-                    at = height
-                    while at > begin and size[stack[at - 1]] < size[other]:
-                        stack[at] = stack[at - 1]
-                        at -= 1
-                    stack[at] = other
-                    height += 1
+        if parent[first] == -2:
+            root = _leaf(across, first, parent, queue)
+            done = _walk_part(across, root, parent, size, queue, stack, order, done)
+        if parent[first] == -2:  # no way leads from the leaf back, where edges have three sides
+            done = _walk_part(across, first, parent, size, queue, stack, order, done)
     return order
+
+
+@njit(cache=True, nogil=True)
+def _walk_part(
+    across: np.ndarray,
+    root: int,
+    parent: np.ndarray,
+    size: np.ndarray,
+    queue: np.ndarray,
+    stack: np.ndarray,
+    order: np.ndarray,
+    done: int,
+) -> int:
+    """Append to `order`, from `done` on, what is reached from `root`; return the new end."""
+    parent[root] = -1
+    queue[0] = root
+    head, tail = 0, 1
+    while head < tail:
+        row = queue[head]
+        head += 1
+        for e in range(3):
+            other = across[row, e]
+            if other >= 0 and parent[other] == -2:
+                parent[other] = row
+                queue[tail] = other
+                tail += 1
+    for at in range(tail - 1, 0, -1):
+        size[parent[queue[at]]] += size[queue[at]]
+    stack[0] = root
+    height = 1
+    while height > 0:
+        height -= 1
+        row = stack[height]
+        order[done] = row
+        done += 1
+        begin = height
+        for e in range(3):
+            other = across[row, e]
+            if other >= 0 and parent[other] == row:
+                parent[other] = -4  # once, even where two edges lead to it
+                at = height
+                while at > begin and size[stack[at - 1]] < size[other]:
+                    stack[at] = stack[at - 1]
+                    at -= 1
+                stack[at] = other
+                height += 1
+    return done
 
 
 @njit(cache=True, nogil=True)
