@@ -211,15 +211,19 @@ def _scatter(rows: pd.DataFrame, title: str) -> Figure | None:
                 linewidths=0,
                 alpha=0.6,
                 color="#BBBBBB" if name == "random" else COLOURS[index % len(COLOURS)],
-                marker=MARKERS[index % len(MARKERS)],
+                # Another marker when the colours begin anew.
+                marker=MARKERS[(index + index // len(COLOURS)) % len(MARKERS)],
                 label=name,
                 rasterized=True,
             )
         ends = [float(np.nanmin(x)), float(np.nanmax(x))]
         panel.plot(ends, ends, color="black", linewidth=0.8, linestyle="--")
-        panel.set_xlabel(f"predicted: {criterion.replace('_', ' ')}, over the polygon's median")
-        panel.set_ylabel(f"{label(measure)}, over the polygon's median")
+        panel.set_xlabel(f"predicted {criterion.replace('_', ' ')}, over median")
+        panel.set_ylabel(f"measured {label(measure)}, over median")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=5, markerscale=2)
-    figure.suptitle(f"{title}: one mark a triangulation, dashed where as predicted", fontsize=9)
+    figure.suptitle(
+        f"{title}: one mark a triangulation, over its polygon's median, dashed where as predicted",
+        fontsize=9,
+    )
     return figure
