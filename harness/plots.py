@@ -77,6 +77,11 @@ def plot_run(run: Run) -> list[Path]:
     return files
 
 
+def marker(index: int) -> str:
+    """Return the marker of series `index`: another one when the colours begin anew."""
+    return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
+
+
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as PNG and as SVG, `stem` with their endings; returns the files."""
     files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
@@ -149,7 +154,7 @@ def _scatter(
             alpha=0.5,
             linewidths=0,
             color=COLOURS[index % len(COLOURS)],
-            marker=MARKERS[index % len(MARKERS)],
+            marker=marker(index),
             label=name,
             rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from harness.metrics import METRICS
-from harness.plots import COLOURS, MARKERS, STYLE, save
+from harness.plots import COLOURS, STYLE, marker, save
 from harness.store import Record
 from harness.summary import groups, time_ratio
 
@@ -128,7 +128,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
             line[axis],
             line["time_ratio"],
             color=COLOURS[index % len(COLOURS)],
-            marker=MARKERS[index % len(MARKERS)],
+            marker=marker(index),
             markersize=3,
             label=str(name),
         )

@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.plots import COLOURS, MARKERS, STYLE, save
+from harness.plots import COLOURS, STYLE, marker, save
 from harness.study.analysis import CRITERIA
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None
                 line["value"],
                 yerr=[line["value"] - line["ci_low"], line["ci_high"] - line["value"]],
                 color=COLOURS[index % len(COLOURS)],
-                marker=MARKERS[index % len(MARKERS)],
+                marker=marker(index),
                 markersize=4,
                 linewidth=1,
                 elinewidth=0.7,
@@ -211,8 +211,7 @@ def _scatter(rows: pd.DataFrame, title: str) -> Figure | None:
                 linewidths=0,
                 alpha=0.6,
                 color="#BBBBBB" if name == "random" else COLOURS[index % len(COLOURS)],
-                # Another marker when the colours begin anew.
-                marker=MARKERS[(index + index // len(COLOURS)) % len(MARKERS)],
+                marker=marker(index),
                 label=name,
                 rasterized=True,
             )
