@@ -20,7 +20,8 @@ def repeat(
     """Check that two runs of one plan have equal counters, and how often verdicts agree.
 
     Every two triangulations of the same polygons that were timed together are a pair, with a
-    verdict in each run: faster, slower, or no difference shown. Exits with 1 if a counter differs.
+    verdict in each run: faster, slower, or no difference shown, which says that they are too close
+    for the time spent. Exits with 1 if a counter differs.
     """
     found = compare(read_run(first).records, read_run(second).records)
     if not found.cases:
@@ -34,11 +35,12 @@ def repeat(
     say(f"counters: equal in {same:,} of {found.cases:,} cases")
     for key in found.unequal[:5]:
         say(f"  differ: {key}")
-    if found.pairs:
-        say(
-            f"verdicts: {found.agreeing / found.pairs:.1%} of {found.pairs:,} pairs agree, "
-            f"{found.opposite / found.pairs:.2%} are opposite"
-        )
+    for verdicts in found.verdicts:
+        where = f"{verdicts.rasteriser} on {verdicts.device}, {verdicts.pairs:,} pairs"
+        which = f"both runs say which is faster of {verdicts.decided:,}"
+        if verdicts.decided:
+            which += f", and the same of {verdicts.agreeing / verdicts.decided:.2%} of these"
+        say(f"{where}: {which}; the same of three verdicts: {verdicts.same / verdicts.pairs:.1%}")
     raise typer.Exit(1 if found.unequal else 0)
 
 

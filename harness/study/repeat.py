@@ -11,21 +11,37 @@ from harness.store import Record
 from harness.study.analysis import without_twins
 from harness.summary import group_of, groups, time_ratio
 
+UNDECIDED = "no difference shown"
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """How two runs' verdicts on the same pairs agree, on one rasteriser and device.
+
+    pairs : pairs of triangulations timed together in both runs
+    same : those with the same of three verdicts: faster, slower, no difference shown
+    decided : those of which both runs say which one is faster
+    agreeing : those of `decided` of which they say the same
+    """
+
+    rasteriser: str
+    device: str
+    pairs: int
+    same: int
+    decided: int
+    agreeing: int
+
 
 @dataclass(frozen=True)
 class Repeat:
     """How two runs of the same cases agree.
 
     cases : counted in both runs; unequal : keys of those with a counter that differs
-    pairs : pairs of triangulations timed together in both; agreeing : those with the same verdict
-    opposite : those of which one run shows the first faster, the other the second
     """
 
     cases: int
     unequal: tuple[str, ...]
-    pairs: int
-    agreeing: int
-    opposite: int
+    verdicts: tuple[Verdicts, ...]
 
 
 def repeat(first: Sequence[Record], second: Sequence[Record]) -> Repeat:
@@ -37,16 +53,22 @@ def repeat(first: Sequence[Record], second: Sequence[Record]) -> Repeat:
     others = {record["key"]: record for record in second if record["status"] == "ok"}
     common = [r for r in first if r["status"] == "ok" and r["key"] in others]
     unequal = [r["key"] for r in common if r["counters"] != others[r["key"]]["counters"]]
-    verdicts = [_verdicts(common), _verdicts([others[record["key"]] for record in common])]
-    shared = verdicts[0].keys() & verdicts[1].keys()
-    both = Counter((verdicts[0][pair], verdicts[1][pair]) for pair in shared)
-    return Repeat(
-        cases=len(common),
-        unequal=tuple(unequal),
-        pairs=len(shared),
-        agreeing=sum(count for (one, other), count in both.items() if one == other),
-        opposite=both["faster", "slower"] + both["slower", "faster"],
-    )
+    found = []
+    for place in dict.fromkeys((r["rasteriser"], r["device"]) for r in common):
+        here = [r for r in common if (r["rasteriser"], r["device"]) == place]
+        one, other = _verdicts(here), _verdicts([others[record["key"]] for record in here])
+        both = Counter((one[pair], other[pair]) for pair in one.keys() & other.keys())
+        decided = {pair: count for pair, count in both.items() if UNDECIDED not in pair}
+        found.append(
+            Verdicts(
+                *place,
+                pairs=both.total(),
+                same=sum(count for (a, b), count in both.items() if a == b),
+                decided=sum(decided.values()),
+                agreeing=sum(count for (a, b), count in decided.items() if a == b),
+            )
+        )
+    return Repeat(len(common), tuple(unequal), tuple(v for v in found if v.pairs))
 
 
 def _verdicts(records: Sequence[Record]) -> dict[tuple[object, ...], str]:

@@ -11,6 +11,7 @@ from harness.store import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, tabulate
 from harness.study.design import Design, choose_polygons, choose_triangulators
+from harness.study.repeat import repeat
 from scenes import load
 from tests.conftest import exit_code
 
@@ -164,3 +165,36 @@ def test_a_polygon_is_drawn_with_its_t_junctions_marked(study, tmp_path):
     table = extremes.tabulate(some)
     promised = table[table["criterion"] == "overdraw"].groupby("among")["predicted_ratio"].max()
     assert promised["all"] > promised["conforming"]
+
+
+def scripted(name: str, seconds: list[float], quads: int = 5) -> dict[str, object]:
+    return {
+        "key": name,
+        "status": "ok",
+        "triangulator": name,
+        "scene": "s",
+        "rasteriser": "r",
+        "device": "d",
+        "resolution": 64,
+        "rotation": 0.0,
+        "polygons": 1,
+        "options": {},
+        "counters": {"quads": quads},
+        "predicted": dict.fromkeys(("overdraw", "half_perimeter", "edge_length", "shape"), seconds),
+        "time": {"samples_s": seconds, "reference_s": [1.0] * len(seconds)},
+    }
+
+
+def test_two_runs_agree_where_both_decide(monkeypatch):
+    monkeypatch.setattr("harness.study.repeat.without_twins", list)
+    steady = [1.0] * 12
+    first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
+    swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]
+    found = repeat(first, swapped)
+    assert (found.cases, found.unequal) == (3, ("c",))
+    (verdicts,) = found.verdicts
+    assert (verdicts.pairs, verdicts.same) == (3, 2)
+    assert (verdicts.decided, verdicts.agreeing) == (3, 2)
+    undecided = [scripted("a", steady), scripted("b", [0.5, 2.0] * 6), scripted("c", [3.0] * 12)]
+    (verdicts,) = repeat(first, undecided).verdicts
+    assert (verdicts.same, verdicts.decided, verdicts.agreeing) == (2, 2, 2)
