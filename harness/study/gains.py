@@ -27,7 +27,7 @@ AXES = {
 }
 """What varies in a study of gains, each with its axis label."""
 
-KEYS = (*AXES, "order")
+KEYS = (*AXES, "fit", "order")
 """What rows that belong together share, besides the scene and the device."""
 
 
@@ -59,6 +59,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         "device": record["device"],
         "resolution": record["resolution"],
         "rotation": record["rotation"],
+        "fit": record["fit"],
         "work": record["options"]["work"],
         "samples": record["options"]["samples"],
         "order": record["options"]["order"],
@@ -117,9 +118,9 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
 
     figure = Figure(figsize=(4.6, 3.6))
     axes = figure.subplots()
+    # Only what varies on this axis: all else as it was where this varies most.
     others = [name for name in KEYS if name != axis]
-    # Only what varies on this axis: everything else as it was at the first value measured.
-    fixed = part[(part[others] == part[others].iloc[0]).all(axis=1)]
+    _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
     for index, (name, line) in enumerate(fixed.groupby("triangulator", sort=False)):
         if name == base:
             continue

