@@ -158,12 +158,18 @@ def _compute(
 
 def _parameters(name: str, seed: int, calibration: Mapping[str, float] | None) -> dict[str, Any]:
     """Return what besides the polygon decides the triangulation, JSON-ready."""
-    base, _, own_seed = name.partition(SEED_MARK)
-    if base == "random":
-        return {"seed": int(own_seed or seed)}
+    base, numbered = _numbered(name, seed)
     if base.endswith(":calibrated") and calibration is not None:
         return {"calibration": sorted(_terms(calibration).items())}
-    return {}
+    return numbered
+
+
+def _numbered(name: str, seed: int) -> tuple[str, dict[str, Any]]:
+    """Return a name without its number, and the number as the parameter that it is."""
+    base, mark, number = name.partition(SEED_MARK)
+    if mark:
+        return base, {NUMBERED[base]: int(number)}
+    return base, {"seed": seed} if base == "random" else {}
 
 
 def _terms(calibration: Mapping[str, float]) -> dict[str, float]:
@@ -174,15 +180,10 @@ def _terms(calibration: Mapping[str, float]) -> dict[str, float]:
 def _call(
     name: str, polygon: Polygon, seed: int, calibration: Mapping[str, float] | None
 ) -> NDArray[np.int32]:
-    base, mark, number = name.partition(SEED_MARK)
-    if mark:
-        parameters: dict[str, Any] = {NUMBERED[base]: int(number)}
-        return triangulate(polygon, base, **parameters)
-    if base == "random":
-        return triangulate(polygon, base, seed=seed)
+    base, numbered = _numbered(name, seed)
     if base.endswith(":calibrated") and calibration is not None:
         return triangulate(polygon, base, criterion=criteria.calibrated(_terms(calibration)))
-    return triangulate(polygon, name)
+    return triangulate(polygon, base, **numbered)
 
 
 def _warm_up(name: str, seed: int, calibration: Mapping[str, float] | None) -> None:

@@ -71,6 +71,21 @@ def test_the_second_time_is_the_first_read_back(database, computed, name):
         assert second.seconds == pytest.approx(first.seconds, rel=1e-9)
 
 
+@pytest.mark.usefixtures("all_kept")
+@pytest.mark.parametrize("base", ["pareto", "listed", "random"])
+def test_each_number_is_kept_by_itself(database, base):
+    """A number decides the triangulation: one must not be read for another."""
+    polygons = make_frame(load("paper").polygons, View(512)).polygons
+    names = [f"{base}#{k}" for k in range(3)]
+    computed = [triangulate_polygons(name, polygons, 0, None, None) for name in names]
+    for _ in range(2):
+        for name, expected in zip(names, computed, strict=True):
+            (part,) = triangulate_polygons(name, polygons, 0, None, database).parts
+            (other,) = expected.parts
+            assert (part is None) == (other is None)
+            assert part is None or np.array_equal(part, other)
+
+
 def test_what_is_computed_as_quickly_as_read_is_not_kept(database):
     small = make_frame(load("city:buildings=40").polygons, View(512)).polygons
     small = [polygon for polygon in small if len(vertices(polygon)) < 20 and not polygon.interiors]
