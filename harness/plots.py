@@ -18,7 +18,7 @@ from harness.polygons import (
     rank_correlation,
     ratios,
 )
-from harness.store import Record, Run
+from harness.store import Record, Run, file_stem
 from harness.summary import BASE, groups
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ def plot_run(run: Run) -> list[Path]:
                 figure = draw(run, members)
                 if figure is None:
                     continue
-                stem = name if number == 0 else _file_name(name, members[0])
-                files += save(figure, folder / stem)
+                stem = name if number == 0 else f"{name}-{_view_of(members[0])}"
+                files += save(figure, folder, stem)
     return files
 
 
@@ -82,23 +82,20 @@ def marker(index: int) -> str:
     return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and as SVG, `stem` with their endings; returns the files."""
-    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure into `folder` as PNG and as SVG; returns the files.
+
+    name : any text; the files' names are its `store.file_stem` with their endings
+    """
+    files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
     for file in files:
         figure.savefig(file)
     return files
 
 
-def _file_name(plot: str, record: Record) -> str:
-    parts = (
-        record["rasteriser"],
-        record["device"],
-        record["resolution"],
-        f"{record['rotation']:g}",
-    )
-    words = "-".join([plot, *(str(part) for part in parts)])
-    return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in words)
+def _view_of(record: Record) -> str:
+    names = ("rasteriser", "device", "resolution")
+    return "-".join([*(str(record[name]) for name in names), f"{record['rotation']:g}"])
 
 
 def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:

@@ -223,6 +223,14 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
         return None
 
 
+def file_stem(text: str) -> str:
+    """Return a name with whatever a file's name had better not have as hyphens.
+
+    Letters and digits of any alphabet stay, and so do hyphens, underscores and dots.
+    """
+    return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in text)
+
+
 class _clear_errors(contextlib.AbstractContextManager[None]):  # noqa: N801 - used as a function
     """Turn an OSError about the folder into one clear line."""
 

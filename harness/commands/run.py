@@ -22,7 +22,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.run import Outcome
 from harness.run import run as carry_out
-from harness.store import read_run
+from harness.store import file_stem, read_run
 from harness.summary import print_summary, write_csv
 from harness.timing import Settings
 
@@ -206,8 +206,7 @@ def _stored_plan(folder: Path) -> Plan:
 
 def default_folder(scene: str) -> Path:
     """Return a new folder under results/ for a run of `scene`."""
-    name = "".join(c if c.isalnum() or c in "-_" else "-" for c in Path(scene).stem)
-    first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    first = Path("results") / f"{file_stem(Path(scene).stem)}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = first, 2
     while folder.exists():  # two short runs may begin within a second
         folder, number = first.with_name(f"{first.name}-{number}"), number + 1

@@ -32,7 +32,7 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
     for metric in dict.fromkeys(entry.metric for entry in series):
         with matplotlib.rc_context(STYLE):
             figure = metric_figure(runs, [entry for entry in series if entry.metric == metric])
-            files += save(figure, folder / metric)
+            files += save(figure, folder, metric)
     return files
 
 

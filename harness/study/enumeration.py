@@ -85,4 +85,4 @@ def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
         axes.set_xlabel("A, bounding-box overdraw (square units)")
         axes.set_ylabel("D, shape deviation (degrees)")
         axes.legend()
-    save(figure, plots / "difference-vs-overdraw")
+    save(figure, plots, "difference-vs-overdraw")

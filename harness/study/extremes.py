@@ -141,7 +141,7 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
         if figure is not None:
             first = good[0]
             name = f"measured-over-a-{first['rasteriser']}-{first['device']}"
-            files += save(figure, folder / name)
+            files += save(figure, folder, name)
     return files
 
 

@@ -108,8 +108,7 @@ def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
             with matplotlib.rc_context(STYLE):
                 figure = _figure(part, axis, base, f"{scene}: {rasteriser} on {device}")
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
-            stem = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-            files += save(figure, folder / stem)
+            files += save(figure, folder, name)
     return files
 
 

@@ -91,7 +91,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
             }
         for kind, figure in figures.items():
             if figure is not None:
-                files += save(figure, plots / f"{kind}-{rasteriser}-{device}")
+                files += save(figure, plots, f"{kind}-{rasteriser}-{device}")
     return files
 
 
@@ -112,7 +112,7 @@ def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
             figure = _lines(part, wanted, f"{rasteriser} on {device}")
         if figure is not None:
             name = f"criteria-over-resolution-{rasteriser}-{device}"
-            files += save(figure, folder / "plots" / name)
+            files += save(figure, folder / "plots", name)
     return files
 
 

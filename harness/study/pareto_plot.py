@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.plots import STYLE
+from harness.plots import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
 from harness.study.pareto_answer import FASTER
 
@@ -53,13 +53,7 @@ def plot(table: pd.DataFrame, fronts: Mapping[str, Front], scene: str, folder: P
         for kind, rows in chosen.items():
             with matplotlib.rc_context(STYLE):
                 figure = _figure(rows, fronts, title)
-            name = f"{kind}-{scene}-{rasteriser}-{device}"
-            stem = "".join(
-                letter if letter.isalnum() or letter in "-_." else "-" for letter in name
-            )
-            for suffix in ("png", "svg"):
-                figure.savefig(folder / f"{stem}.{suffix}")
-                files.append(folder / f"{stem}.{suffix}")
+            files += save(figure, folder, f"{kind}-{scene}-{rasteriser}-{device}")
     return files
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.store import SCHEMA_VERSION, Store, read_arrays, read_run
+from harness.store import SCHEMA_VERSION, Store, file_stem, read_arrays, read_run
 
 
 def record(key: str, **more: object) -> dict[str, object]:
@@ -122,3 +122,8 @@ def test_facts_are_replaced_whole(tmp_path):
         store.write_facts({"step": 2})
     assert json.loads((tmp_path / "run.json").read_text())["step"] == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.jsonl", "run.json"]
+
+
+def test_a_name_of_anything_is_a_name_of_a_file():
+    assert file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
+    assert file_stem("Straße_22.5-x") == "Straße_22.5-x"
