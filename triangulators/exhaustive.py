@@ -7,7 +7,6 @@ the paper's recursion gives the same and removes duplicates.
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from triangulators.cost import cheapest, cost_of
 from triangulators.counting import count_of_cycle, count_triangulations
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.paper import Recursion
-from triangulators.polygon import Boundary, boundary, boundary_area, boundary_of_rings, check
+from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
 from triangulators.starts import Cycle, cycle_of
 
 Mode = Literal["conforming", "paper"]
@@ -137,16 +136,14 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     Mode `paper`: those with T-junctions are among them. The lists of the last polygons are kept.
     Raises `Skipped` for holes, for more than 20,000, and where the list ends before k.
     """
-    everything = _kept(outline.points.tobytes(), tuple(outline.ends.tolist()))
+    everything = _listed(outline)
     if not 0 <= k < len(everything):
         raise Skipped(f"listed: the list ends at number {len(everything) - 1}, before {k}")
     return everything[k].copy()
 
 
-@lru_cache(maxsize=8)
-def _kept(points: bytes, ends: tuple[int, ...]) -> list[np.ndarray]:
-    corners = np.frombuffer(points).reshape(-1, 2).copy()
-    outline = boundary_of_rings(corners, np.array(ends, np.uint32))
+@remembered(8)
+def _listed(outline: Boundary) -> list[np.ndarray]:
     ring = cycle_of(outline, "listed")
     if count_of_cycle(ring, MOST_PAPER) > MOST_PAPER:
         raise Skipped(f"listed: the polygon has more than {MOST_PAPER} triangulations")

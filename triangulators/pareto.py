@@ -6,7 +6,6 @@ weighted sum of the two criteria reaches only the corners of the front's convex 
 """
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ import shapely
 from triangulators import criteria
 from triangulators.cost import Cost, cost_of, evaluate
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.polygon import Boundary, boundary, boundary_area, boundary_of_rings, check
+from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
 from triangulators.starts import Cycle, cycle_of
 
 MOST = 100_000  # points in the front of a sub-polygon
@@ -62,16 +61,15 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """
     if len(outline.edges) > LIMIT:
         raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
-    triangles = _kept(outline.points.tobytes(), tuple(outline.ends.tolist())).triangles
+    triangles = _of_a_and_d(outline).triangles
     if not 0 <= k < len(triangles):
         raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
     return triangles[k].copy()
 
 
-@lru_cache(maxsize=32)
-def _kept(points: bytes, ends: tuple[int, ...]) -> Front:
-    corners = np.frombuffer(points).reshape(-1, 2).copy()  # a writable one, as earcut wants
-    return _front(boundary_of_rings(corners, np.array(ends, np.uint32)), "overdraw", "shape")
+@remembered(32)
+def _of_a_and_d(outline: Boundary) -> Front:
+    return _front(outline, "overdraw", "shape")
 
 
 def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:

@@ -1,13 +1,17 @@
 """A shapely polygon as arrays: its vertices, its rings, its boundary edges."""
 
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import shapely
 
 from triangulators.errors import InvalidPolygon
 from triangulators.predicates import on_segment, tolerance, touching
+
+Result = TypeVar("Result")
 
 _BRUTE_FORCE = 2000  # edges; beyond, touching rings are looked for with a tree
 
@@ -153,3 +157,24 @@ def boundary_area(outline: Boundary) -> float:
     shifted = outline.points - outline.points[0]
     a, b = shifted[outline.edges[:, 0]], shifted[outline.edges[:, 1]]
     return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) / 2.0
+
+
+def remembered(most: int) -> Callable[[Callable[[Boundary], Result]], Callable[[Boundary], Result]]:
+    """Decorate a function of a `Boundary`: its results for the last `most` outlines are kept.
+
+    Outlines of equal vertices and rings are one. Callers share a result: they must not change it.
+    """
+
+    def decorate(compute: Callable[[Boundary], Result]) -> Callable[[Boundary], Result]:
+        @lru_cache(maxsize=most)
+        def kept(points: bytes, ends: tuple[int, ...]) -> Result:
+            corners = np.frombuffer(points).reshape(-1, 2).copy()  # a writable one, as earcut wants
+            return compute(boundary_of_rings(corners, np.array(ends, np.uint32)))
+
+        @wraps(compute)
+        def look_up(outline: Boundary) -> Result:
+            return kept(outline.points.tobytes(), tuple(outline.ends.tolist()))
+
+        return look_up
+
+    return decorate
