@@ -22,17 +22,9 @@ from scipy.optimize import least_squares
 from shapely import Polygon
 
 from harness.frame import SUBPIXEL
+from triangulators.criteria import CALIBRATED
 
-TERMS = (
-    "draw",
-    "triangles",
-    "area",
-    "half_perimeter",
-    "bbox_area",
-    "expected_quads",
-    "expected_blocks",
-    "expected_setups",
-)
+TERMS = ("draw", *CALIBRATED)
 """Columns of a design: one for the draw itself, then T, S, H, the sum of w*h, Q, P and R."""
 
 UNITS = ("s", "s", "s/px^2", "s/px", "s/px^2", "s", "s", "s")
