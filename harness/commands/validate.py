@@ -89,9 +89,9 @@ def validate(
         raise NothingMeasured("nothing was measured: every case was skipped or failed")
     with reporter.stage("correlating", 1):
         table = analysis.tabulate(outcome.records)
-        correlations = analysis.write(table, folder)
+        correlations, sizes = analysis.write(table, folder)
         matrix.plot_study(correlations, table, folder)
-        matrix.plot_sizes(analysis.by_resolution(table), folder)
+        matrix.plot_sizes(sizes, folder)
         ends = extremes.tabulate(outcome.records)
         ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
         if ends["scene"].nunique() == 1:

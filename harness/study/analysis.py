@@ -141,15 +141,18 @@ def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimat
     return [*within(columns), *pooled(columns, triangles)]
 
 
-def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Write what `tabulate` gave as measured.csv and its correlations.csv; returns the latter."""
+def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Write what `tabulate` gave, and what `correlate` and `by_resolution` make of it.
+
+    Returns the latter two; correlations_by_resolution.csv is written where there are several.
+    """
     table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
     correlations = correlate(table)
     correlations.to_csv(folder / "correlations.csv", index=False, float_format="%.6g")
     sizes = by_resolution(table)
     if not sizes.empty:
         sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")
-    return correlations
+    return correlations, sizes
 
 
 def by_resolution(table: pd.DataFrame) -> pd.DataFrame:
