@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.run import INTERRUPTED, default_folder, split_names
-from harness.errors import NothingMeasured, UsageError
+from harness.commands.options import Force, Quiet, Seed
+from harness.commands.run import INTERRUPTED, folder_for, require_measured, split_names
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -37,16 +37,14 @@ def pareto(
     resolution: Annotated[
         int, typer.Option(help="Viewport in pixels, which the scene or the polygon fills.")
     ] = 512,
-    seed: Annotated[int, typer.Option(help="Seed of all that is random.")] = 0,
+    seed: Seed = 0,
     budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = BUDGET_S,
     out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Resume even if things differ.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
+    force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Measure the Pareto front of the paper's A and D, and the sweep of their weights."""
-    if out and resume:
-        raise UsageError("--out and --resume name two folders; --resume writes to its own")
     view = View(resolution)
     plan = Plan(
         scene=scene,
@@ -57,7 +55,7 @@ def pareto(
         views=(view,),
         timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
-    folder = resume or out or default_folder(f"pareto-{scene}")
+    folder = folder_for(f"pareto-{scene}", out, resume)
     reporter = Reporter(quiet=quiet)
     fronts: dict[str, study.Front] = {}
 
@@ -69,8 +67,7 @@ def pareto(
     outcome = carry_out(
         plan, folder, reporter, resume=resume is not None, force=force, split=take_apart
     )
-    if not any(record["status"] == "ok" for record in outcome.records):
-        raise NothingMeasured("nothing was measured: every case was skipped or failed")
+    require_measured(outcome)
     run = read_run(folder)
     table = study.tabulate(run, fronts)
     with reporter.stage("plotting", 1):

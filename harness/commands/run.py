@@ -131,8 +131,6 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
-    if out and resume:
-        raise UsageError("--out and --resume name two folders; --resume writes to its own")
     timing = QUICK if quick else Settings(precision=precision, budget_s=budget)
     plan = None
     if resume and not scene:
@@ -160,8 +158,8 @@ def run(
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else Plan.timeout_s),
             calibration=_coefficients(calibration, triangulators, device),
         )
+    folder = folder_for(plan.scene, out, resume)
     _load_ahead()
-    folder = resume or out or default_folder(plan.scene)
     reporter = Reporter(quiet=quiet)
     outcome = carry_out(
         plan,
@@ -204,6 +202,19 @@ def _stored_plan(folder: Path) -> Plan:
         raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
 
 
+def folder_for(name: str, out: Path | None, resume: Path | None) -> Path:
+    """Return the folder that --out or --resume names, a new one for `name` without either.
+
+    Raises
+    ------
+    UsageError
+        if both are given
+    """
+    if out and resume:
+        raise UsageError("--out and --resume name two folders; --resume writes to its own")
+    return resume or out or default_folder(name)
+
+
 def default_folder(scene: str) -> Path:
     """Return a new folder under results/ for a run of `scene`."""
     first = Path("results") / f"{file_stem(Path(scene).stem)}-{time.strftime('%Y%m%d-%H%M%S')}"
@@ -239,9 +250,15 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     if outcome.interrupted:
         console.print(f"stopped early; go on with: harness run --resume {outcome.path}")
         raise typer.Exit(INTERRUPTED)
-    if not measured:
+    require_measured(outcome)
+
+
+def require_measured(outcome: Outcome) -> None:
+    """Raise `NothingMeasured` if no case was measured."""
+    if not any(record["status"] == "ok" for record in outcome.records):
+        where = os.path.relpath(outcome.path)
         raise NothingMeasured(
-            "nothing was measured: every case was skipped or failed (reasons above)"
+            f"nothing was measured: every case was skipped or failed (reasons: {where}/cases.jsonl)"
         )
 
 

@@ -9,8 +9,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed, Work
-from harness.commands.run import default_folder, numbers, split_names
-from harness.errors import NothingMeasured
+from harness.commands.run import folder_for, numbers, require_measured, split_names
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -72,7 +71,7 @@ def validate(
         options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
         timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
-    folder = resume or out or default_folder(f"validate-{scene}")
+    folder = folder_for(f"validate-{scene}", out, resume)
     reporter = Reporter(quiet=quiet)
     outcome = carry_out(
         plan,
@@ -85,8 +84,7 @@ def validate(
             for number, part in choose_polygons(whole, design)
         ],
     )
-    if not any(record["status"] == "ok" for record in outcome.records):
-        raise NothingMeasured("nothing was measured: every case was skipped or failed")
+    require_measured(outcome)
     with reporter.stage("correlating", 1):
         table = analysis.tabulate(outcome.records)
         correlations, sizes = analysis.write(table, folder)

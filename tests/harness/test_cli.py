@@ -138,7 +138,7 @@ def test_nothing_measured_is_exit_code_4(harness):
     code, out, err = harness("run", "--scene", "hole.geojson", "--triangulators", "fan", *MOCK)
     assert code == 4
     assert "skipped" in out
-    assert_one_line(err, "nothing was measured")
+    assert_one_line(err, "nothing was measured", "cases.jsonl")
 
 
 @pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])

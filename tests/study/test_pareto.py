@@ -160,6 +160,16 @@ def test_bad_usage_is_one_line(harness, arguments, parts):
     assert_one_line(err, *parts)
 
 
+def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
+    monkeypatch.setenv("MOCK_FAULT", "count:error")  # with 9 corners all have 7 triangles
+    turns = np.linspace(0, 2 * np.pi, 10)[:-1]
+    ring = np.column_stack((np.cos(turns), np.sin(turns))).tolist()
+    Path("nonagon.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    code, _, err = harness("pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF)
+    assert code == 4
+    assert_one_line(err, "nothing was measured", "out/cases.jsonl")
+
+
 def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     names = "optimal:mixed=1.0/.5/0,optimal:mixed=1/0.5/0,worst:mixed=1/0.5/0,optimal:mixed=1/1/1"
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)

@@ -14,6 +14,7 @@ from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.study.repeat import repeat
 from scenes import load
 from tests.conftest import exit_code
+from tests.harness.test_cli import assert_one_line
 
 
 def test_polygons_are_simple_and_of_all_sizes():
@@ -46,6 +47,12 @@ def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
 def test_a_scene_without_simple_polygons_is_refused():
     with pytest.raises(UsageError, match="no polygon without holes"):
         choose_polygons(load("city:buildings=5"), Design(most_vertices=3))
+
+
+def test_two_folders_are_one_too_many(harness):
+    code, _, err = harness("validate", "--scene", "paper", "--out", "a", "--resume", "b")
+    assert code == 2
+    assert_one_line(err, "--out", "--resume")
 
 
 @pytest.fixture(scope="module")
