@@ -19,7 +19,7 @@ from harness.plots import COLOURS, STYLE, save
 from harness.store import Record
 from harness.study.analysis import MEASURES, without_twins
 from harness.study.matrix import label
-from harness.summary import group_of, groups, time_ratio
+from harness.summary import groups, time_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,8 +133,7 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
     files: list[Path] = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok" and record["polygons"]]
-        work = dict(group_of(good[0])[-1])["work"] if good else None
-        if work != 0:
+        if not good or good[0]["options"]["work"] != 0:
             continue
         with matplotlib.rc_context(STYLE):
             figure = _figure(without_twins(good))
