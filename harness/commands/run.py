@@ -6,7 +6,6 @@ import importlib
 import os
 import threading
 import time
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -16,10 +15,11 @@ from rich.console import Console
 from harness.cache import default_path
 from harness.commands.options import Force, Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
-from harness.frame import View
+from harness.frame import Fit, View
 from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
+from harness.rasterisers.order import Order
 from harness.run import Outcome
 from harness.run import run as carry_out
 from harness.store import file_stem, read_run
@@ -33,22 +33,6 @@ INTERRUPTED = 130
 
 QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
-
-
-class Fit(StrEnum):
-    """How the scene is laid on the viewport."""
-
-    box = "box"
-    circle = "circle"
-
-
-class Order(StrEnum):
-    """Order in which triangles are submitted."""
-
-    native = "native"
-    walk = "walk"
-    morton = "morton"
-    shuffled = "shuffled"
 
 
 def split_names(text: str) -> tuple[str, ...]:
@@ -89,14 +73,14 @@ def run(
     ] = "0",
     fit: Annotated[
         Fit, typer.Option(help="circle keeps the scale the same at every rotation.")
-    ] = Fit.box,
+    ] = "box",
     samples: Annotated[
         str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
     ] = "1",
     work: Work = "0",
     order: Annotated[
         Order, typer.Option(help="In which triangles are submitted; native: as they were made.")
-    ] = Order.native,
+    ] = "native",
     seed: Seed = 0,
     precision: Annotated[
         float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
@@ -145,12 +129,12 @@ def run(
             rasterisers=split_names(rasterisers),
             devices=split_names(device),
             views=tuple(
-                View(int(size), angle, fit.value)
+                View(int(size), angle, fit)
                 for size in numbers(resolution, "--resolution", int)
                 for angle in numbers(rotation, "--rotation", float)
             ),
             options=tuple(
-                Options(samples=int(count), work=int(iterations), order=order.value, seed=seed)
+                Options(samples=int(count), work=int(iterations), order=order, seed=seed)
                 for count in numbers(samples, "--samples", int)
                 for iterations in numbers(work, "--work", int)
             ),

@@ -10,14 +10,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
 from harness.frame import Frame
-from harness.rasterisers.order import submission
+from harness.rasterisers.order import ORDERS, Order, submission
 
 Triangles = NDArray[np.int32]
 Image = NDArray[np.uint8]
@@ -28,7 +28,6 @@ gives a total."""
 
 SAMPLES = (1, 4, 8)
 MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
-ORDERS = ("native", "walk", "morton", "shuffled")
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Options:
 
     samples: int = 1
     work: int = 0
-    order: Literal["native", "walk", "morton", "shuffled"] = "native"
+    order: Order = "native"
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ Caches and early tests of a rasteriser depend on it, so it is a recorded factor 
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from harness.frame import Frame
 from triangulators.order import walk
 
 Triangles = NDArray[np.int32]
+
+Order = Literal["native", "walk", "morton", "shuffled"]
+"""In which triangles are submitted; `base.Options` says what each means."""
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 _SPREAD = (
     (16, 0x0000FFFF0000FFFF),
@@ -24,19 +28,19 @@ _SPREAD = (
 )
 
 
-class Order(Protocol):
+class Ordering(Protocol):
     """The part of a case's options that decides on the order."""
 
     @property
-    def order(self) -> str:
-        """One of native, walk, morton, shuffled."""
+    def order(self) -> Order:
+        """One of `ORDERS`."""
 
     @property
     def seed(self) -> int:
         """Seed of the shuffle."""
 
 
-def submission(frame: Frame, triangles: Triangles, options: Order) -> Triangles:
+def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangles:
     """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
 
     Raises
