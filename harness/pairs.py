@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from harness.timing import median_interval
 
 Verdict = Literal["faster", "slower", "no difference shown"]
+FASTER: Final = "faster"
+SLOWER: Final = "slower"
+UNDECIDED: Final = "no difference shown"
 
 
 @dataclass(frozen=True)
@@ -26,10 +29,10 @@ class Ratio:
     def verdict(self) -> Verdict:
         """What the interval shows of the first drawing against the second."""
         if self.high < 1:
-            return "faster"
+            return FASTER
         if self.low > 1:
-            return "slower"
-        return "no difference shown"
+            return SLOWER
+        return UNDECIDED
 
 
 def paired_ratio(samples: Sequence[float], base: Sequence[float]) -> Ratio:

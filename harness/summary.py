@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from harness.metrics import METRICS
-from harness.pairs import Ratio, paired_ratio
+from harness.pairs import FASTER, SLOWER, UNDECIDED, Ratio, paired_ratio
 from harness.store import Record
 
 BASE = "ear-clipping"
@@ -30,7 +30,7 @@ COLUMNS = {
 BAR = 8
 """Characters of the longest bar."""
 
-WORDS = {"faster": "faster", "slower": "slower", "no difference shown": "no diff."}
+WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
 
 
 def group_of(record: Record) -> tuple[Any, ...]:
@@ -131,7 +131,7 @@ def _against(record: Record, base: Record | None, complete: int, *, plain: bool)
     ratio = time_ratio(record, base)
     if ratio is None:
         return Text("")
-    colour = {"faster": "green", "slower": "red"}.get(ratio.verdict, "")
+    colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
     half = (ratio.high - ratio.low) / 2
     give = "+-" if plain else "±"
     return Text(f"{ratio.value:.3f} {give}{half:.3f} {WORDS[ratio.verdict]}", style=colour)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from harness.metrics import METRICS
-from harness.pairs import Ratio
+from harness.pairs import SLOWER, UNDECIDED, Ratio
 from harness.polygons import CRITERIA, MEASURES
 from harness.store import Record
 from harness.summary import BASE, time_ratio
@@ -82,7 +82,7 @@ def _by_time(records: Sequence[Record]) -> str | None:
     ratio = time_ratio(leader, base)
     if ratio is None:
         return f"drawn fastest as {leader['triangulator']} cuts it{beside}"
-    if ratio.verdict == "no difference shown":
+    if ratio.verdict == UNDECIDED:
         return f"drawn as fast however it is cut: no difference to {BASE} is shown"
     return (
         f"drawn fastest as {leader['triangulator']} cuts it{beside}: in {ratio.value:.3f} of "
@@ -91,7 +91,7 @@ def _by_time(records: Sequence[Record]) -> str | None:
 
 
 def _is_slower(ratio: Ratio | None) -> bool:
-    return ratio is not None and ratio.verdict == "slower"
+    return ratio is not None and ratio.verdict == SLOWER
 
 
 def _by_counter(records: Sequence[Record], measure: str | None) -> str | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from harness.metrics import METRICS
+from harness.pairs import FASTER
 from harness.plots import COLOURS, STYLE, marker, save
 from harness.store import Record
 from harness.summary import groups, time_ratio
@@ -85,7 +86,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     where = ["scene", "rasteriser", "device", *KEYS]
     rows = []
     for keys, part in own.groupby(where, sort=False):
-        ahead = part[part["verdict"] == "faster"]
+        ahead = part[part["verdict"] == FASTER]
         shares = 1 - ahead["time_ratio"].to_numpy()
         names = [f"{n} {s:.1%}" for n, s in zip(ahead["triangulator"], shares, strict=True)]
         rows.append(

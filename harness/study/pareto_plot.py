@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.pairs import FASTER
 from harness.plots import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
-from harness.study.pareto_answer import FASTER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+from harness.pairs import UNDECIDED
 from harness.store import Record
 from harness.study.analysis import without_twins
 from harness.summary import group_of, groups, time_ratio
-
-UNDECIDED = "no difference shown"
 
 
 @dataclass(frozen=True)
