@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from triangulators.criteria import bbox_area, edge_length, half_perimeter
 from triangulators.dense import fill_box_table, trace_box_table
+from triangulators.features import bbox_area, edge_length, half_perimeter
 from triangulators.order import walk_of
 from triangulators.predicates import orient, turn
 from triangulators.unfold import fold_back, grow, neighbours_of, unfold

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import cfunc, njit, types
 
-from triangulators.criteria import FEATURES, Criterion, weighted
+from triangulators.criteria import Criterion
+from triangulators.features import FEATURES, weighted
 
 SIGNATURE = types.float64(*[types.float64] * 6)
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
