@@ -5,7 +5,7 @@
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
     --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
-SOURCES := harness triangulators scenes tests
+SOURCES := harness triangulators scenes scripts tests
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1|/' | column -t -s '|'

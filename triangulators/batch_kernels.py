@@ -187,4 +187,4 @@ def improve_many(
         points = coordinates[start : start + ends[-1]]
         own = triangles[bounds[task] : bounds[task + 1]]
         done[task] = _improve(points, ends, own, box)
-        own[:] = own[walk_of(own, len(points))]
+        own[:] = walk_of(own, len(points))

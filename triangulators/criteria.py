@@ -87,6 +87,7 @@ CALIBRATED = (
     "area",
     "half_perimeter",
     "bbox_area",
+    "shape",
     "expected_quads",
     "expected_blocks",
     "expected_setups",
@@ -134,7 +135,7 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
             f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
         )
     return _linear(
-        "calibrated", "coefficients of T, S, H, w*h, Q, P and R fitted on a device", **coefficients
+        "calibrated", "T, S, H, w*h, D, Q, P and R at the rates fitted on a device", **coefficients
     )
 
 

@@ -141,9 +141,9 @@ def trace_box_table(
                 best, apex = cost, k
         if apex < 0:
             return 0
-        triangles[found, 0], triangles[found, 1], triangles[found, 2] = i, apex, j
+        triangles[found, 0], triangles[found, 1], triangles[found, 2] = j, i, apex
         found += 1
-        # The smaller side is done first, as `order.walk` has it.
+        # The new vertex comes last and the smaller side is done first, as `order.walk` has it.
         left = 0 if apex - i > j - apex else 1
         stack[height + left, 0], stack[height + left, 1] = i, apex
         stack[height + 1 - left, 0], stack[height + 1 - left, 1] = apex, j

@@ -37,8 +37,8 @@ def calibrate(
 ) -> None:
     """Fit what a draw's time is made of on designed draws, and test the fit on polygons.
 
-    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cQ*Q + cP*P + cR*R, of triangles, area,
-    half-perimeter, bounding-box area, expected quads, 4x4 blocks and set-ups.
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R, of triangles, area,
+    half-perimeter, bounding-box area, shape deviation, expected quads, 4x4 blocks and set-ups.
     """
     reporter = Reporter(quiet=quiet)
     target = Target(rasteriser, rasterisers.find_device(rasteriser, device))

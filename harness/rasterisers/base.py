@@ -37,8 +37,8 @@ class Options:
     samples : samples a pixel, 1 (no multisampling), 4 or 8
     work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
     order : order of submission; "native" is the triangulator's, "walk" from neighbour to
-        neighbour, "morton" along a space-filling curve over the triangles' centres, "shuffled"
-        random with `seed`
+        neighbour, each turned so that its new vertex comes last, "morton" along a space-filling
+        curve over the triangles' centres, "shuffled" random with `seed`
     """
 
     samples: int = 1

@@ -5,21 +5,24 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from harness.bench import Bench, Target
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import SUBPIXEL, Frame, View, make_frame
 from harness.measure import bare_frame
+from harness.pairs import paired_ratio
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration
 from harness.study.design import Design, choose_polygons
-from harness.timing import Settings
+from harness.timing import REFERENCE, Settings
 from scenes import Scene
 from triangulators import vertices
 from triangulators.criteria import predict
@@ -57,11 +60,14 @@ def calibrate(
     seed: int = 0,
 ) -> tuple[calibration.Fit, Validation]:
     """Fit the model on designed draws of `target` and test it on polygons of `scene`."""
-    designed = designed_draws(bench, resolution, seed)
-    seconds = time_draws(target, bench, designed, settings, options, reporter, "designed draws")
-    fit = calibration.fit(design_of(designed), seconds, seed)
+    designed, sets = designed_draws(bench, resolution, seed)
     held_out, polygons = held_out_draws(bench, scene, resolution, seed)
-    measured = time_draws(target, bench, held_out, settings, options, reporter, "polygons")
+    time_all = partial(time_draws, target, bench, settings, options, reporter)
+    ratios, reference_s = time_all(designed, "designed draws")
+    held_out_ratios, more_s = time_all(held_out, "polygons")
+    second = float(np.median([*reference_s, *more_s]))
+    fit = calibration.fit(design_of(designed), ratios * second, sets, seed)
+    measured = held_out_ratios * second
     predicted = calibration.predict(fit.coefficients, design_of(held_out))
     validation = Validation(
         r2_over=calibration.r_squared(np.log(measured), np.log(predicted)),
@@ -72,30 +78,32 @@ def calibrate(
     return fit, validation
 
 
-def designed_draws(bench: Bench, resolution: int, seed: int) -> list[Draw]:
-    """Return the draws of the designed polygons, each cut in several ways."""
-    draws = []
-    random = np.random.default_rng(seed)
-    shapes = calibration.designed_polygons(resolution, seed)
-    for name in calibration.CUTS:
-        results = bench.triangulate(name, [polygon for polygon, _ in shapes], seed).parts
-        for (polygon, copies), part in zip(shapes, results, strict=True):
-            if part is not None:
-                points = np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32)
-                # Copies lie apart, since drivers may drop what another hides, and have vertices
-                # of their own, whose cost goes with T.
-                room = resolution * SUBPIXEL - points.max(axis=0)
-                shifts = random.integers(-points.min(axis=0), room + 1, (copies, 2))
-                shifts[0] = 0
-                starts = np.arange(copies, dtype=np.int32) * len(points)
-                triangles = (part[None] + starts[:, None, None]).reshape(-1, 3)
-                spread = (points[None] + shifts[:, None]).reshape(-1, 2).astype(np.int32)
-                draws.append((bare_frame(resolution, spread), triangles))
-    return draws
+def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw], list[int]]:
+    """Return draws of the designed polygons, cut in several ways, and each one's set of them."""
+    draws: list[Draw] = []
+    sets: list[int] = []
+    for number, polygons in enumerate(calibration.designed_polygons(resolution, seed)):
+        frame = _frame_as_it_is(polygons, resolution)
+        for name in calibration.CUTS:
+            triangles = frame.join(bench.triangulate(name, polygons, seed).parts)
+            if len(triangles) > 0:
+                draws.append((frame, triangles))
+                sets.append(number)
+    return draws, sets
+
+
+def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
+    """Return a frame of polygons that are in px and on the grid already."""
+    parts = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in polygons]
+    return replace(
+        bare_frame(resolution, np.concatenate(parts)),
+        source=np.arange(len(parts), dtype=np.int64),
+        offsets=np.cumsum([0, *(len(part) for part in parts)], dtype=np.int64),
+    )
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
-    """Return (k, 8) rows of `calibration.TERMS`, from coordinates alone."""
+    """Return (k, 9) rows of `calibration.TERMS`, from coordinates alone."""
     return np.array(
         [
             calibration.terms(predict(frame.points / SUBPIXEL, triangles))
@@ -124,20 +132,25 @@ def held_out_draws(
 def time_draws(
     target: Target,
     bench: Bench,
-    draws: Sequence[Draw],
     settings: Settings,
     options: Options,
     reporter: Reporter,
+    draws: Sequence[Draw],
     title: str,
-) -> NDArray[np.float64]:
-    """Return the (k,) median seconds of each draw, in groups timed together.
+) -> tuple[NDArray[np.float64], list[float]]:
+    """Time draws in groups, each together with the reference draw.
+
+    Returns (k,) times of the draws over the reference's in the same rounds, so that a machine that
+    is slower in one minute than in another does not bend them, and the reference's median seconds
+    in each group.
 
     Raises
     ------
     NothingMeasured
         if the device fails under one of them
     """
-    seconds = np.full(len(draws), np.nan)
+    ratios = np.full(len(draws), np.nan)
+    seconds: list[float] = []
     # Small and large draws share a group, so that a slow minute touches all kinds alike.
     order = np.random.default_rng(0).permutation(len(draws))
     with reporter.stage(f"timing {title}: {target.label}", len(draws)) as stage:
@@ -147,10 +160,14 @@ def time_draws(
             groups, failures = bench.time(target, candidates, options, settings, start)
             if failures:
                 raise NothingMeasured(f"{target.label}: {next(iter(failures.values()))}")
+            group = next(iter(groups.values()))
+            reference = group[REFERENCE]
+            seconds.append(reference.median_s)
             for member in members:
-                seconds[member] = groups[str(member)][str(member)].median_s
+                samples = group[str(member)].samples_s
+                ratios[member] = paired_ratio(samples, reference.samples_s).value
             stage.complete(start + len(members))
-    return seconds
+    return ratios, seconds
 
 
 def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path) -> None:
@@ -180,7 +197,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        # A file from before there were Q, P and R weighs them with nothing.
+        # A file from before there were D, Q, P and R weighs them with nothing.
         since = dict.fromkeys(calibration.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:
