@@ -32,12 +32,10 @@ for name in validate-city validate-city-again; do
     once $to/llvmpipe/$name "${harness[@]}" validate --scene city --resolution 512 \
         --rasterisers opengl,bounding-box,scanline --device llvmpipe --budget 0.07
 done
-for device in llvmpipe zink; do
+for device in llvmpipe zink softpipe; do # softpipe's compute shaders take some minutes
     once $to/$device/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
         --rasterisers opengl,bounding-box,scanline --device $device
 done
-once $to/softpipe/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
-    --work 0 --rasterisers opengl --device softpipe # its compute shaders take minutes a draw
 once $to/osmesa/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
     --rasterisers osmesa,pyrender --device osmesa
 
@@ -59,6 +57,12 @@ once $to/zink/validate-city "${harness[@]}" validate --scene city --resolution 5
     --polygons 12 --work 0 --rasterisers opengl,bounding-box --device zink --budget 0.05
 once $to/softpipe/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers opengl --device softpipe --budget 0.05
+
+# Branches that a processor fails to foresee, where triangles are smaller than a pixel.
+if [[ branches == *"$only"* ]] && [ ! -e $to/llvmpipe/branches.csv ]; then
+    .venv/bin/python scripts/branches.py glyphs 256 optimal:half-perimeter optimal:shape \
+        optimal:calibrated delaunay >$to/llvmpipe/branches.csv
+fi
 
 # Weighing A against D.
 for scene in paper city; do
