@@ -9,7 +9,12 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed
-from harness.commands.run import INTERRUPTED, folder_for, require_measured, split_names
+from harness.commands.run import (
+    folder_for,
+    leave_if_interrupted,
+    require_measured,
+    split_names,
+)
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -55,7 +60,7 @@ def pareto(
         views=(view,),
         timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
-    folder = folder_for(f"pareto-{scene}", out, resume)
+    folder = folder_for(scene, out, resume, before="pareto-")
     reporter = Reporter(quiet=quiet)
     fronts: dict[str, study.Front] = {}
 
@@ -80,9 +85,7 @@ def pareto(
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
-    if outcome.interrupted:
-        console.print("stopped early; the same command with --resume goes on")
-        raise typer.Exit(INTERRUPTED)
+    leave_if_interrupted(outcome, console, f"the same command with --resume {folder} goes on")
 
 
 def add_to(app: typer.Typer) -> None:
