@@ -69,10 +69,13 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
 
 def _fitting(records: list[Record], console: Console) -> Table:
     """Return a group's ranking with the longest bars that leave room for all else."""
-    plain = console.options.ascii_only
-    tables = [_table(records, bar, plain=plain) for bar in BARS]
-    fits = (table for table in tables if console.measure(table).maximum <= console.width)
-    return next(fits, tables[0])  # a name too long for any goes on in the next line
+    wide = console.options.update(max_width=1000)
+    for bar in BARS:
+        table = _table(records, bar, plain=wide.ascii_only)
+        if console.measure(table, options=wide).maximum <= console.width:
+            return table
+    # A name too long for any goes on in the next line.
+    return _table(records, BARS[0], plain=wide.ascii_only)
 
 
 def _table(records: list[Record], bar: int, *, plain: bool) -> Table:

@@ -234,19 +234,17 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured:
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    leave_if_interrupted(outcome, console, f"go on with: harness run --resume {outcome.path}")
-    require_measured(outcome)
+    require_finished(outcome, console, f"go on with: harness run --resume {outcome.path}")
 
 
-def leave_if_interrupted(outcome: Outcome, console: Console, how: str) -> None:
-    """If the run was stopped, say how to go on and end the process with `INTERRUPTED`."""
+def require_finished(outcome: Outcome, console: Console, how: str) -> None:
+    """Raise `NothingMeasured` if no case was measured.
+
+    If the run was stopped, say how to go on instead, and end the process with `INTERRUPTED`.
+    """
     if outcome.interrupted:
         console.print(f"stopped early; {how}", markup=False, soft_wrap=True)
         raise typer.Exit(INTERRUPTED)
-
-
-def require_measured(outcome: Outcome) -> None:
-    """Raise `NothingMeasured` if no case was measured."""
     if not any(record["status"] == "ok" for record in outcome.records):
         where = os.path.relpath(outcome.path)
         raise NothingMeasured(

@@ -9,13 +9,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed, Work
-from harness.commands.run import (
-    folder_for,
-    leave_if_interrupted,
-    numbers,
-    require_measured,
-    split_names,
-)
+from harness.commands.run import folder_for, numbers, require_finished, split_names
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -91,8 +85,7 @@ def validate(
         ],
     )
     console = Console()
-    leave_if_interrupted(outcome, console, f"the same command with --resume {folder} goes on")
-    require_measured(outcome)
+    require_finished(outcome, console, f"the same command with --resume {folder} goes on")
     with reporter.stage("correlating", 1):
         table = analysis.tabulate(outcome.records)
         correlations, sizes = analysis.write(table, folder)

@@ -61,11 +61,15 @@ def test_the_ranking_fits_eighty_columns_and_keeps_names_whole():
 
 
 def test_bars_make_room_for_large_numbers():
-    large = [record(name, 20.0) for name in ("ear-clipping", "optimal:half-perimeter")]
-    text = printed(large)
+    counters = {"fragments": 98765432, "quads": 26000000, "helper_lanes": 9876543}
+    complete = {"ear-clipping": 1098, "optimal:half-perimeter": 1098, "max-area": 1060}
+    records = [record(name, 1.0, n, counters=counters) for name, n in complete.items()]
+    text = printed(records)
     assert "optimal:half-perimeter" in text
-    assert "19,855,180" in text
+    assert "9,876,543" in text
     assert "█" * BARS[0] not in text
+    assert "█" * BARS[-1] in text
+    assert max(len(line) for line in text.splitlines()) <= 80
 
 
 def test_the_fastest_comes_first_and_incomplete_ones_last():
