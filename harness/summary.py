@@ -36,7 +36,7 @@ WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
 def group_of(record: Record) -> tuple[Any, ...]:
     """Return what the records that may be compared with each other have in common."""
     options = tuple(sorted((record.get("options") or {}).items()))
-    names = ("scene", "rasteriser", "device", "resolution", "rotation")
+    names = ("scene", "rasteriser", "device", "resolution", "rotation", "fit")
     return (*(record.get(name) for name in names), options)
 
 

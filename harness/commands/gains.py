@@ -27,9 +27,8 @@ def gains(
     ] = ",".join(study.BASES),
 ) -> None:
     """Set each triangulator's time against others', over all views, and say which one is beaten."""
-    records = [record for path in runs for record in read_run(path).records]
     wanted = full_names(split_names(bases))
-    table = study.tabulate(records, wanted)
+    table = study.tabulate([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")
