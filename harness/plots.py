@@ -87,9 +87,12 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
 
     name : any text; the files' names are its `store.file_stem` with their endings
     """
+    import matplotlib
+
     files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
-    for file in files:
-        figure.savefig(file)
+    with matplotlib.rc_context(STYLE):  # it says how files are written, too
+        for file in files:
+            figure.savefig(file)
     return files
 
 

@@ -27,8 +27,8 @@ COLUMNS = {
 }
 """Metrics of the table, each with its heading and format; 80 characters hold them all."""
 
-BAR = 8
-"""Characters of the longest bar."""
+BARS = (8, 6, 4)
+"""Characters of the longest bar: the most for which there is room."""
 
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
 
@@ -36,7 +36,7 @@ WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
 def group_of(record: Record) -> tuple[Any, ...]:
     """Return what the records that may be compared with each other have in common."""
     options = tuple(sorted((record.get("options") or {}).items()))
-    names = ("scene", "rasteriser", "device", "resolution", "rotation")
+    names = ("scene", "rasteriser", "device", "resolution", "rotation", "fit")
     return (*(record.get(name) for name in names), options)
 
 
@@ -61,13 +61,24 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok"]
         if good:
-            console.print(_table(good, plain=console.options.ascii_only))
+            console.print(_fitting(good, console))
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
 
 
-def _table(records: list[Record], *, plain: bool) -> Table:
+def _fitting(records: list[Record], console: Console) -> Table:
+    """Return a group's ranking with the longest bars that leave room for all else."""
+    wide = console.options.update(max_width=1000)
+    for bar in BARS:
+        table = _table(records, bar, plain=wide.ascii_only)
+        if console.measure(table, options=wide).maximum <= console.width:
+            return table
+    # A name too long for any goes on in the next line.
+    return _table(records, BARS[0], plain=wide.ascii_only)
+
+
+def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
     first = records[0]
     title = (
@@ -99,16 +110,16 @@ def _table(records: list[Record], *, plain: bool) -> Table:
         table.add_row(
             record["triangulator"],
             *cells,
-            _bar(rank[1] / most if most else 0.0, plain=plain),
+            _bar(rank[1] / most if most else 0.0, bar, plain=plain),
             _against(record, base, complete, plain=plain),
             style="dim" if rank[0] else "",
         )
     return table
 
 
-def _bar(share: float, *, plain: bool) -> Text:
+def _bar(share: float, longest: int, *, plain: bool) -> Text:
     """Return a bar of `share` of the longest, in eighths of a character where there are such."""
-    eighths = round(8 * BAR * share)
+    eighths = round(8 * longest * share)
     if plain:
         return Text("#" * max(1, eighths // 8))
     part = " ▏▎▍▌▋▊▉"[eighths % 8].strip()

@@ -51,6 +51,14 @@ for scene in helsinki glyphs; do
         --resolution 256,1024 --triangulators $peers --budget 1 --order walk
 done
 
+# What it buys elsewhere.
+once $to/llvmpipe/gains-city-boxes "${harness[@]}" run --scene city --device llvmpipe \
+    --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --budget 0.5
+once $to/zink/gains-city "${harness[@]}" run --scene city --device zink \
+    --resolution 256,1024,4096 --triangulators $peers --budget 0.5
+once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
+    --rasterisers osmesa --resolution 256,1024,4096 --triangulators $peers --budget 0.5
+
 once $to/osmesa/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers osmesa --device osmesa --budget 0.05
 once $to/zink/validate-city "${harness[@]}" validate --scene city --resolution 512 \

@@ -13,12 +13,6 @@ from numba import njit
 
 
 @njit(cache=True)
-def count(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy: float) -> float:
-    """One: summed, the number of triangles T."""
-    return 1.0
-
-
-@njit(cache=True)
 def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Area S."""
     return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))

@@ -111,7 +111,7 @@ def _walk_part(
 
 @njit(cache=True, nogil=True)
 def _edge_to(across: np.ndarray, row: int, other: int) -> int:
-    """Return the edge over which `row` was reached: then it matters not how triangles are turned."""
+    """Return the edge from `row` to `other`: where to begin, however the triangle is turned."""
     for e in range(3):
         if other >= 0 and across[row, e] == other:
             return e

@@ -39,7 +39,7 @@ def enumerate_(
     if mode not in ("conforming", "paper"):
         raise UsageError(f"mode '{mode}' is unknown; say conforming or paper")
     kind: Literal["conforming", "paper"] = "paper" if mode == "paper" else "conforming"
-    folder = out or default_folder(f"enumerate-{loaded.name}")
+    folder = out or default_folder(loaded.name, before="enumerate-")
     try:
         table = enumeration.tabulate(loaded.polygons[polygon], kind)
         enumeration.write(table, loaded.polygons[polygon], folder)

@@ -27,9 +27,8 @@ def gains(
     ] = ",".join(study.BASES),
 ) -> None:
     """Set each triangulator's time against others', over all views, and say which one is beaten."""
-    records = [record for path in runs for record in read_run(path).records]
     wanted = full_names(split_names(bases))
-    table = study.tabulate(records, wanted)
+    table = study.tabulate([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")
@@ -54,8 +53,12 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
     )
     for row in beaten.head(MOST_SAID).to_dict("records"):
         view = f"{row['scene']} {row['resolution']} px"
-        for key, word in (("rotation", "turned"), ("work", "work"), ("samples", "samples")):
-            if row[key] not in (0, 1):
+        for key, word, usual in (
+            ("rotation", "turned", 0),
+            ("work", "work", 0),
+            ("samples", "samples", 1),
+        ):
+            if row[key] != usual:
                 view += f", {word} {row[key]:g}"
         view += f", {row['order']} order" if row["order"] != "native" else ""
         console.print(f"  {view}: {row['faster']} faster", markup=False, soft_wrap=True)

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed
-from harness.commands.run import INTERRUPTED, folder_for, require_measured, split_names
+from harness.commands.run import folder_for, require_finished, split_names
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -55,7 +55,7 @@ def pareto(
         views=(view,),
         timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
-    folder = folder_for(f"pareto-{scene}", out, resume)
+    folder = folder_for(scene, out, resume, before="pareto-")
     reporter = Reporter(quiet=quiet)
     fronts: dict[str, study.Front] = {}
 
@@ -67,7 +67,8 @@ def pareto(
     outcome = carry_out(
         plan, folder, reporter, resume=resume is not None, force=force, split=take_apart
     )
-    require_measured(outcome)
+    console = Console(highlight=False)
+    require_finished(outcome, console, f"the same command with --resume {folder} goes on")
     run = read_run(folder)
     table = study.tabulate(run, fronts)
     with reporter.stage("plotting", 1):
@@ -75,14 +76,10 @@ def pareto(
         table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
         pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
         write_report(run)
-    console = Console(highlight=False)
     pareto_answer.print_table(table, Path(scene).name, console)
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
-    if outcome.interrupted:
-        console.print("stopped early; the same command with --resume goes on")
-        raise typer.Exit(INTERRUPTED)
 
 
 def add_to(app: typer.Typer) -> None:

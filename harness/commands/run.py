@@ -186,8 +186,10 @@ def _stored_plan(folder: Path) -> Plan:
         raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
 
 
-def folder_for(name: str, out: Path | None, resume: Path | None) -> Path:
-    """Return the folder that --out or --resume names, a new one for `name` without either.
+def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = "") -> Path:
+    """Return the folder that --out or --resume names, or else a new one.
+
+    before : what the new one's name begins with; the scene's follows
 
     Raises
     ------
@@ -196,12 +198,13 @@ def folder_for(name: str, out: Path | None, resume: Path | None) -> Path:
     """
     if out and resume:
         raise UsageError("--out and --resume name two folders; --resume writes to its own")
-    return resume or out or default_folder(name)
+    return resume or out or default_folder(scene, before)
 
 
-def default_folder(scene: str) -> Path:
-    """Return a new folder under results/ for a run of `scene`."""
-    first = Path("results") / f"{file_stem(Path(scene).stem)}-{time.strftime('%Y%m%d-%H%M%S')}"
+def default_folder(scene: str, before: str = "") -> Path:
+    """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
+    name = before + file_stem(Path(scene).stem)
+    first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = first, 2
     while folder.exists():  # two short runs may begin within a second
         folder, number = first.with_name(f"{first.name}-{number}"), number + 1
@@ -231,14 +234,17 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured:
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
+    require_finished(outcome, console, f"go on with: harness run --resume {outcome.path}")
+
+
+def require_finished(outcome: Outcome, console: Console, how: str) -> None:
+    """Raise `NothingMeasured` if no case was measured.
+
+    If the run was stopped, say how to go on instead, and end the process with `INTERRUPTED`.
+    """
     if outcome.interrupted:
-        console.print(f"stopped early; go on with: harness run --resume {outcome.path}")
+        console.print(f"stopped early; {how}", markup=False, soft_wrap=True)
         raise typer.Exit(INTERRUPTED)
-    require_measured(outcome)
-
-
-def require_measured(outcome: Outcome) -> None:
-    """Raise `NothingMeasured` if no case was measured."""
     if not any(record["status"] == "ok" for record in outcome.records):
         where = os.path.relpath(outcome.path)
         raise NothingMeasured(

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed, Work
-from harness.commands.run import folder_for, numbers, require_measured, split_names
+from harness.commands.run import folder_for, numbers, require_finished, split_names
 from harness.frame import View
 from harness.plan import Plan
 from harness.progress import Reporter
@@ -71,7 +71,7 @@ def validate(
         options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
         timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
-    folder = folder_for(f"validate-{scene}", out, resume)
+    folder = folder_for(scene, out, resume, before="validate-")
     reporter = Reporter(quiet=quiet)
     outcome = carry_out(
         plan,
@@ -84,7 +84,8 @@ def validate(
             for number, part in choose_polygons(whole, design)
         ],
     )
-    require_measured(outcome)
+    console = Console()
+    require_finished(outcome, console, f"the same command with --resume {folder} goes on")
     with reporter.stage("correlating", 1):
         table = analysis.tabulate(outcome.records)
         correlations, sizes = analysis.write(table, folder)
@@ -95,7 +96,6 @@ def validate(
         if ends["scene"].nunique() == 1:
             extremes.plot_polygon(outcome.records, folder / "plots")
         write_report(read_run(folder))
-    console = Console()
     matrix.print_matrix(correlations, console)
     extremes.print_claim(ends, "overdraw", console)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)

@@ -12,7 +12,7 @@ from harness.metrics import METRICS
 from harness.pairs import FASTER
 from harness.plots import COLOURS, STYLE, marker, save
 from harness.store import Record
-from harness.summary import groups, time_ratio
+from harness.summary import group_of, groups, time_ratio
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,20 +32,24 @@ KEYS = (*AXES, "fit", "order")
 """What rows that belong together share, besides the scene and the device."""
 
 
-def tabulate(records: Sequence[Record], bases: Sequence[str] = BASES) -> pd.DataFrame:
+def tabulate(runs: Sequence[Sequence[Record]], bases: Sequence[str] = BASES) -> pd.DataFrame:
     """Return one row a case and base: the paired ratio of times and of helper lanes.
+
+    runs : records of each run; a view that several runs have is the first one's, since times of
+        different runs are no pairs
 
     Cases that left polygons out have no ratio: their times are of less work.
     """
     rows = []
-    for members in groups(records):
-        good = [record for record in members if record["status"] == "ok"]
-        named = {record["triangulator"]: record for record in good}
-        for record in good:
-            for name in bases:
-                row = _row(record, named.get(name), name)
-                if row is not None:
-                    rows.append(row)
+    seen: set[tuple[object, ...]] = set()
+    for records in runs:
+        views = {group_of(members[0]): members for members in groups(records)}
+        for members in (views[view] for view in views if view not in seen):
+            good = [record for record in members if record["status"] == "ok"]
+            named = {record["triangulator"]: record for record in good}
+            pairs = [_row(record, named.get(name), name) for record in good for name in bases]
+            rows += [row for row in pairs if row is not None]
+        seen |= views.keys()
     return pd.DataFrame(rows)
 
 

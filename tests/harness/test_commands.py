@@ -106,6 +106,23 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert list(line.get_xdata()) == [0, 10, 20]
 
 
+def test_gains_pair_no_times_of_different_runs(harness, block):
+    """Three runs: a view twice, with other triangulators, and once more in another fit."""
+    names = {"one": "ear-clipping,delaunay", "again": "ear-clipping,optimal", "round": "delaunay"}
+    for out, triangulators in names.items():
+        run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
+        fit = ("--fit", "circle" if out == "round" else "box")
+        assert harness(*run, *fit, "--triangulators", triangulators)[0] == 0
+    code, out, _ = harness("gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay")
+    assert code == 0
+    table = pd.read_csv("gains/gains.csv")
+    box = table[table["fit"] == "box"]
+    assert set(box["triangulator"]) == {"ear-clipping", "delaunay"}
+    assert len(box) == 4
+    assert len(table) == 5
+    assert "of 1 views" in out
+
+
 def test_gains_say_who_is_beaten(harness, block):
     """The mock's times go with its counters, so who is ahead is known beforehand."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)

@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from harness.summary import BAR, print_summary
+from harness.summary import BARS, print_summary
 
 SAMPLES = [1.0e-3, 1.1e-3, 0.9e-3, 1.0e-3, 1.05e-3, 0.95e-3, 1.0e-3, 1.02e-3]
 
@@ -60,6 +60,18 @@ def test_the_ranking_fits_eighty_columns_and_keeps_names_whole():
     assert "…" not in text
 
 
+def test_bars_make_room_for_large_numbers():
+    counters = {"fragments": 98765432, "quads": 26000000, "helper_lanes": 9876543}
+    complete = {"ear-clipping": 1098, "optimal:half-perimeter": 1098, "max-area": 1060}
+    records = [record(name, 1.0, n, counters=counters) for name, n in complete.items()]
+    text = printed(records)
+    assert "optimal:half-perimeter" in text
+    assert "9,876,543" in text
+    assert "█" * BARS[0] not in text
+    assert "█" * BARS[-1] in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+
+
 def test_the_fastest_comes_first_and_incomplete_ones_last():
     lines = printed(RECORDS).splitlines()
     order = [
@@ -74,8 +86,8 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
 def test_bars_grow_with_time_and_verdicts_are_words():
     lines = {line.split()[0]: line for line in printed(RECORDS).splitlines()[2:8]}
     bars = {name: line.count("█") for name, line in lines.items()}
-    assert bars["worst:half-perimeter"] == BAR
-    assert bars["optimal:half-perimeter"] < bars["ear-clipping"] < BAR
+    assert bars["worst:half-perimeter"] == BARS[0]
+    assert bars["optimal:half-perimeter"] < bars["ear-clipping"] < BARS[0]
     assert "0.800 ±0.000 faster" in lines["optimal:half-perimeter"]
     assert "slower" in lines["worst:half-perimeter"]
     assert "(229 of 500 polygons)" in lines["fan"]
@@ -93,5 +105,5 @@ def test_a_terminal_that_knows_ascii_alone_gets_ascii():
     print_summary(RECORDS, Console(file=output, width=80))
     output.flush()
     text = raw.getvalue().decode("ascii")
-    assert "#" * BAR in text
+    assert "#" * BARS[0] in text
     assert "+-" in text

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from harness.commands.run import folder_for
 from harness.errors import UsageError
+from harness.runner import Runner
 from harness.store import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, tabulate
@@ -53,6 +58,29 @@ def test_two_folders_are_one_too_many(harness):
     code, _, err = harness("validate", "--scene", "paper", "--out", "a", "--resume", "b")
     assert code == 2
     assert_one_line(err, "--out", "--resume")
+
+
+@pytest.mark.parametrize("command", ["validate", "pareto"])
+def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
+    write = Runner._write
+
+    def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
+        write(self, record)
+        if len(self.done) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    arguments = (command, "--scene", "paper", "--rasterisers", "reference", "--budget", "0.001")
+    with monkeypatch.context() as patched:
+        patched.setattr(Runner, "_write", write_and_interrupt)
+        code, out, _ = harness(*arguments, "--out", "stopped")
+    assert code == 130
+    assert "--resume stopped goes on" in out
+    assert harness(*arguments, "--resume", "stopped")[0] == 0
+
+
+def test_a_study_of_a_file_has_both_names():
+    folder = folder_for("there/own.geojson", None, None, before="validate-")
+    assert folder.name.startswith("validate-own-")
 
 
 @pytest.fixture(scope="module")
