@@ -55,9 +55,11 @@ done
 once $to/llvmpipe/gains-city-boxes "${harness[@]}" run --scene city --device llvmpipe \
     --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --budget 0.5
 once $to/zink/gains-city "${harness[@]}" run --scene city --device zink \
-    --resolution 256,1024,4096 --triangulators $peers --budget 0.5
+    --resolution 256,1024 --triangulators $peers --budget 0.5 \
+    --calibration results/calibration/llvmpipe.json
 once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
-    --rasterisers osmesa --resolution 256,1024,4096 --triangulators $peers --budget 0.5
+    --rasterisers osmesa --resolution 256,1024 --triangulators $peers --budget 0.5 \
+    --calibration results/calibration/llvmpipe.json
 
 once $to/osmesa/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers osmesa --device osmesa --budget 0.05

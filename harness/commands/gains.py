@@ -46,6 +46,7 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
     if views.empty:
         return
     beaten = views[views["faster"] != ""]
+    several = len(views[["rasteriser", "device"]].drop_duplicates()) > 1
     console.print(
         f"{name}: no other shown faster in {len(views) - len(beaten)} of {len(views)} views",
         markup=False,
@@ -53,6 +54,7 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
     )
     for row in beaten.head(MOST_SAID).to_dict("records"):
         view = f"{row['scene']} {row['resolution']} px"
+        view += f", {row['rasteriser']} on {row['device']}" if several else ""
         for key, word, usual in (
             ("rotation", "turned", 0),
             ("work", "work", 0),
