@@ -51,6 +51,9 @@ for scene in helsinki glyphs; do
         --resolution 256,1024 --triangulators $peers --budget 1 --order walk
 done
 
+once $to/llvmpipe/gains-glyphs-shuffled "${harness[@]}" run --scene glyphs --device llvmpipe \
+    --resolution 256 --triangulators $peers --budget 1 --order shuffled
+
 # What it buys elsewhere.
 once $to/llvmpipe/gains-city-boxes "${harness[@]}" run --scene city --device llvmpipe \
     --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --budget 0.5

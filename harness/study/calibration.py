@@ -114,7 +114,8 @@ def _places(resolution: int, size: float, wanted: float) -> NDArray[np.float64]:
     pitch = size + 2
     across = max(1, int((resolution - 4) / pitch))
     number = np.arange(min(across**2, max(1, round(wanted))))
-    return np.column_stack([number % across, number // across]) * pitch + 2 + pitch / 2
+    cells = np.column_stack([number % across, number // across]).astype(np.float64)
+    return 2 + (cells + 0.5) * pitch
 
 
 def _polygon(
