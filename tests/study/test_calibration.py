@@ -23,7 +23,10 @@ TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
 
 
 def designed(seed: int) -> tuple[np.ndarray, list[int]]:
-    draws, sets = designed_draws(Bench(inline, 60), 256, seed)
+    """Return a design with smaller crowds, which are made sooner."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(calibration, "CROWD", (100, 400))
+        draws, sets = designed_draws(Bench(inline, 60), 256, seed)
     return design_of(draws), sets
 
 
