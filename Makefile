@@ -38,7 +38,7 @@ compare-demo: setup  ## what CI does: a baseline, an equal run, a regression; wr
 bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
 
-study: setup  ## the studies behind docs/findings.md; half an hour on a quiet machine
+study: setup  ## the studies behind docs/findings.md; more than an hour on a quiet machine
 	scripts/study.sh
 
 docs: setup  ## build the documents into site/, warnings as errors
