@@ -52,6 +52,12 @@ def harness(
     return call
 
 
+@pytest.fixture
+def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out a run's plots: tests/report and test_cli look at them, elsewhere they take time."""
+    monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+
+
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Chromium]:
     """One browser for all tests that look at a page; without one they fail, and say why."""

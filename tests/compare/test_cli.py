@@ -14,6 +14,8 @@ from tests.compare.runs import dearer, failed, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 
 @pytest.fixture
 def runs(harness):

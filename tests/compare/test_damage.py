@@ -17,6 +17,8 @@ from harness.errors import HarnessError
 from harness.store import Run
 from tests.compare.runs import TRIANGULATORS, record, write_run
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-3, 10**9) | st.floats() | st.text(max_size=4),
     lambda inner: (

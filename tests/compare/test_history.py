@@ -17,6 +17,8 @@ from harness.history.series import TOGETHER
 from tests.compare.runs import dearer, slower, write_run
 from tests.harness.test_cli import assert_one_line
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 
 @pytest.fixture
 def year(tmp_path) -> Path:

@@ -12,6 +12,8 @@ import trimesh
 
 from tests.harness.test_cli import MOCK, assert_one_line
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 
 @pytest.fixture(autouse=True)
 def own_cache(monkeypatch, tmp_path):

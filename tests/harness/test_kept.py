@@ -21,6 +21,8 @@ from tests.harness.test_cli import MOCK
 from tests.harness.test_run import inline, plan_for, quiet
 from triangulators import vertices
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 POLYGONS = make_frame(load("stress:vertices=150").polygons, View(512)).polygons
 NAMES = ("delaunay", "optimal:half-perimeter", "optimal:calibrated", "random#3", "exhaustive:shape")
 
