@@ -129,8 +129,7 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
             repaired.append((number, snapped.repaired))
         kept.extend(snapped.pieces)
         source.extend([number] * len(snapped.pieces))
-    grid = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in kept]
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in grid])]).astype(np.int64)
+    points, offsets = on_grid(kept)
     return Frame(
         width=view.resolution,
         height=view.resolution,
@@ -138,11 +137,18 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
         view=view,
         polygons=tuple(kept),
         source=np.array(source, np.int64),
-        points=np.concatenate(grid) if grid else np.empty((0, 2), np.int32),
+        points=points,
         offsets=offsets,
         dropped=tuple(dropped),
         repaired=tuple(repaired),
     )
+
+
+def on_grid(polygons: Sequence[Polygon]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return `Frame.points` and `Frame.offsets` of polygons in px."""
+    parts = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in polygons]
+    offsets = np.cumsum([0, *(len(part) for part in parts)], dtype=np.int64)
+    return np.concatenate(parts) if parts else np.empty((0, 2), np.int32), offsets
 
 
 def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], float]:

@@ -15,7 +15,7 @@ from shapely import Polygon
 
 from harness.bench import Bench, Target
 from harness.errors import NothingMeasured, UsageError
-from harness.frame import SUBPIXEL, Frame, View, make_frame
+from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
 from harness.measure import bare_frame
 from harness.pairs import paired_ratio
 from harness.progress import Reporter
@@ -24,7 +24,6 @@ from harness.study import calibration
 from harness.study.design import Design, choose_polygons
 from harness.timing import REFERENCE, Settings
 from scenes import Scene
-from triangulators import vertices
 from triangulators.criteria import predict
 
 Draw = tuple[Frame, NDArray[np.int32]]
@@ -94,12 +93,9 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw]
 
 def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
     """Return a frame of polygons that are in px and on the grid already."""
-    parts = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in polygons]
-    return replace(
-        bare_frame(resolution, np.concatenate(parts)),
-        source=np.arange(len(parts), dtype=np.int64),
-        offsets=np.cumsum([0, *(len(part) for part in parts)], dtype=np.int64),
-    )
+    points, offsets = on_grid(polygons)
+    source = np.arange(len(polygons), dtype=np.int64)
+    return replace(bare_frame(resolution, points), source=source, offsets=offsets)
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:

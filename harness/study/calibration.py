@@ -207,10 +207,9 @@ def _solve(
     weighted = design / seconds[:, None]
     scale = np.abs(weighted).max(axis=0)
     scaled = weighted / scale
-    size = np.bincount(labels)
-    mean = np.stack([np.bincount(labels, column) / size for column in scaled.T], axis=1)
+    mean = np.stack([_means(column, labels) for column in scaled.T], axis=1)
     apart = scaled - mean[labels]
-    weight = BETWEEN * np.sqrt(size)
+    weight = BETWEEN * np.sqrt(np.bincount(labels))
 
     def relative_errors(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([apart @ coefficients, weight * (mean @ coefficients - 1.0)])
@@ -223,6 +222,11 @@ def _solve(
         f_scale=0.05,
     )
     return np.asarray(result.x / scale)
+
+
+def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the mean of the (k,) values of each label."""
+    return np.asarray(np.bincount(labels, values) / np.bincount(labels))
 
 
 def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
@@ -241,7 +245,6 @@ def r_squared_within(
 ) -> float:
     """Return R2 of what is left when each polygon's own mean (of logs) is taken from both."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
-    size = np.bincount(labels)
     logs = [np.log(measured), np.log(predicted)]
-    centred = [x - (np.bincount(labels, x) / size)[labels] for x in logs]
+    centred = [x - _means(x, labels)[labels] for x in logs]
     return 1.0 - float(((centred[0] - centred[1]) ** 2).sum()) / float((centred[0] ** 2).sum())

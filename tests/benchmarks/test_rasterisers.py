@@ -15,12 +15,12 @@ from shapely import Polygon
 
 import scenes
 from harness import measure
-from harness.frame import SUBPIXEL, Frame, View, make_frame
+from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
 from harness.rasterisers import Device, Options, Triangles, find_device, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.reference import predict
 from harness.worker import Worker
-from triangulators import triangulate, vertices
+from triangulators import triangulate
 
 SIZES = (256, 1024, 4096)
 SCENES = ("city", "helsinki", "glyphs", "pixel centres")
@@ -70,12 +70,9 @@ def on_pixel_centres(size: int) -> Frame:
         polygon = Polygon(centres + np.array(divmod(len(polygons), SIDE)) * cell)
         if polygon.is_valid and polygon.area > 0:
             polygons.append(shapely.orient_polygons(polygon))
-    parts = [(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in polygons]
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+    points, offsets = on_grid(polygons)
     numbers = np.arange(len(polygons))
-    return Frame(
-        size, size, 1.0, View(size), tuple(polygons), numbers, np.concatenate(parts), offsets
-    )
+    return Frame(size, size, 1.0, View(size), tuple(polygons), numbers, points, offsets)
 
 
 @cache

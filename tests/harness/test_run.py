@@ -15,6 +15,7 @@ from harness.errors import UsageError
 from harness.plan import Plan
 from harness.progress import Reporter
 from harness.run import Outcome, run
+from harness.runner import Runner
 from harness.store import read_arrays, read_run
 from harness.timing import MIN_ROUNDS, Settings
 from harness.worker import Inline, Worker
@@ -140,10 +141,8 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
         measure(plan_for(block), out, resume=True)
 
 
-def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
-    from harness.frame import View
-    from harness.runner import Runner
-
+def interrupt_after_one(monkeypatch):
+    """Send Ctrl-C when the first record is written."""
     write = Runner._write
 
     def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
@@ -152,6 +151,12 @@ def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(Runner, "_write", write_and_interrupt)
+
+
+def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
+    from harness.frame import View
+
+    interrupt_after_one(monkeypatch)
     plan = plan_for(block, views=(View(64), View(128)))
     outcome = measure(plan, tmp_path / "out")
     assert outcome.interrupted

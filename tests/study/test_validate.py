@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import signal
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from harness.commands.run import folder_for
 from harness.errors import UsageError
-from harness.runner import Runner
 from harness.store import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, tabulate
@@ -20,6 +16,7 @@ from harness.study.repeat import repeat
 from scenes import load
 from tests.conftest import exit_code
 from tests.harness.test_cli import assert_one_line
+from tests.harness.test_run import interrupt_after_one
 
 
 def test_polygons_are_simple_and_of_all_sizes():
@@ -62,16 +59,9 @@ def test_two_folders_are_one_too_many(harness):
 
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
-    write = Runner._write
-
-    def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
-        write(self, record)
-        if len(self.done) == 1:
-            os.kill(os.getpid(), signal.SIGINT)
-
     arguments = (command, "--scene", "paper", "--rasterisers", "reference", "--budget", "0.001")
     with monkeypatch.context() as patched:
-        patched.setattr(Runner, "_write", write_and_interrupt)
+        interrupt_after_one(patched)
         code, out, _ = harness(*arguments, "--out", "stopped")
     assert code == 130
     assert "--resume stopped goes on" in out
