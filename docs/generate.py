@@ -100,7 +100,7 @@ def rasterisers() -> str:
 
 def metrics() -> str:
     """Return a table of the metrics."""
-    from harness.metrics import METRICS
+    from harness.figures.registry import METRICS
 
     rows = [
         (

@@ -17,13 +17,13 @@ import numpy as np
 from harness import rasterisers
 from harness.errors import HarnessError
 from harness.frame import SUBPIXEL, Frame
-from harness.measure import bare_frame
+from harness.measuring.tasks import bare_frame
+from harness.measuring.timing import self_test
+from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, egl, osmesa
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.gl import GLRasteriser
 from harness.rasterisers.reference import Reference, predict
-from harness.timing import self_test
-from harness.worker import Worker
 
 Status = Literal["ok", "warning", "missing"]
 

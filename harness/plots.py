@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.polygons import (
+from harness.figures.groups import BASE, groups
+from harness.figures.polygons import (
     CRITERIA,
     MEASURES,
     PREDICTED,
@@ -18,8 +19,7 @@ from harness.polygons import (
     rank_correlation,
     ratios,
 )
-from harness.store import Record, Run, file_stem
-from harness.summary import BASE, groups
+from harness.stored.folder import Record, Run, file_stem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

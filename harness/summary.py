@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.metrics import METRICS
-from harness.pairs import FASTER, SLOWER, UNDECIDED, Ratio, paired_ratio
-from harness.store import Record
-
-BASE = "ear-clipping"
-"""What ratios are given against: the triangulator most programs use today."""
-
+from harness.figures.groups import BASE, base_of, groups, time_ratio
+from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
+from harness.figures.registry import METRICS
+from harness.stored.folder import Record
 
 COLUMNS = {
     "helper_lanes": ("helpers", "{:,.0f}"),
@@ -31,29 +27,6 @@ BARS = (8, 6, 4)
 """Characters of the longest bar: the most for which there is room."""
 
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
-
-
-def group_of(record: Record) -> tuple[Any, ...]:
-    """Return what the records that may be compared with each other have in common."""
-    options = tuple(sorted((record.get("options") or {}).items()))
-    names = ("scene", "rasteriser", "device", "resolution", "rotation", "fit")
-    return (*(record.get(name) for name in names), options)
-
-
-def groups(records: Sequence[Record]) -> list[list[Record]]:
-    """Split records into those measured alike but for the triangulator."""
-    ordered = sorted(records, key=lambda record: repr(group_of(record)))
-    return [list(members) for _, members in groupby(ordered, key=group_of)]
-
-
-def time_ratio(record: Record, base: Record | None) -> Ratio | None:
-    """Return the paired ratio of two records' times, None where they are not comparable."""
-    if base is None or record.get("polygons") != base.get("polygons"):
-        return None
-    times, base_times = record.get("time"), base.get("time")
-    if not times or not base_times or times["reference_s"] != base_times["reference_s"]:
-        return None
-    return paired_ratio(times["samples_s"], base_times["samples_s"])
 
 
 def print_summary(records: Sequence[Record], console: Console) -> None:
@@ -166,11 +139,6 @@ def write_csv(records: Sequence[Record], file: Path) -> None:
         base = base_of(members)
         rows += [row_of(record, base) for record in members]
     pd.DataFrame(rows).to_csv(file, index=False)
-
-
-def base_of(members: Sequence[Record]) -> Record | None:
-    """Return the record of a group that the others are measured against, None without one."""
-    return next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
 
 
 def row_of(record: Record, base: Record | None) -> dict[str, Any]:

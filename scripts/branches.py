@@ -23,11 +23,11 @@ def draw(scene: str, resolution: int, name: str) -> None:
     """Draw `DRAWS` times, with Callgrind looking on at nothing else."""
     from harness import rasterisers
     from harness.frame import View, make_frame
+    from harness.measuring.run import load_scene
     from harness.progress import Reporter
     from harness.rasterisers.base import Options
-    from harness.run import load_scene
     from harness.study.calibrate import read_coefficients
-    from harness.triangulation import triangulate_polygons
+    from harness.triangulating.frames import triangulate_polygons
 
     frame = make_frame(load_scene(scene, 0, Reporter(quiet=True)).polygons, View(resolution))
     calibration = read_coefficients(Path("results/calibration/llvmpipe.json"))

@@ -10,16 +10,16 @@ from rich.console import Console
 from rich.table import Table
 
 from harness import rasterisers
-from harness.bench import Bench, Target
 from harness.commands.options import Quiet, Seed
 from harness.commands.run import CALIBRATIONS
+from harness.measuring.processes import Bench, Target
+from harness.measuring.run import load_scene
+from harness.measuring.timing import Settings
+from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.run import load_scene
 from harness.study import calibrate as study
 from harness.study import calibration
-from harness.timing import Settings
-from harness.worker import Worker
 
 
 def calibrate(

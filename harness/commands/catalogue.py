@@ -55,7 +55,7 @@ def _criteria() -> Table:
 
 
 def _metrics() -> Table:
-    from harness.metrics import METRICS
+    from harness.figures.registry import METRICS
 
     table = _table("metric", "unit", "better", "best case", "kind", "description")
     for metric in METRICS.values():

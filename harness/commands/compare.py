@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 
 from harness.errors import UsageError
-from harness.store import Run, read_run
+from harness.stored.folder import Run, read_run
 
 if TYPE_CHECKING:
     from harness.compare import Comparison

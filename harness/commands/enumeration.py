@@ -12,8 +12,8 @@ from rich.table import Table
 from harness.commands.options import PolygonNumber
 from harness.commands.run import default_folder
 from harness.errors import UsageError
+from harness.measuring.run import load_scene
 from harness.progress import Reporter
-from harness.run import load_scene
 from harness.study import enumeration
 from triangulators import Skipped, TriangulationError
 

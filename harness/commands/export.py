@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.cache import Cache
 from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.progress import Reporter
+from harness.triangulating.database import Cache
 
 
 def triangulate(

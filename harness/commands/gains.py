@@ -11,8 +11,8 @@ from rich.console import Console
 
 from harness.commands.run import split_names
 from harness.errors import NothingMeasured
-from harness.run import full_names
-from harness.store import read_run
+from harness.measuring.run import full_names
+from harness.stored.folder import read_run
 from harness.study import gains as study
 
 MOST_SAID = 12

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from harness.history import Series
-    from harness.store import Run
+    from harness.stored.folder import Run
 
 
 def history(

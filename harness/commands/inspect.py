@@ -12,9 +12,9 @@ from harness.commands.options import PolygonNumber, Seed
 from harness.commands.run import split_names
 from harness.errors import UsageError
 from harness.frame import View, make_frame
+from harness.measuring.run import full_names, load_scene
 from harness.progress import Reporter
-from harness.run import full_names, load_scene
-from harness.triangulation import triangulate_polygons
+from harness.triangulating.frames import triangulate_polygons
 
 
 def inspect(

@@ -11,15 +11,15 @@ from rich.console import Console
 from harness.commands.options import Force, Quiet, Seed
 from harness.commands.run import folder_for, require_finished, split_names
 from harness.frame import View
-from harness.plan import Plan
+from harness.measuring.plan import Plan
+from harness.measuring.run import Part
+from harness.measuring.run import run as carry_out
+from harness.measuring.timing import Settings
 from harness.progress import Reporter
 from harness.report import write_report
-from harness.run import Part
-from harness.run import run as carry_out
-from harness.store import read_run
+from harness.stored.folder import read_run
 from harness.study import pareto as study
 from harness.study import pareto_answer, pareto_plot
-from harness.timing import Settings
 from scenes import Scene
 
 POLYGONS = 6

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from harness.errors import UsageError
-from harness.store import read_run
+from harness.stored.folder import read_run
 from harness.study.repeat import repeat as compare
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from harness.store import read_run
+from harness.stored.folder import read_run
 
 
 def report(

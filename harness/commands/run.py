@@ -12,19 +12,19 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.cache import default_path
 from harness.commands.options import Force, Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import Fit, View
-from harness.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
+from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
+from harness.measuring.run import Outcome
+from harness.measuring.run import run as carry_out
+from harness.measuring.timing import Settings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
-from harness.run import Outcome
-from harness.run import run as carry_out
-from harness.store import file_stem, read_run
+from harness.stored.folder import file_stem, read_run
 from harness.summary import print_summary, write_csv
-from harness.timing import Settings
+from harness.triangulating.database import default_path
 
 CALIBRATIONS = Path("results") / "calibration"
 

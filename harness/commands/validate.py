@@ -11,16 +11,16 @@ from rich.console import Console
 from harness.commands.options import Force, Quiet, Seed, Work
 from harness.commands.run import folder_for, numbers, require_finished, split_names
 from harness.frame import View
-from harness.plan import Plan
+from harness.measuring.plan import Plan
+from harness.measuring.run import Part
+from harness.measuring.run import run as carry_out
+from harness.measuring.timing import Settings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.report import write_report
-from harness.run import Part
-from harness.run import run as carry_out
-from harness.store import read_run
+from harness.stored.folder import read_run
 from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
-from harness.timing import Settings
 
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""

@@ -7,8 +7,8 @@ from typing import Any
 from harness.compare.counters import exact_figures
 from harness.compare.matching import case_name
 from harness.compare.settings import is_gated
-from harness.metrics import METRICS
-from harness.store import Record, Run
+from harness.figures.registry import METRICS
+from harness.stored.folder import Record, Run
 
 
 def to_benchmark_action(run: Run) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.compare.matching import case_name
 from harness.compare.model import CaseName
-from harness.store import Record, Run
+from harness.stored.folder import Record, Run
 
 NAMES = ("scene", "triangulator", "rasteriser", "device", "status")
 NUMBERS = ("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions")

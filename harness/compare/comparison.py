@@ -21,8 +21,8 @@ from harness.compare.model import (
     Verdict,
 )
 from harness.compare.settings import Settings
-from harness.metrics import METRICS
-from harness.store import Record, Run
+from harness.figures.registry import METRICS
+from harness.stored.folder import Record, Run
 
 
 def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:

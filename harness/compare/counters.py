@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 from harness.compare.model import CounterChange, Exact, Total
 from harness.compare.settings import Settings
-from harness.metrics import METRICS
-from harness.store import Record
+from harness.figures.registry import METRICS
+from harness.stored.folder import Record
 
 
 def exact_figures(record: Record) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from harness.store import Run
+from harness.stored.folder import Run
 
 ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governor")
 

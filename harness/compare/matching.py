@@ -13,7 +13,7 @@ from typing import Any
 from harness.compare.model import CaseName
 from harness.errors import UsageError
 from harness.rasterisers.base import Options
-from harness.store import Record, Run
+from harness.stored.folder import Record, Run
 
 USUAL = asdict(Options())
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from harness.errors import UsageError, unknown
-from harness.metrics import METRICS
+from harness.figures.registry import METRICS
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]

@@ -29,7 +29,7 @@ from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, TimeChange
 from harness.compare.settings import Settings
-from harness.store import Record
+from harness.stored.folder import Record
 
 QUANTILE = 0.1
 """Of the samples: low enough to be clear of other programs, not as fickle as the fastest one."""

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.cache import Cache
 from harness.errors import UsageError
 from harness.export import mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
@@ -25,6 +24,7 @@ from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
 from harness.export.triangulation import triangulate_batch
 from harness.export.writer import About, Output, Writer
+from harness.triangulating.database import Cache
 from scenes import load
 from scenes.files import read_chunks
 from scenes.projection import to_degrees

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import cache as model
+from harness.triangulating import database as model
 from triangulators import full_name, parse, triangulate_many
 from triangulators.batch import Ragged, ragged
 

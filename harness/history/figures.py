@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.figures.registry import METRICS
 from harness.history.series import TIME, TOGETHER, Series
-from harness.metrics import METRICS
 from harness.plots import COLOURS, MARKERS, STYLE, save
-from harness.store import Run
+from harness.stored.folder import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

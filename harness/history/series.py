@@ -15,9 +15,9 @@ from harness.compare.matching import case_name
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
+from harness.figures.registry import METRICS
 from harness.history.change_points import changes_of_exact, changes_of_noisy
-from harness.metrics import METRICS
-from harness.store import Record, Run, read_run
+from harness.stored.folder import Record, Run, read_run
 
 TIME = "time"
 """The one metric of a history that is no record's own: a time beside those of its peers."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from harness.metrics import METRICS
-from harness.pairs import SLOWER, UNDECIDED, Ratio
-from harness.polygons import CRITERIA, MEASURES
-from harness.store import Record
-from harness.summary import BASE, time_ratio
+from harness.figures.groups import BASE, time_ratio
+from harness.figures.polygons import CRITERIA, MEASURES
+from harness.figures.ratios import SLOWER, UNDECIDED, Ratio
+from harness.figures.registry import METRICS
+from harness.stored.folder import Record
 
 Correlations = Mapping[str, Mapping[str, float | None]]
 """measure -> criterion -> rank correlation of ratios."""

@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from harness import geometry
-from harness.frame import View
-from harness.metrics import METRICS
-from harness.polygons import (
+from harness.figures.groups import base_of, groups
+from harness.figures.polygons import (
     CRITERIA,
     MEASURES,
     PREDICTED,
@@ -18,10 +16,13 @@ from harness.polygons import (
     correlation_of_ratios,
     measures_in,
 )
-from harness.report import drawings, facts, matrix
+from harness.figures.registry import METRICS
+from harness.frame import View
+from harness.report import facts, matrix, packing
 from harness.report.answer import answer, answer_of_study
-from harness.store import Record, Run
-from harness.summary import base_of, groups, row_of
+from harness.stored import drawings
+from harness.stored.folder import Record, Run
+from harness.summary import row_of
 
 MOST_MARKS = 6_000
 """Marks of one chart: a polygon under one triangulator each."""
@@ -88,7 +89,7 @@ class _Polygons:
         columns = columns_of(self._run, record) if record["status"] == "ok" else None
         if columns is None:
             return None
-        key = geometry.name_of(view_of(record))
+        key = drawings.name_of(view_of(record))
         if key not in self._chosen:
             self._add_view(key, record, len(columns[f"{PREDICTED}triangles"]))
         predicted = self.views[key]["predicted"]
@@ -101,19 +102,19 @@ class _Polygons:
         return columns
 
     def _add_view(self, key: str, record: Record, polygons: int) -> None:
-        chosen = self._chosen[key] = drawings.choose(polygons, self._most)
+        chosen = self._chosen[key] = packing.choose(polygons, self._most)
         view = {"polygons": polygons, "chosen": chosen.tolist(), "predicted": {}, "drawing": None}
-        kept = geometry.read(self._run, view_of(record))
+        kept = drawings.read(self._run, view_of(record))
         if kept is not None and len(kept.offsets) == polygons + 1:
             share = len(chosen) / max(1, polygons)
             triangles = sum(len(rows) for rows in kept.triangles.values())
-            if triangles * share <= drawings.MOST_TRIANGLES / (1 + len(self.views)):
-                view["drawing"] = drawings.pack(kept, chosen)
+            if triangles * share <= packing.MOST_TRIANGLES / (1 + len(self.views)):
+                view["drawing"] = packing.pack(kept, chosen)
         self.views[key] = view
 
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""
-        chosen = self._chosen[geometry.name_of(view_of(record))]
+        chosen = self._chosen[drawings.name_of(view_of(record))]
         return {name: columns[name][chosen].astype(int).tolist() for name in measures_in(columns)}
 
 
@@ -148,7 +149,7 @@ def _group(
         "scene": first["scene"],
         "rasteriser": first["rasteriser"],
         "device": first["device"],
-        "view": geometry.name_of(view_of(first)),
+        "view": drawings.name_of(view_of(first)),
         "condition": _condition(first, options),
         "base": base_name,
         "measures": measures,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from harness.store import Run
+from harness.stored.folder import Run
 
 Row = tuple[str, str, str]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.polygons import CRITERIA, MEASURES
+from harness.figures.polygons import CRITERIA, MEASURES
 
 FILE = "correlations.csv"
 COLUMNS = ("rasteriser", "device", "criterion", "measure", "statistic", "value")

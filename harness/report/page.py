@@ -14,7 +14,7 @@ from typing import Any
 from harness import __version__
 from harness.errors import UsageError
 from harness.report.content import content_of
-from harness.store import Run
+from harness.stored.folder import Run
 from harness.templates import template
 
 FILE = "report.html"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.store import Record
+from harness.stored.folder import Record
 from harness.study.statistics import Estimate, pooled, within
 
 CRITERIA = {

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.bench import Bench, Target
 from harness.errors import NothingMeasured, UsageError
+from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
-from harness.measure import bare_frame
-from harness.pairs import paired_ratio
+from harness.measuring.processes import Bench, Target
+from harness.measuring.tasks import bare_frame
+from harness.measuring.timing import REFERENCE, Settings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration
 from harness.study.design import Design, choose_polygons
-from harness.timing import REFERENCE, Settings
 from scenes import Scene
 from triangulators.criteria import predict
 

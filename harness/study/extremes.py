@@ -15,11 +15,11 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from harness.figures.groups import groups, time_ratio
 from harness.plots import COLOURS, STYLE, save
-from harness.store import Record
+from harness.stored.folder import Record
 from harness.study.analysis import MEASURES, without_twins
 from harness.study.matrix import label
-from harness.summary import groups, time_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

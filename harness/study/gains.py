@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from harness.metrics import METRICS
-from harness.pairs import FASTER
+from harness.figures.groups import group_of, groups, time_ratio
+from harness.figures.ratios import FASTER
+from harness.figures.registry import METRICS
 from harness.plots import COLOURS, STYLE, marker, save
-from harness.store import Record
-from harness.summary import group_of, groups, time_ratio
+from harness.stored.folder import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,12 +16,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
+from harness.figures.groups import groups, time_ratio
+from harness.figures.polygons import PREDICTED, columns_of
 from harness.frame import View, make_frame
-from harness.polygons import PREDICTED, columns_of
-from harness.run import Part
-from harness.store import Record, Run
+from harness.measuring.run import Part
+from harness.stored.folder import Record, Run
 from harness.study.design import Design, choose_polygons
-from harness.summary import groups, time_ratio
 from scenes import Scene
 from triangulators import criteria, exhaustive, registry
 from triangulators.counting import count_triangulations

@@ -9,10 +9,10 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.pairs import FASTER, SLOWER
-from harness.store import Record
+from harness.figures.groups import groups
+from harness.figures.ratios import FASTER, SLOWER
+from harness.stored.folder import Record
 from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, Front
-from harness.summary import groups
 
 CORNERS = "front"
 """Kind of the points that are judged; `sweep` in a row about a whole scene."""

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.pairs import FASTER
+from harness.figures.ratios import FASTER
 from harness.plots import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
 

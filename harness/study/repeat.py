@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from harness.pairs import UNDECIDED
-from harness.store import Record
+from harness.figures.groups import group_of, groups, time_ratio
+from harness.figures.ratios import UNDECIDED
+from harness.stored.folder import Record
 from harness.study.analysis import without_twins
-from harness.summary import group_of, groups, time_ratio
 
 
 @dataclass(frozen=True)

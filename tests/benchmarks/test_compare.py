@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from harness.compare import compare_runs
-from harness.store import read_run
+from harness.stored.folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
 from tests.paths import ROOT
 

@@ -14,8 +14,8 @@ import shapely
 from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
-from harness.cache import Cache
 from harness.export.triangulation import COMPILED, triangulate_batch
+from harness.triangulating.database import Cache
 from scenes import load
 from tests.paths import ROOT
 from triangulators.batch import ragged

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from tests.harness.killing import kill_and_resume, whole_run
+from tests.measuring.killing import kill_and_resume, whole_run
 
 
 def test_thirty_random_kills_lose_nothing(block, tmp_path):

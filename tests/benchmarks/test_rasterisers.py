@@ -14,12 +14,12 @@ import shapely
 from shapely import Polygon
 
 import scenes
-from harness import measure
 from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Triangles, find_device, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.reference import predict
-from harness.worker import Worker
 from triangulators import triangulate
 
 SIZES = (256, 1024, 4096)
@@ -42,7 +42,7 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     number = 2_000_000 // side**2 + 500
     low = rng.integers(1, 1024 - side, (number, 1, 2))
     points = low * SUBPIXEL + rng.integers(0, side * SUBPIXEL, (number, 3, 2))
-    frame = measure.bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
+    frame = tasks.bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
     triangles = np.arange(len(frame.points), dtype=np.int32).reshape(-1, 3)
     tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
     with REFERENCE.prepare(frame, triangles, Options()) as drawing:
@@ -113,7 +113,7 @@ def test_counters_equal_the_reference_polygon_by_polygon(workers, name, size, sc
     report = []
     for triangulator, triangles in cut.items():
         exact = REFERENCE.count(frame, triangles, Options())
-        counted = worker.call(measure.count, rasteriser, device, frame, triangles, Options())
+        counted = worker.call(tasks.count, rasteriser, device, frame, triangles, Options())
         assert np.array_equal(4 * counted["quads"], counted["fragments"] + counted["helper_lanes"])
         report += [f"{triangulator}: {text}" for text in disagreements(frame, counted, exact)]
     totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in exact.items())
@@ -134,8 +134,8 @@ def test_bounding_box_tests_equal_the_prediction(workers, name, size, scene):
     for triangles in cut.values():
         exact = REFERENCE.count(frame, triangles, Options())
         arguments = (device, frame, triangles, Options())
-        walked = worker.call(measure.count, "bounding-box", *arguments)
+        walked = worker.call(tasks.count, "bounding-box", *arguments)
         assert np.array_equal(walked["bbox_tests"], exact["bbox_tests"])
         assert np.array_equal(walked["hits"], exact["fragments"])
-        walked = worker.call(measure.count, "scanline", *arguments)
+        walked = worker.call(tasks.count, "scanline", *arguments)
         assert np.array_equal(walked["hits"], exact["fragments"])

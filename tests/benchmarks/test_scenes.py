@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.store import Record, read_run
+from harness.stored.folder import Record, read_run
 from scenes.registry import entry, names
 from tests.paths import ROOT
 from triangulators import names as triangulators

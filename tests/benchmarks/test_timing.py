@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from harness import measure, rasterisers
+from harness import rasterisers
+from harness.figures.ratios import Ratio, paired_ratio
 from harness.frame import Frame, View, make_frame
-from harness.pairs import Ratio, paired_ratio
+from harness.measuring import tasks
+from harness.measuring.timing import Settings
+from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
-from harness.timing import Settings
-from harness.triangulation import triangulate_polygons
-from harness.worker import Worker
+from harness.triangulating.frames import triangulate_polygons
 from scenes import load
 
 COMPARISONS_SAME = 200
@@ -53,9 +54,9 @@ def compare(
     settings: Settings = DEFAULT,
 ) -> Ratio:
     device, worker = llvmpipe
-    test = worker.call(measure.open_device, "opengl", device).timer
+    test = worker.call(tasks.open_device, "opengl", device).timer
     pair = {"first": (frame, first), "second": (frame, second)}
-    group = worker.call(measure.time_group, "opengl", device, pair, options, settings, test, seed)
+    group = worker.call(tasks.time_group, "opengl", device, pair, options, settings, test, seed)
     return paired_ratio(group["first"].samples_s, group["second"].samples_s)
 
 
@@ -73,13 +74,13 @@ def test_a_triangulation_does_not_differ_from_itself(llvmpipe, city):
 
 def test_three_percent_more_fragment_work_is_found(llvmpipe):
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0.119], [1, 0.119]]) * 480 * 256 + 4096
-    frame = measure.bare_frame(512, square.astype(np.int32))
+    frame = tasks.bare_frame(512, square.astype(np.int32))
     plain = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
     more = np.vstack([plain, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
     device, worker = llvmpipe
     options = Options(work=8)
     fragments = [
-        int(worker.call(measure.count, "opengl", device, frame, part, options)["fragments"].sum())
+        int(worker.call(tasks.count, "opengl", device, frame, part, options)["fragments"].sum())
         for part in (plain, more)
     ]
     extra = fragments[1] / fragments[0] - 1

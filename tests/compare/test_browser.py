@@ -6,7 +6,7 @@ from pathlib import Path
 
 from harness.compare import compare_runs
 from harness.compare.html import to_html
-from harness.store import read_run
+from harness.stored.folder import read_run
 from tests.chromium import LOADED
 from tests.compare.scenarios import SCENARIOS
 

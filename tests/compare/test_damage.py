@@ -14,7 +14,7 @@ from harness.compare import compare_runs
 from harness.compare.json import to_json
 from harness.compare.markdown import to_markdown
 from harness.errors import HarnessError
-from harness.store import Run
+from harness.stored.folder import Run
 from tests.compare.runs import TRIANGULATORS, record, write_run
 
 pytestmark = pytest.mark.usefixtures("no_plots")

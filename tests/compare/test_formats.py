@@ -19,7 +19,7 @@ from harness.compare.junit import to_junit
 from harness.compare.markdown import LIMIT, MARKER, to_markdown
 from harness.compare.settings import Settings
 from harness.compare.wording import headline
-from harness.store import read_run
+from harness.stored.folder import read_run
 from tests.compare.runs import TRIANGULATORS, dearer, failed, write_run
 from tests.compare.scenarios import SCENARIOS
 from tests.paths import ROOT

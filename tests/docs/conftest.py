@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from shapely import Polygon, box
 
-from harness.run import run
-from harness.timing import Settings
-from harness.worker import Executor, Worker
+from harness.measuring.run import run
+from harness.measuring.timing import Settings
+from harness.measuring.worker import Executor, Worker
 from tests.conftest import exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT

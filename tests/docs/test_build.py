@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from harness.cli import app
-from harness.metrics import METRICS
+from harness.figures.registry import METRICS
 from tests.docs.blocks import pages
 from tests.paths import ROOT
 from triangulators import registry

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.frame import Frame
-from harness.measure import bare_frame
+from harness.measuring.tasks import bare_frame
 from harness.rasterisers import Options, Rasteriser, find_device, get
 
 Coordinates = list[list[int]]

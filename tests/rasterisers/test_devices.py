@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness import measure
 from harness.errors import NoRasteriser
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
 from harness.rasterisers import Counters, Options, find_device, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.tally import COUNTED
-from harness.worker import Worker
 
 
 def counted_elsewhere(rasteriser: str, name: str, cases: list, options: Options) -> list[Counters]:
@@ -21,7 +21,7 @@ def counted_elsewhere(rasteriser: str, name: str, cases: list, options: Options)
     device = find_device(rasteriser, name)
     with Worker(name, device.environment) as worker:
         return [
-            worker.call(measure.count, rasteriser, device, *case, options, timeout_s=120)
+            worker.call(tasks.count, rasteriser, device, *case, options, timeout_s=120)
             for case in cases
         ]
 

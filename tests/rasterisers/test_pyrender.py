@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from harness import measure
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import Frame, View, make_frame
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
 from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Rasteriser, Triangles
 from harness.rasterisers.extrude import extrude, next_in_ring
-from harness.worker import Worker
 from triangulators import triangulate
 
 COURT = box(0, 0, 30, 20).difference(box(8, 6, 20, 14))
@@ -46,11 +46,11 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
     triangles = joined(frame, "delaunay")
     with Worker(name, device.environment) as worker:
         arguments = ("pyrender", device, frame, triangles, Options())
-        picture = worker.call(measure.image, *arguments, timeout_s=120)
+        picture = worker.call(tasks.image, *arguments, timeout_s=120)
         other = worker.call(
-            measure.image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
+            tasks.image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
         )
-        assert worker.call(measure.count, *arguments) == {}
+        assert worker.call(tasks.count, *arguments) == {}
         assert worker.call(seconds_of_frames, device, frame, triangles, 2, timeout_s=120) > 0
     assert picture.shape == (128, 128, 4)
     sky = np.rint(np.array(pyrender.SKY) * 255)

@@ -13,19 +13,19 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
-from harness import geometry
 from harness.frame import View, make_frame
-from harness.plan import Plan
+from harness.measuring.plan import Plan
+from harness.measuring.records import predict_frame
+from harness.measuring.run import run
+from harness.measuring.timing import Settings
+from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import predict
-from harness.records import predict_frame
 from harness.report import write_report
-from harness.run import run
-from harness.store import Store, read_run
-from harness.timing import Settings
-from harness.triangulation import triangulate_polygons
-from harness.worker import Inline
+from harness.stored import drawings
+from harness.stored.folder import Store, read_run
+from harness.triangulating.frames import triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
 
@@ -107,7 +107,7 @@ def _drawn(store: Store) -> dict[str, dict[str, NDArray[Any]]]:
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
             key: per_polygon(frame, triangles[name], column) for key, column in counted.items()
         }
-    geometry.write(store, frame, triangles)
+    drawings.write(store, frame, triangles)
     return columns
 
 

@@ -15,8 +15,8 @@ from harness.cli import app
 from harness.errors import UsageError
 from harness.report import write_report
 from harness.report.content import content_of
-from harness.report.drawings import choose
-from harness.store import read_run
+from harness.report.packing import choose
+from harness.stored.folder import read_run
 
 ECHARTS = "1f13280aba3161f77fc801bf5f9c786f55f10432153a0683fc5cc0700b013d5"
 

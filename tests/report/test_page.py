@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.store import read_arrays, read_run
+from harness.stored.folder import read_arrays, read_run
 from tests.chromium import Chromium
 from tests.report.conftest import NAMES
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from harness.plots import COLOURS, ONE_COLUMN, TWO_COLUMNS, plot_run
-from harness.store import read_run
+from harness.stored.folder import read_run
 
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
 LABELS = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness.frame import View, make_frame
-from harness.triangulation import triangulate_polygons
+from harness.triangulating.frames import triangulate_polygons
 from scenes import load
 from triangulators import names
 

@@ -7,8 +7,8 @@ import pytest
 import shapely
 from shapely import box
 
-from harness.bench import Bench
 from harness.errors import UsageError
+from harness.measuring.processes import Bench
 from harness.study import calibration
 from harness.study.calibrate import (
     Validation,
@@ -17,7 +17,7 @@ from harness.study.calibrate import (
     read_coefficients,
     write,
 )
-from tests.harness.test_run import inline
+from tests.measuring.test_run import inline
 
 TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
 

@@ -9,16 +9,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from harness.figures.ratios import paired_ratio
 from harness.frame import View, make_frame
-from harness.pairs import paired_ratio
-from harness.plan import Plan
-from harness.run import Part
-from harness.store import read_run
+from harness.measuring.plan import Plan
+from harness.measuring.run import Part
+from harness.stored.folder import read_run
 from harness.study import pareto_answer
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
 from scenes import load
 from tests.harness.test_cli import assert_one_line
-from tests.harness.test_run import measure, plan_for
+from tests.measuring.test_run import measure, plan_for
 from triangulators import full_name
 from triangulators.exhaustive import tabulate as list_all
 

@@ -8,7 +8,7 @@ import pytest
 
 from harness.commands.run import folder_for
 from harness.errors import UsageError
-from harness.store import read_run
+from harness.stored.folder import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, tabulate
 from harness.study.design import Design, choose_polygons, choose_triangulators
@@ -16,7 +16,7 @@ from harness.study.repeat import repeat
 from scenes import load
 from tests.conftest import exit_code
 from tests.harness.test_cli import assert_one_line
-from tests.harness.test_run import interrupt_after_one
+from tests.measuring.test_run import interrupt_after_one
 
 
 def test_polygons_are_simple_and_of_all_sizes():

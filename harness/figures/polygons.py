@@ -1,0 +1,94 @@
+"""Costs of single polygons, in ratio to what another triangulator makes of the same polygon.
+
+Dividing takes the polygon's size out, which would otherwise make every criterion look good.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.stored.folder import Record, Run, read_arrays
+
+Columns = dict[str, NDArray[np.float64]]
+
+PREDICTED = "predicted_"
+"""Prefix of a column that holds a criterion; the other columns are counters."""
+
+MEASURES = {
+    "helper_lanes": "helper lanes",
+    "bbox_tests": "bounding-box tests",
+    "rows": "rows walked",
+    "tiles_16": "tiles of 16 px",
+    "quads": "quads",
+    "blocks": "4x4 blocks",
+}
+"""Counters worth predicting by name; of those a rasteriser has, the first is shown first."""
+
+SAME_FOR_ALL = ("fragments", "hits", "samples_passed")
+"""Counters that every triangulation of a polygon shares."""
+
+CRITERIA = {
+    "overdraw": "the paper's A",
+    "half_perimeter": "half-perimeter H",
+    "expected_quads": "expected quads Q",
+    "expected_blocks": "expected 4x4 blocks P",
+    "edge_length": "edge length E",
+    "rotation_averaged_overdraw": "rotation-averaged A",
+    "shape": "the paper's D",
+    "complexity": "the paper's C",
+}
+"""Criteria by the name of their column, in the order in which they are shown."""
+
+
+def measures_in(columns: Columns) -> list[str]:
+    """Return the counters among `columns` that a triangulation can change, the main one first."""
+    counted = [
+        name
+        for name in columns
+        if not name.startswith((PREDICTED, "driver_")) and name not in SAME_FOR_ALL
+    ]
+    known = [name for name in MEASURES if name in counted]
+    return known + [name for name in counted if name not in MEASURES]
+
+
+def columns_of(run: Run, record: Record) -> Columns | None:
+    """Return a case's columns, each (p,), or None where the run did not keep them."""
+    arrays = read_arrays(run, record["key"])
+    if arrays is None or f"{PREDICTED}triangles" not in arrays:
+        return None
+    return {name: np.asarray(column, np.float64) for name, column in arrays.items()}
+
+
+def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
+    """Return (p,) column `name` over that of `base`; NaN where either did not do the polygon."""
+    drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = columns[name] / base[name]
+    return np.where(drawn & np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
+
+
+def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+    """Return Spearman's coefficient of the finite pairs, None where it is not defined."""
+    from scipy.stats import spearmanr
+
+    both = np.isfinite(x) & np.isfinite(y)
+    x, y = x[both], y[both]
+    if len(x) < 3 or (x == x[0]).all() or (y == y[0]).all():
+        return None
+    return float(spearmanr(x, y).statistic)
+
+
+def correlation_of_ratios(
+    columns: dict[str, Columns], base: str, criterion: str, measure: str
+) -> float | None:
+    """Return how well a criterion's ratios rank a counter's, over polygons and triangulators.
+
+    columns : triangulator -> its columns; those of `base` are what the others are divided by
+    """
+    others = [each for name, each in columns.items() if name != base]
+    if not others or measure not in columns[base]:
+        return None
+    x = np.concatenate([ratios(each, columns[base], PREDICTED + criterion) for each in others])
+    y = np.concatenate([ratios(each, columns[base], measure) for each in others])
+    return rank_correlation(x, y)

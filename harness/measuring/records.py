@@ -1,0 +1,143 @@
+"""Builds the record of a case from what was predicted, counted and timed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame
+from harness.measuring.plan import Case
+from harness.measuring.timing import EMPTY, REFERENCE, Settings, TimerTest, Times
+from harness.rasterisers.base import Counters
+from harness.stored.folder import Record
+from harness.triangulating.frames import FrameTriangulation
+from triangulators import vertices
+from triangulators.criteria import predict
+
+SHORT_DRAW_S = 20e-6
+"""A draw shorter than this is mostly the cost of asking for it."""
+
+SCATTER = 0.10
+"""Interquartile range, relative to the median, above which a machine is called unstable."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Criteria of one triangulation of a frame: `columns` (p,) a polygon, `totals` of all."""
+
+    columns: dict[str, NDArray[np.float64]]
+    totals: dict[str, float]
+
+
+def predict_frame(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> Prediction:
+    """Sum every criterion over each polygon's (m, 3) triangles; px for lengths, px^2 for areas."""
+    empty = np.empty((0, 3), np.int32)
+    rows = [
+        predict(vertices(polygon), empty if part is None else part)
+        for polygon, part in zip(frame.polygons, parts, strict=True)
+    ]
+    names = list(rows[0]) if rows else []
+    columns = {name: np.array([row[name] for row in rows], np.float64) for name in names}
+    return Prediction(columns, {name: float(column.sum()) for name, column in columns.items()})
+
+
+def problem(case: Case, status: str, reason: str) -> Record:
+    """Return the record of a case that was `skipped` or `failed`, and why."""
+    return {**case.identity(), "status": status, "reason": reason}
+
+
+def measured(
+    case: Case,
+    frame: Frame,
+    triangulation: FrameTriangulation,
+    prediction: Prediction,
+    counters: Counters,
+    expected_fragments: NDArray[np.int64] | None,
+    timing: Mapping[str, Any] | None,
+) -> Record:
+    """Return the record of a case that was counted, and timed unless `timing` is None.
+
+    expected_fragments : (p,) what each polygon covers on this device however it is triangulated
+    """
+    done = [part for part in triangulation.parts if part is not None]
+    record: Record = {
+        **case.identity(),
+        "status": "ok",
+        "reason": incomplete(triangulation),
+        "polygons": len(done),
+        "polygons_skipped": len(triangulation.skipped),
+        "polygons_failed": len(triangulation.failed),
+        "vertices": len(frame.points),
+        "triangles": sum(len(part) for part in done),
+        "predicted": prediction.totals,
+        "counters": {name: int(values.sum()) for name, values in counters.items()},
+        "triangulate_s": triangulation.seconds,
+        "polygons_cached": triangulation.cached,
+        "conforming": triangulation.conforming,
+        "t_junctions": sum(triangulation.t_junctions),
+        "coverage_error": None,
+    }
+    if expected_fragments is not None and "fragments" in counters:
+        drawn = np.array([part is not None for part in triangulation.parts])
+        errors = np.abs(counters["fragments"] - expected_fragments)[drawn]
+        record["coverage_error"] = int(errors.sum())
+    if timing is not None:
+        record["time"] = dict(timing)
+    return record
+
+
+def incomplete(triangulation: FrameTriangulation) -> str | None:
+    """Say in one line which polygons a triangulator left out, or None if it did all."""
+    notes = []
+    for verb, entries in (("skipped", triangulation.skipped), ("failed", triangulation.failed)):
+        if entries:
+            number, reason = entries[0]
+            more = f" and {len(entries) - 1} more" if len(entries) > 1 else ""
+            notes.append(f"{verb} polygon {number}{more}: {reason}")
+    return "; ".join(notes) or None
+
+
+def time_fields(
+    group: Mapping[str, Times], key: str, test: TimerTest, settings: Settings
+) -> dict[str, Any]:
+    """Return a record's `time` for the drawing `key` of a group timed together.
+
+    Sample r of every record of the group, and of its `empty_s` and `reference_s`, comes from the
+    same round, so records can be compared in pairs.
+    """
+    times = group[key]
+    return {
+        "timer": test.timer,
+        "samples_s": _rounded(times.samples_s),
+        "median_s": times.median_s,
+        "ci95_s": list(times.ci95_s),
+        "repeats": times.repeats,
+        "precision": settings.precision,
+        "precision_reached": times.precision_reached,
+        "empty_s": _rounded(group[EMPTY].samples_s),
+        "reference_s": _rounded(group[REFERENCE].samples_s),
+        "warnings": time_warnings(times),
+    }
+
+
+def _rounded(seconds: Sequence[float]) -> list[float]:
+    """Round to six digits: more than any timer resolves, and half the size on disk."""
+    return [float(f"{value:.6g}") for value in seconds]
+
+
+def time_warnings(times: Times) -> list[str]:
+    """Say, a line each, what makes these samples less trustworthy."""
+    found = []
+    median = times.median_s
+    low, high = np.percentile(times.samples_s, [25, 75])
+    if median < SHORT_DRAW_S:
+        found.append(f"draws are short ({median * 1e6:.1f} us): mostly the cost of a draw call")
+    if high - low > SCATTER * median:
+        found.append(f"times scatter by {(high - low) / median:.0%} of their median")
+    if not times.precision_reached:
+        found.append(f"precision not reached in {len(times.samples_s)} rounds")
+    return found

@@ -1,0 +1,143 @@
+"""What a device's worker process does: open the device once, then count and time on it.
+
+These functions run inside the worker; the parent calls them through `harness.measuring.worker`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness import rasterisers
+from harness.frame import SUBPIXEL, Frame, View
+from harness.measuring.timing import (
+    EMPTY,
+    REFERENCE,
+    Settings,
+    TimerTest,
+    Times,
+    self_test,
+    time_together,
+)
+from harness.rasterisers.base import Counters, Device, Options, Rasteriser, Triangles
+
+SELF_TEST_PX = 1024
+SELF_TEST_LAYERS = 256
+SELF_TEST_S = 10e-3
+"""A draw this long, in seconds, shows whether two timers agree."""
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What is known of a device once it is open.
+
+    details : strings and limits as its driver reports them
+    timer : the self-test's finding; None for a rasteriser that is not timed
+    """
+
+    details: dict[str, Any]
+    timer: TimerTest | None
+
+
+_open: dict[tuple[str, str], Rasteriser] = {}
+"""What this process has open; a process that was started anew after a crash has nothing."""
+
+
+def open_device(name: str, device: Device) -> Opened:
+    """Open `device` with the rasteriser `name` and test its timer."""
+    rasteriser = _opened(name, device)
+    return Opened(
+        dict(rasteriser.device.details), _test_timer(rasteriser) if rasteriser.timed else None
+    )
+
+
+def count(
+    name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
+) -> Counters:
+    """Count what drawing `triangles` costs on the device."""
+    return _opened(name, device).count(frame, triangles, options)
+
+
+def image(
+    name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
+) -> NDArray[np.uint8]:
+    """Draw `triangles` on the device and return (height, width, 4) RGBA."""
+    return _opened(name, device).image(frame, triangles, options)
+
+
+def time_group(
+    name: str,
+    device: Device,
+    candidates: Mapping[str, tuple[Frame, Triangles]],
+    options: Options,
+    settings: Settings,
+    test: TimerTest,
+    seed: int,
+) -> dict[str, Times]:
+    """Time the candidates, (frame, triangles), together.
+
+    All frames have one size. The result has EMPTY and REFERENCE beside the candidates.
+    """
+    rasteriser = _opened(name, device)
+    frame = next(iter(candidates.values()))[0]
+    reference = bare_frame(frame.width, _corner_triangle(frame.width))
+    with contextlib.ExitStack() as stack:
+        drawings = {
+            EMPTY: rasteriser.prepare(frame, np.empty((0, 3), np.int32), options),
+            REFERENCE: rasteriser.prepare(reference, np.array([[0, 1, 2]], np.int32), options),
+        }
+        drawings |= {
+            key: rasteriser.prepare(own_frame, triangles, options)
+            for key, (own_frame, triangles) in candidates.items()
+        }
+        for drawing in drawings.values():
+            stack.enter_context(drawing)
+        return time_together(drawings, settings, test, seed=seed)
+
+
+def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one."""
+    offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
+    return Frame(
+        width=resolution,
+        height=resolution,
+        scale=1.0,
+        view=View(resolution),
+        polygons=(),
+        source=np.arange(len(offsets) - 1, dtype=np.int64),
+        points=points,
+        offsets=offsets,
+    )
+
+
+def _opened(name: str, device: Device) -> Rasteriser:
+    key = (name, device.name)
+    if key not in _open:
+        _open[key] = rasterisers.get(name)(device)
+    return _open[key]
+
+
+def _test_timer(rasteriser: Rasteriser) -> TimerTest:
+    """Time full layers of the viewport, so many that no timer can overlook them."""
+    far = SELF_TEST_PX * SUBPIXEL
+    square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
+    frame = bare_frame(SELF_TEST_PX, square)
+    layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    layers = 1
+    while True:
+        triangles = np.tile(layer, (layers, 1))
+        with rasteriser.prepare(frame, triangles, Options()) as drawing:
+            drawing.sample(1)  # what is compiled or allocated at the first draw
+            if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
+                return self_test(drawing)
+        layers *= 4
+
+
+def _corner_triangle(resolution: int) -> NDArray[np.int32]:
+    far = resolution * SUBPIXEL
+    return np.array([[0, 0], [far, 0], [0, far]], np.int32)

@@ -1,0 +1,225 @@
+"""Honest times: which timer to believe, how long to draw, when to stop.
+
+The drawings that are to be compared are timed together, in rounds. Each round times every one of
+them once, in a new random order, so that a machine that slows down slows all of them; comparing
+within rounds cancels the drift. Every round also times an empty draw and a reference triangle,
+which later tell how much of a time is overhead and how fast the machine was.
+"""
+
+from __future__ import annotations
+
+import random
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from harness.figures.intervals import median_interval
+from harness.rasterisers.base import Sample
+
+Timer = Literal["gpu", "wall"]
+
+EMPTY = "(empty)"
+REFERENCE = "(reference)"
+"""Names of the two drawings that every round times beside the candidates."""
+
+AGREEMENT = 0.30
+"""GPU timer and wall clock may differ by this much on the self-test's draw."""
+
+LONGEST_BATCH = 10
+"""Batches' lengths that a drawing compared with much shorter ones is drawn for at most."""
+
+MIN_ROUNDS = 12
+"""Enough for a 95 % interval of the median that is not simply the sample's range."""
+
+
+class Timeable(Protocol):
+    """Whatever can be drawn `repeats` times and say how long that took."""
+
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` times and return the seconds of all together."""
+        ...
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How carefully to time.
+
+    precision : wanted half-width of the 95 % interval of the median, relative to the median
+    budget_s : seconds of drawing a candidate may cost on average; what ends the rounds when
+        `precision` is not reached
+    min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer
+    warm_up_s : longest warm-up a candidate
+    least_share : share of the budget that is always drawn: what is precise enough by itself gets
+        pairs that tell smaller differences
+    paired : whether the candidates are compared with each other; then all are drawn equally often
+        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
+        up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
+    """
+
+    precision: float = 0.01
+    budget_s: float = 2.0
+    min_batch_s: float = 1e-3
+    warm_up_s: float = 0.5
+    least_share: float = 0.65
+    paired: bool = True
+
+
+@dataclass(frozen=True)
+class TimerTest:
+    """What the timer self-test found on a device.
+
+    timer : the one to use
+    gpu_s, wall_s : seconds of one known big draw; gpu_s is None where there is no GPU timer
+    resolution_s : smallest step of the timer in use
+    reason : why it was chosen
+    """
+
+    timer: Timer
+    wall_s: float
+    gpu_s: float | None
+    resolution_s: float
+    reason: str
+
+
+@dataclass
+class Times:
+    """Samples of one drawing: seconds of one draw, one a round.
+
+    repeats : draws a sample averages over
+    precision_reached : whether the interval of the median became narrow enough in time
+    """
+
+    repeats: int
+    samples_s: list[float] = field(default_factory=list)
+    precision_reached: bool = False
+
+    @property
+    def median_s(self) -> float:
+        """Median seconds of one draw."""
+        return statistics.median(self.samples_s)
+
+    @property
+    def ci95_s(self) -> tuple[float, float]:
+        """Distribution-free 95 % confidence interval of the median, in seconds."""
+        return median_interval(self.samples_s)
+
+
+def self_test(big_draw: Timeable) -> TimerTest:
+    """Draw something known and big; believe the GPU timer only if the wall clock agrees.
+
+    Some drivers time a part of the work only: llvmpipe's timer sees the last tile alone.
+    """
+    repeats = 1
+    while big_draw.sample(repeats).wall < 0.02 and repeats < 1 << 16:
+        repeats *= 2
+    samples = [big_draw.sample(repeats) for _ in range(5)]
+    wall = statistics.median(sample.wall for sample in samples) / repeats
+    resolution = _clock_resolution()
+    gpu_samples = [sample.gpu for sample in samples if sample.gpu is not None]
+    if not gpu_samples:
+        return TimerTest("wall", wall, None, resolution, "the device has no GPU timer")
+    gpu = statistics.median(gpu_samples) / repeats
+    apart = abs(gpu - wall) / wall
+    figures = f"GPU timer {gpu * 1e3:.3f} ms, wall clock {wall * 1e3:.3f} ms"
+    if apart > AGREEMENT:
+        return TimerTest("wall", wall, gpu, resolution, f"{figures}: they disagree")
+    return TimerTest("gpu", wall, gpu, 1e-9, f"{figures}: they agree")
+
+
+def time_together(
+    drawings: Mapping[str, Timeable],
+    settings: Settings,
+    test: TimerTest,
+    *,
+    seed: int = 0,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, Times]:
+    """Time all `drawings` in shuffled, interleaved rounds.
+
+    Sample r of every drawing comes from round r. The rounds end when each drawing's interval is
+    narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
+    number of drawings has passed.
+    """
+    start = clock()
+    batch = max(settings.min_batch_s, 100 * test.resolution_s)
+    times: dict[str, Times] = {}
+    draw_s: dict[str, float] = {}
+    for name, drawing in drawings.items():
+        repeats, draw_s[name] = _warm_up(drawing, batch, settings.warm_up_s, test.timer, clock)
+        times[name] = Times(repeats)
+    compared = [name for name in drawings if name not in (EMPTY, REFERENCE)]
+    if settings.paired and compared:
+        most = max(times[name].repeats for name in compared)
+        for name in compared:
+            fits = int(LONGEST_BATCH * batch / max(draw_s[name], 1e-12))
+            times[name].repeats = min(most, max(times[name].repeats, fits))
+    order = list(drawings)
+    shuffler = random.Random(seed)
+    budget_s = settings.budget_s * len(drawings)
+    earliest, deadline = start + settings.least_share * budget_s, start + budget_s
+    check_at = MIN_ROUNDS
+    while True:
+        shuffler.shuffle(order)
+        for name in order:
+            entry = times[name]
+            sample = drawings[name].sample(entry.repeats)
+            entry.samples_s.append(_seconds(sample, test.timer) / entry.repeats)
+        rounds = len(times[order[0]].samples_s)
+        if rounds < MIN_ROUNDS or clock() < earliest:
+            continue
+        if rounds >= check_at or clock() >= deadline:
+            check_at = rounds + max(1, rounds // 8)
+            for name, entry in times.items():
+                # An empty draw is all noise: it must not keep the others waiting.
+                entry.precision_reached = name == EMPTY or _is_precise(entry, settings.precision)
+            if clock() >= deadline or all(entry.precision_reached for entry in times.values()):
+                return times
+
+
+def _is_precise(entry: Times, precision: float) -> bool:
+    low, high = entry.ci95_s
+    return (high - low) / 2 <= precision * entry.median_s
+
+
+def _warm_up(
+    drawing: Timeable, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
+) -> tuple[int, float]:
+    """Draw until times are stable.
+
+    Returns the repeats that make a batch last `batch_s`, and the seconds of one draw.
+    """
+    deadline = clock() + limit_s
+    repeats = 1
+    while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
+        # Aim a little past the batch, but never trust one short sample for more than eightfold.
+        wanted = 1.2 * batch_s / seconds if seconds > 0 else 8.0
+        repeats = max(repeats + 1, int(repeats * min(wanted, 8.0)))
+        if repeats > 1 << 20:
+            break
+    recent = [_seconds(drawing.sample(repeats), timer) for _ in range(3)]
+    while clock() < deadline:
+        newer = [_seconds(drawing.sample(repeats), timer) for _ in range(3)]
+        before, after = statistics.median(recent), statistics.median(newer)
+        if abs(after - before) <= 0.02 * before:
+            break
+        recent = newer
+    return repeats, statistics.median(recent) / repeats
+
+
+def _seconds(sample: Sample, timer: Timer) -> float:
+    if timer == "gpu" and sample.gpu is not None:
+        return sample.gpu
+    return sample.wall
+
+
+def _clock_resolution() -> float:
+    """Measure the wall clock's smallest visible step in seconds."""
+    steps = []
+    for _ in range(20):
+        first = time.perf_counter()
+        while (second := time.perf_counter()) <= first:
+            pass
+        steps.append(second - first)
+    return min(steps)

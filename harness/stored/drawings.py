@@ -1,0 +1,73 @@
+"""What was drawn, kept beside the counters, so that a report can show where it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame, View
+from harness.stored.folder import Run, Store, read_arrays
+
+FOLDER = "frames"
+
+_TRIANGLES = "triangles "
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A frame's polygons and what the triangulators made of them, as read back.
+
+    points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px, y up
+    offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
+    source : (p,) int64, for each polygon its number in the scene
+    triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
+    """
+
+    points: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    source: NDArray[np.int64]
+    triangles: dict[str, NDArray[np.int32]]
+
+
+def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
+    """Keep the frame and each triangulator's (m, 3) rows of `frame.points` in the run folder.
+
+    Triangulations that the run kept before, of the same frame, stay.
+    """
+    key = name_of(frame.view)
+    before = _read(Run(store.path, {}, []), key)
+    if before is not None and np.array_equal(before.points, frame.points):
+        triangles = {**before.triangles, **triangles}
+    columns: dict[str, NDArray[Any]] = {
+        "points": frame.points,
+        "offsets": frame.offsets,
+        "source": frame.source,
+    }
+    named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
+    store.write_arrays(key, columns | named, FOLDER)
+
+
+def read(run: Run, view: View) -> Geometry | None:
+    """Return what was drawn in `view`, or None where the run did not keep it."""
+    return _read(run, name_of(view))
+
+
+def name_of(view: View) -> str:
+    """Return the name of a view's file: 1024px-30deg-box."""
+    return f"{view.resolution}px-{view.rotation:g}deg-{view.fit}"
+
+
+def _read(run: Run, key: str) -> Geometry | None:
+    arrays = read_arrays(run, key, FOLDER)
+    if arrays is None or "points" not in arrays:
+        return None
+    triangles = {
+        name.removeprefix(_TRIANGLES): rows
+        for name, rows in arrays.items()
+        if name.startswith(_TRIANGLES)
+    }
+    return Geometry(arrays["points"], arrays["offsets"], arrays["source"], triangles)

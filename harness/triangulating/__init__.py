@@ -1,0 +1,1 @@
+"""From names of triangulators to checked triangles of a frame."""

@@ -1,0 +1,226 @@
+"""Whole runs on a scripted rasteriser: what is measured, stored, resumed and refused."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from shapely import Polygon, box
+
+from harness.errors import UsageError
+from harness.measuring.cases import Runner
+from harness.measuring.plan import Plan
+from harness.measuring.run import Outcome, run
+from harness.measuring.timing import MIN_ROUNDS, Settings
+from harness.measuring.worker import Inline, Worker
+from harness.progress import Reporter
+from harness.stored.folder import read_arrays, read_run
+from tests.conftest import write_geojson
+
+MOCK = "tests.mock:MockRasteriser"
+FAST = Settings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
+NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
+
+
+def inline(name: str, environment: object, memory_bytes: int | None = None) -> Inline:
+    return Inline()
+
+
+def plan_for(scene: Path, **changes: object) -> Plan:
+    plan = Plan(scene=str(scene), triangulators=NAMES, rasterisers=(MOCK,), timing=FAST)
+    return replace(plan, **changes)  # type: ignore[arg-type]
+
+
+def quiet() -> Reporter:
+    return Reporter(quiet=True, console=Console(quiet=True))
+
+
+def measure(plan: Plan, out: Path, **options: object) -> Outcome:
+    return run(plan, out, quiet(), **{"open_worker": inline, **options})  # type: ignore[arg-type]
+
+
+def test_every_case_gets_a_record_with_all_its_parts(block, tmp_path):
+    outcome = measure(plan_for(block), tmp_path / "out")
+    records = {record["triangulator"]: record for record in outcome.records}
+    assert set(records) == set(NAMES)
+    for record in records.values():
+        assert record["status"] == "ok"
+        assert record["polygons"] == 3
+        # n + 2h - 2 a polygon: an L of 6, a square with a square hole, a square.
+        assert record["triangles"] == 4 + 8 + 2
+        assert record["conforming"] is True
+        assert record["coverage_error"] == 0
+        counters = record["counters"]
+        assert 4 * counters["quads"] == counters["fragments"] + counters["helper_lanes"]
+        assert len(record["time"]["samples_s"]) >= MIN_ROUNDS
+        assert record["time"]["timer"] == "wall"
+    best = records["optimal:overdraw"]["predicted"]["overdraw"]
+    assert best == min(record["predicted"]["overdraw"] for record in records.values())
+    stored = read_run(tmp_path / "out")
+    assert stored.records == outcome.records
+    assert stored.facts["scene"]["polygons"] == 3
+    assert stored.facts["interrupted"] is False
+    columns = read_arrays(stored, records["delaunay"]["key"])
+    assert columns is not None
+    assert columns["predicted_triangles"].tolist() == [4, 8, 2]
+    assert columns["fragments"].sum() == records["delaunay"]["counters"]["fragments"]
+
+
+def test_samples_of_one_group_come_from_the_same_rounds(block, tmp_path):
+    times = [record["time"] for record in measure(plan_for(block), tmp_path / "out").records]
+    assert len({tuple(entry["reference_s"]) for entry in times}) == 1
+    assert len({len(entry["samples_s"]) for entry in times}) == 1
+
+
+def test_views_are_measured_each(block, tmp_path):
+    from harness.frame import View
+
+    views = (View(64), View(256), View(256, 30))
+    outcome = measure(plan_for(block, views=views), tmp_path / "out")
+    seen = {(r["resolution"], r["rotation"]) for r in outcome.records}
+    assert seen == {(64, 0), (256, 0), (256, 30)}
+    assert len({record["key"] for record in outcome.records}) == 3 * len(NAMES)
+
+
+def test_a_triangulator_that_cannot_do_a_polygon_is_recorded_with_its_reason(block, tmp_path):
+    plan = plan_for(block, triangulators=("fan", "ear-clipping"))
+    fan, clipping = measure(plan, tmp_path / "out").records
+    assert clipping["polygons"] == 3
+    assert fan["status"] == "ok"
+    assert (fan["polygons"], fan["polygons_skipped"]) == (2, 1)
+    assert "skipped polygon 1" in fan["reason"]
+
+
+def test_a_triangulator_that_can_do_none_is_skipped(tmp_path):
+    courtyard = box(0, 0, 16, 16).difference(box(4, 4, 12, 12))
+    scene = write_geojson(tmp_path / "courtyard.geojson", [courtyard])
+    records = measure(plan_for(scene, triangulators=("fan", "delaunay")), tmp_path / "out").records
+    assert {r["triangulator"]: r["status"] for r in records} == {"fan": "skipped", "delaunay": "ok"}
+
+
+def test_resume_measures_only_what_is_missing(block, tmp_path):
+    whole = measure(plan_for(block), tmp_path / "whole").records
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    lines = (out / "cases.jsonl").read_text().splitlines(keepends=True)
+    (out / "cases.jsonl").write_text("".join(lines[:2]) + lines[2][:50])
+    kept = read_run(out).records
+    outcome = measure(plan_for(block), out, resume=True)
+    assert outcome.records[:2] == kept
+    assert {r["key"]: r["counters"] for r in outcome.records} == {
+        r["key"]: r["counters"] for r in whole
+    }
+
+
+def test_resume_refuses_another_plan_unless_forced(block, tmp_path):
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    other = plan_for(block, seed=7)
+    with pytest.raises(UsageError, match=r"cannot resume .*plan \(seed: 0 then, 7 now\)"):
+        measure(other, out, resume=True)
+    assert measure(other, out, resume=True, force=True).records
+
+
+def test_resume_refuses_a_scene_that_changed(block, tmp_path):
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    write_geojson(block, [box(0, 0, 5, 7)])
+    with pytest.raises(UsageError, match="the scene's content"):
+        measure(plan_for(block), out, resume=True)
+
+
+def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    monkeypatch.setattr("harness.environment.code_version", lambda: "other")
+    with pytest.raises(UsageError, match="the code differ"):
+        measure(plan_for(block), out, resume=True)
+
+
+def interrupt_after_one(monkeypatch):
+    """Send Ctrl-C when the first record is written."""
+    write = Runner._write
+
+    def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
+        write(self, record)
+        if len(self.done) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Runner, "_write", write_and_interrupt)
+
+
+def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
+    from harness.frame import View
+
+    interrupt_after_one(monkeypatch)
+    plan = plan_for(block, views=(View(64), View(128)))
+    outcome = measure(plan, tmp_path / "out")
+    assert outcome.interrupted
+    assert {r["resolution"] for r in outcome.records} == {64}
+    assert len(outcome.records) == len(NAMES)
+    assert len(measure(plan, tmp_path / "out", resume=True).records) == 2 * len(NAMES)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("count:crash", "died: SIGABRT"),
+        ("time:crash", "died: SIGABRT"),
+        ("time:raise", "RuntimeError: scripted failure"),
+        ("count:hang", "ran past 5 s"),
+    ],
+)
+def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypatch, fault, reason):
+    # The mock fails on an odd number of triangles. A complete triangulation has 7 + 4 + 3;
+    # the fan leaves the courtyard out and has 4 + 3.
+    monkeypatch.setenv("MOCK_FAULT", fault)
+    courtyard = Polygon(box(20, 0, 36, 16).exterior, [[(24, 4), (32, 4), (28, 12)]])
+    ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
+    house = Polygon([(0, 20), (8, 20), (8, 26), (4, 29), (0, 26)])
+    scene = write_geojson(tmp_path / "odd.geojson", [courtyard, ell, house])
+    plan = plan_for(scene, triangulators=("fan", "ear-clipping", "delaunay"), timeout_s=5.0)
+    outcome = measure(plan, tmp_path / "out", open_worker=Worker)
+    records = {record["triangulator"]: record for record in outcome.records}
+    assert {name: record["status"] for name, record in records.items()} == {
+        "fan": "failed",
+        "ear-clipping": "ok",
+        "delaunay": "ok",
+    }
+    assert reason in records["fan"]["reason"]
+    assert records["delaunay"]["triangles"] == 14
+
+
+def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, tmp_path):
+    from harness.frame import View
+
+    names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
+    views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
+    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
+    seen = {(r["triangulator"], r["rotation"]): r for r in outcome.records}
+    assert {record["status"] for record in outcome.records} == {"ok"}
+    fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
+    overdraw = {key: record["predicted"]["overdraw"] for key, record in seen.items()}
+    assert overdraw[carried, 0.0] == overdraw[fresh, 0.0]
+    # Cut afresh it is the best there is; carried over it cannot be better.
+    assert overdraw[carried, 35.0] >= overdraw[fresh, 35.0]
+    assert seen[carried, 35.0]["coverage_error"] == 0
+
+
+def test_random_triangulations_have_seeds_of_their_own(block, tmp_path):
+    plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
+    records = measure(plan, tmp_path / "out").records
+    assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
+    with pytest.raises(UsageError, match="a seed is written random#7"):
+        measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
+
+
+def test_our_own_triangulator_that_is_too_slow_is_skipped_with_the_way_out(tmp_path):
+    scene = Path("stress:family=random-maze,vertices=20000")
+    plan = plan_for(scene, triangulators=("optimal:shape",), timeout_s=0.2)
+    (record,) = measure(plan, tmp_path / "out", open_worker=Worker).records
+    assert record["status"] == "skipped"
+    assert "took more than 0.2 s; give it longer with --timeout" in record["reason"]

@@ -1,0 +1,180 @@
+"""The rounds: interleaved, long enough, stopped in time; and the timer that is believed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import quantile_test
+
+from harness.figures.ratios import paired_ratio
+from harness.measuring.timing import (
+    EMPTY,
+    MIN_ROUNDS,
+    REFERENCE,
+    Settings,
+    TimerTest,
+    median_interval,
+    self_test,
+    time_together,
+)
+from harness.rasterisers.base import Sample
+from tests.mock import Clock, ScriptedDrawing
+
+WALL = TimerTest("wall", 0.01, None, 1e-7, "scripted")
+
+
+def scripted(costs: dict[str, float], noise: float = 0.0, clock: Clock | None = None, seed=0):
+    clock = clock or Clock()
+    log: list[str] = []
+    drawings = {
+        name: ScriptedDrawing(name, cost, clock, noise, log, seed) for name, cost in costs.items()
+    }
+    return drawings, clock, log
+
+
+def test_every_round_times_every_drawing_once_in_changing_order():
+    drawings, clock, log = scripted({"a": 2e-3, "b": 3e-3, "c": 4e-3})
+    times = time_together(drawings, Settings(), WALL, clock=clock)
+    rounds = len(times["a"].samples_s)
+    tail = log[-3 * rounds :]
+    seen = [tuple(tail[i : i + 3]) for i in range(0, len(tail), 3)]
+    assert all(sorted(round_) == ["a", "b", "c"] for round_ in seen)
+    assert len(set(seen)) > 1
+    assert [len(entry.samples_s) for entry in times.values()] == [rounds] * 3
+
+
+def test_steady_drawings_stop_at_the_fewest_rounds():
+    drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
+    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
+    assert len(times["a"].samples_s) == MIN_ROUNDS
+    assert all(entry.precision_reached for entry in times.values())
+    assert times["b"].median_s == pytest.approx(3e-3)
+
+
+def test_the_least_share_of_the_budget_is_drawn_however_steady_it_is():
+    drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
+    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    assert clock.now == pytest.approx(0.65 * 2, rel=0.05)
+    assert all(entry.precision_reached for entry in times.values())
+
+
+def test_noise_costs_rounds_until_the_interval_is_narrow():
+    drawings, clock, _ = scripted({"a": 2e-3}, noise=0.05)
+    entry = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)["a"]
+    low, high = entry.ci95_s
+    assert entry.precision_reached
+    assert len(entry.samples_s) > 3 * MIN_ROUNDS
+    assert (high - low) / 2 <= 0.01 * entry.median_s
+
+
+def test_budget_ends_what_never_gets_precise():
+    drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, noise=0.5)
+    times = time_together(drawings, Settings(budget_s=0.5), WALL, clock=clock)
+    assert not any(entry.precision_reached for entry in times.values())
+    assert clock.now == pytest.approx(1.0, rel=0.1)
+
+
+def test_an_empty_draw_does_not_keep_the_others_waiting():
+    drawings, clock, _ = scripted({"a": 2e-3})
+    drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)
+    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
+    assert len(times["a"].samples_s) == MIN_ROUNDS
+
+
+def test_short_draws_are_batched_until_they_can_be_timed():
+    drawings, clock, _ = scripted({"short": 1e-6, "long": 5e-3})
+    settings = Settings(min_batch_s=1e-3, paired=False)
+    times = time_together(drawings, settings, WALL, clock=clock)
+    assert times["short"].repeats >= 1000
+    assert times["long"].repeats == 1
+    assert times["short"].median_s == pytest.approx(1e-6)
+
+
+def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
+    drawings, clock, _ = scripted({"a": 1.1e-4, "b": 0.9e-4, "c": 4e-4}, noise=0.2)
+    drawings[REFERENCE] = ScriptedDrawing(REFERENCE, 1e-5, clock)
+    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    assert len({times[name].repeats for name in "abc"}) == 1
+    assert times["a"].repeats >= 8
+    assert times[REFERENCE].repeats > 2 * times["a"].repeats
+
+
+def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
+    drawings, clock, _ = scripted({"tiny": 2e-6, "long": 5e-3, "as long": 5.1e-3})
+    times = time_together(drawings, Settings(budget_s=1e-3, warm_up_s=0.0), WALL, clock=clock)
+    assert times["tiny"].repeats >= 400
+    assert times["long"].repeats == 2
+    assert clock.now < 3 * MIN_ROUNDS * 10e-3
+
+
+def test_a_coarse_timer_needs_longer_batches():
+    coarse = TimerTest("wall", 0.01, None, 1e-4, "scripted")
+    drawings, clock, _ = scripted({"a": 1e-3})
+    times = time_together(drawings, Settings(), coarse, clock=clock)
+    assert times["a"].repeats >= 10
+
+
+@pytest.mark.parametrize("slower_at", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("truth", [0.97, 1.03])
+def test_a_machine_that_slows_down_by_a_fifth_does_not_change_a_verdict(slower_at, truth):
+    def speed(now: float) -> float:
+        return 1.2 if now > slower_at else 1.0
+
+    drawings, clock, _ = scripted({"a": truth * 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed))
+    times = time_together(drawings, Settings(precision=1e-9, budget_s=0.5), WALL, clock=clock)
+    ratio = paired_ratio(times["a"].samples_s, times["b"].samples_s)
+    assert ratio.verdict == ("faster" if truth < 1 else "slower")
+    assert ratio.value == pytest.approx(truth, abs=0.005)
+
+
+def test_drift_alone_is_no_difference():
+    def speed(now: float) -> float:
+        return 1.2 if now > 0.5 else 1.0
+
+    verdicts = []
+    for seed in range(100):
+        drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed), seed)
+        settings = Settings(precision=1e-9, budget_s=0.5)
+        times = time_together(drawings, settings, WALL, seed=seed, clock=clock)
+        verdicts.append(paired_ratio(times["a"].samples_s, times["b"].samples_s).verdict)
+    assert verdicts.count("no difference shown") >= 92
+
+
+@given(st.lists(st.floats(0.1, 10.0), min_size=6, max_size=200))
+def test_median_interval_is_the_exact_order_statistics_one(samples):
+    low, high = median_interval(samples)
+    expected = quantile_test(samples, q=0, p=0.5).confidence_interval(0.95)
+    assert (low, high) == (pytest.approx(expected.low), pytest.approx(expected.high))
+    assert low <= np.median(samples) <= high
+
+
+def test_median_interval_of_few_samples_is_their_range():
+    assert median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
+
+
+class TimedBy:
+    """A draw of 1 ms by the wall clock, of `gpu` seconds by the GPU's timer."""
+
+    def __init__(self, gpu: float | None) -> None:
+        self.gpu = gpu
+
+    def sample(self, repeats: int) -> Sample:
+        return Sample(repeats * 1e-3, None if self.gpu is None else repeats * self.gpu)
+
+
+@pytest.mark.parametrize(
+    ("gpu", "timer"),
+    [(1.0e-3, "gpu"), (0.8e-3, "gpu"), (7e-6, "wall"), (2e-3, "wall"), (None, "wall")],
+)
+def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
+    test = self_test(TimedBy(gpu))
+    assert test.timer == timer
+    assert test.wall_s == pytest.approx(1e-3)
+    assert test.gpu_s == (None if gpu is None else pytest.approx(gpu))
+
+
+def test_pairs_must_come_from_the_same_rounds():
+    with pytest.raises(ValueError, match="not rounds of one group"):
+        paired_ratio([1.0, 2.0], [1.0])

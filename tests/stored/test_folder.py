@@ -1,0 +1,129 @@
+"""A run folder survives kills, torn lines, corrupt lines and full disks."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from harness.errors import UsageError
+from harness.stored.folder import SCHEMA_VERSION, Store, file_stem, read_arrays, read_run
+
+
+def record(key: str, **more: object) -> dict[str, object]:
+    return {"key": key, "status": "ok", **more}
+
+
+def test_what_is_appended_is_read_back(tmp_path):
+    with Store.create(tmp_path / "run") as store:
+        store.write_facts({"plan": {"scene": "city"}})
+        store.append(record("a", name="Straße"))
+        store.append(record("b"))
+        store.write_arrays("a", {"fragments": np.array([1, 2])})
+    run = read_run(tmp_path / "run")
+    assert [entry["key"] for entry in run.records] == ["a", "b"]
+    assert run.records[0]["name"] == "Straße"
+    assert run.facts == {"schema_version": SCHEMA_VERSION, "plan": {"scene": "city"}}
+    assert run.problems == []
+    arrays = read_arrays(run, "a")
+    assert arrays is not None
+    assert arrays["fragments"].tolist() == [1, 2]
+    assert read_arrays(run, "b") is None
+
+
+def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
+    with Store.create(tmp_path) as store:
+        store.write_facts({})
+        store.append(record("a"))
+    with (tmp_path / "cases.jsonl").open("a") as file:
+        file.write('{"key": "b", "stat')
+    assert [entry["key"] for entry in read_run(tmp_path).records] == ["a"]
+    with Store.resume(tmp_path) as store:
+        store.append(record("c"))
+    run = read_run(tmp_path)
+    assert [entry["key"] for entry in run.records] == ["a", "c"]
+    assert run.problems == []
+
+
+def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
+    lines = [json.dumps(record("a")), "\x00garbage", "[1]", json.dumps(record("b"))]
+    (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
+    run = read_run(tmp_path)
+    assert [entry["key"] for entry in run.records] == ["a", "b"]
+    assert len(run.problems) == 2
+    assert "line 2" in run.problems[0]
+
+
+def test_the_later_record_of_a_case_counts(tmp_path):
+    with Store.create(tmp_path) as store:
+        store.append(record("a", status="failed"))
+        store.append(record("b"))
+        store.append(record("a"))
+    assert [(r["key"], r["status"]) for r in read_run(tmp_path).records] == [
+        ("b", "ok"),
+        ("a", "ok"),
+    ]
+
+
+def test_a_single_file_of_records_is_a_run(tmp_path):
+    (tmp_path / "cases.jsonl").write_text(json.dumps(record("a")) + "\n")
+    assert [r["key"] for r in read_run(tmp_path / "cases.jsonl").records] == ["a"]
+
+
+def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
+    Store.create(tmp_path).close()
+    with pytest.raises(UsageError, match="already holds a run"):
+        Store.create(tmp_path)
+
+
+@pytest.mark.parametrize("call", [Store.resume, read_run])
+def test_a_folder_without_a_run_is_refused(tmp_path, call):
+    with pytest.raises(UsageError, match="holds no run"):
+        call(tmp_path)
+
+
+def test_a_newer_schema_is_refused(tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps({"schema_version": SCHEMA_VERSION + 1}))
+    with pytest.raises(UsageError, match="newer than this harness reads"):
+        read_run(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match=r"cannot use .*file/run: Not a directory"):
+        Store.create(tmp_path / "file" / "run")
+
+
+def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
+    store = Store.create(tmp_path)
+    store.append(record("a"))
+    real_write = os.write
+
+    def half_then_full(descriptor: int, content: bytes) -> int:
+        if len(content) < 10:
+            raise OSError(28, "No space left on device")
+        return real_write(descriptor, content[: len(content) - 5])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", half_then_full)
+        with pytest.raises(UsageError, match=r"disk of .* is full.*--resume"):
+            store.append(record("b", padding="x" * 100))
+    store.append(record("c"))
+    run = read_run(tmp_path)
+    assert [r["key"] for r in run.records] == ["a", "c"]
+    assert run.problems == []
+
+
+def test_facts_are_replaced_whole(tmp_path):
+    with Store.create(tmp_path) as store:
+        store.write_facts({"step": 1})
+        store.write_facts({"step": 2})
+    assert json.loads((tmp_path / "run.json").read_text())["step"] == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.jsonl", "run.json"]
+
+
+def test_a_name_of_anything_is_a_name_of_a_file():
+    assert file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
+    assert file_stem("Straße_22.5-x") == "Straße_22.5-x"

@@ -1,0 +1,222 @@
+import multiprocessing
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.errors import UsageError
+from harness.export import Cache, default_path, export_file
+from harness.export.triangulation import COMPILED, triangulate_batch
+from harness.triangulating import database as model
+from scenes import load
+
+SOME = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "folder" / "model.sqlite"
+
+
+def key(number: int) -> bytes:
+    return model.key("delaunay", {}, np.array([[number, 0.0], [1, 0], [0, 1]]), [3])
+
+
+def test_what_was_put_is_there_for_the_next(path):
+    with Cache(path) as cache:
+        assert cache.get_many([key(1)]) == {}
+        cache.put_many("delaunay", [(key(1), SOME), (key(2), SOME[:1])])
+    with Cache(path) as cache:
+        found = cache.get_many([key(k) for k in range(1200)])
+        assert {k: v.tolist() for k, v in found.items()} == {
+            key(1): SOME.tolist(),
+            key(2): SOME[:1].tolist(),
+        }
+        info = cache.info()
+        assert (info.entries, info.by_triangulator) == (2, {"delaunay": (2, 8 + 24 + 8 + 12)})
+        assert info.file_bytes > 0
+        assert cache.clear() == 2
+        assert cache.info().entries == 0
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1e9, 1e9), st.floats(-1e9, 1e9)), min_size=3, max_size=6),
+    st.integers(0, 5),
+    st.sampled_from(["x", "seed"]),
+)
+def test_keys_differ_where_content_does(points, index, name):
+    vertices = np.array(points)
+    base = model.key("optimal:overdraw", {}, vertices, [len(vertices)])
+    moved = vertices.copy()
+    moved[index % len(moved), 0] = np.nextafter(moved[index % len(moved), 0], np.inf)
+    others = [
+        model.key("optimal:half-perimeter", {}, vertices, [len(vertices)]),
+        model.key("optimal:overdraw", {name: 1}, vertices, [len(vertices)]),
+        model.key("optimal:overdraw", {}, moved, [len(vertices)]),
+        model.key("optimal:overdraw", {}, vertices, [1, len(vertices)]),
+    ]
+    assert base == model.key("optimal:overdraw", {}, vertices.copy(), [len(vertices)])
+    assert len({base, *others}) == 5
+
+
+def test_another_version_of_the_triangulators_has_other_keys(monkeypatch):
+    before = key(1)
+    monkeypatch.setattr(model, "code_version", lambda: "another")
+    assert key(1) != before
+
+
+def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
+    said: list[str] = []
+    with Cache(path, said.append) as cache:
+        cache.put_many("delaunay", [(key(1), SOME)])
+        monkeypatch.setattr(model, "LIMIT_BYTES", 0)
+        cache.put_many("delaunay", [(key(2), SOME)])
+        assert list(cache.get_many([key(1), key(2)])) == [key(1)]
+    assert [
+        line.endswith("is full (0 GiB), keeps no more: harness cache clear") for line in said
+    ] == [True]
+
+
+class TestDamage:
+    def put(self, path: Path) -> None:
+        with Cache(path) as cache:
+            cache.put_many("delaunay", [(key(k), SOME) for k in range(500)])
+
+    @pytest.mark.parametrize("how", ["rubbish", "cut", "holes", "other schema", "no table"])
+    def test_a_damaged_file_is_set_aside_and_begun_anew(self, path, how):
+        self.put(path)
+        data = bytearray(path.read_bytes())
+        if how == "rubbish":
+            path.write_bytes(b"this is no database" * 50)
+        elif how == "cut":
+            path.write_bytes(data[: len(data) // 2])
+        elif how == "holes":
+            data[4096:] = bytes(len(data) - 4096)
+            path.write_bytes(data)
+        else:
+            with sqlite3.connect(path) as database:
+                change = "PRAGMA user_version=99" if how == "other schema" else "DROP TABLE model"
+                database.execute(change)
+            database.close()
+        said: list[str] = []
+        with Cache(path, said.append) as cache:
+            cache.get_many([key(k) for k in range(500)])
+            cache.put_many("delaunay", [(key(1), SOME)])
+            assert cache.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+        if how == "no table":  # which an empty file lacks too: it is made, nothing was damaged
+            return
+        assert len(said) == 1
+        assert "set aside" in said[0]
+        assert len(list(path.parent.glob("*.damaged-*"))) == 1
+
+    def test_a_damaged_entry_is_never_trusted(self, path):
+        self.put(path)
+        with sqlite3.connect(path) as database:
+            (value,) = database.execute("SELECT value FROM model WHERE key=?", [key(7)]).fetchone()
+            for number, wrong in (
+                (7, value[:-1] + b"\1"),
+                (8, value[:-12]),
+                (9, "text"),
+                (10, b""),
+            ):
+                database.execute("UPDATE model SET value=? WHERE key=?", [wrong, key(number)])
+            # sound in itself, but of another polygon
+            database.execute("UPDATE model SET value=? WHERE key=?", [value, key(11)])
+        database.close()
+        said: list[str] = []
+        with Cache(path, said.append) as cache:
+            found = cache.get_many([key(k) for k in range(500)])
+        assert set(range(500)) - {k for k in range(500) if key(k) in found} == {7, 8, 9, 10, 11}
+        assert len(said) == 5
+
+    def test_a_folder_that_cannot_be_written(self, tmp_path):
+        (tmp_path / "file").write_text("x")
+        with pytest.raises(UsageError, match="set RASTER_HARNESS_CACHE"):
+            Cache(tmp_path / "file" / "model.sqlite")
+
+
+def _work(path: Path, worker: int, damage: bool) -> int:
+    """Write and read in one process of several; one of them damages the file on the way."""
+    wrong = 0
+    keys = {key(k): k for k in range(60)}
+    with Cache(path, lambda _: None) as cache:
+        for turn in range(40):
+            number = (worker * 7 + turn) % 60
+            cache.put_many("delaunay", [(key(number), SOME + number)])
+            if damage and turn == 20:
+                with path.open("r+b") as stream:
+                    stream.seek(0)
+                    stream.write(b"\0" * 3000)
+            for each, triangles in cache.get_many(list(keys)).items():
+                wrong += triangles.tolist() != (SOME + keys[each]).tolist()
+    return wrong
+
+
+@pytest.mark.parametrize("damage", [False, True])
+def test_several_processes_share_the_file(path, damage):
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(3) as pool:
+        jobs = [(path, worker, damage and worker == 2) for worker in range(3)]
+        assert pool.starmap_async(_work, jobs).get(timeout=60) == [0, 0, 0]
+    with Cache(path, lambda _: None) as cache:
+        cache.put_many("delaunay", [(key(1), SOME)])
+        assert cache.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+
+
+def test_default_path(monkeypatch, tmp_path):
+    monkeypatch.delenv("RASTER_HARNESS_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert default_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", "/somewhere/else")
+    assert default_path() == Path("/somewhere/else")
+
+
+@pytest.mark.parametrize("name", ["delaunay", "optimal:half-perimeter", "ear-clipping"])
+def test_a_second_batch_reads_what_the_first_computed(path, name):
+    polygons = np.asarray(load("city", buildings=80).polygons)
+    plain = triangulate_batch(polygons, name, {})
+    with Cache(path) as cache:
+        first = triangulate_batch(polygons, name, {}, cache)
+        second = triangulate_batch(polygons, name, {}, cache)
+    assert first.read == 0
+    sizes = np.diff(np.r_[0, plain.arrays.ring_ends][np.r_[0, plain.arrays.polygon_ends]])
+    holed = np.array([len(p.interiors) > 0 for p in polygons])
+    worth = (sizes > COMPILED) | holed if name.startswith("optimal") else np.full(len(sizes), True)
+    assert second.read == worth.sum() > 0
+    for batch in (first, second):
+        assert (batch.starts == plain.starts).all()
+        assert (batch.triangles == plain.triangles).all()
+
+
+def test_failures_are_not_kept(path):
+    polygons = np.asarray(load("city", buildings=60).polygons)
+    with Cache(path) as cache:
+        first = triangulate_batch(polygons, "fan", {}, cache)
+        second = triangulate_batch(polygons, "fan", {}, cache)
+    assert first.failed
+    assert second.failed == first.failed
+    assert second.read == 60 - len(first.failed)
+
+
+def test_a_users_function_is_not_kept(path):
+    polygons = np.asarray(load("city", buildings=5).polygons)
+    with Cache(path) as cache:
+        triangulate_batch(polygons, f"{__name__}:by_delaunay", {}, cache)
+        assert cache.info().entries == 0
+
+
+def by_delaunay(polygon):
+    from triangulators import triangulate
+
+    return triangulate(polygon, "delaunay")
+
+
+def test_an_export_reads_what_another_computed(path, tmp_path):
+    with Cache(path) as cache:
+        first = export_file("city:buildings=40", tmp_path / "a.obj", "delaunay", cache=cache)
+        second = export_file("city:buildings=40", tmp_path / "b.obj", "delaunay", cache=cache)
+    assert (first.read, second.read) == (0, 40)
+    assert (tmp_path / "a.obj").read_bytes() == (tmp_path / "b.obj").read_bytes()

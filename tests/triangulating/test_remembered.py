@@ -1,0 +1,279 @@
+"""A second run reads what the first computed, says so, and trusts nothing."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.frame import View, make_frame
+from harness.measuring.run import run
+from harness.triangulating import database as store
+from harness.triangulating import frames, remembered
+from harness.triangulating.database import Cache, Timed
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.remembered import KEEP_S, Kept
+from scenes import load
+from tests.harness.test_cli import MOCK
+from tests.measuring.test_run import inline, plan_for, quiet
+from triangulators import vertices
+
+pytestmark = pytest.mark.usefixtures("no_plots")
+
+POLYGONS = make_frame(load("stress:vertices=150").polygons, View(512)).polygons
+NAMES = ("delaunay", "optimal:half-perimeter", "optimal:calibrated", "random#3", "exhaustive:shape")
+
+
+@pytest.fixture
+def database(tmp_path) -> Path:
+    return tmp_path / "model.sqlite"
+
+
+@pytest.fixture
+def all_kept(monkeypatch):
+    monkeypatch.setattr(remembered, "KEEP_S", 0.0)
+
+
+@pytest.fixture
+def computed(monkeypatch) -> list[str]:
+    """Names of the triangulators that were called, one a polygon; warming up is not counted."""
+    calls: list[str] = []
+    call = frames._call
+
+    def counted(name, polygon, seed, calibration):
+        calls.append(name)
+        return call(name, polygon, seed, calibration)
+
+    monkeypatch.setattr(frames, "_call", counted)
+    monkeypatch.setattr(frames, "_warm_up", lambda *_: None)
+    return calls
+
+
+@pytest.mark.usefixtures("all_kept")
+@pytest.mark.parametrize("name", NAMES)
+def test_the_second_time_is_the_first_read_back(database, computed, name):
+    first = triangulate_polygons(name, POLYGONS, 0, None, database)
+    assert len(computed) == len(POLYGONS)
+    computed.clear()
+    second = triangulate_polygons(name, POLYGONS, 0, None, database)
+    done = sum(part is not None for part in first.parts)
+    assert (first.cached, second.cached) == (0, done)
+    # what was skipped or failed is asked again, and says so again
+    assert len(computed) == len(POLYGONS) - done
+    assert (second.skipped, second.failed) == (first.skipped, first.failed)
+    for one, other in zip(first.parts, second.parts, strict=True):
+        assert (one is None) == (other is None)
+        assert one is None or (one == other).all()
+    assert second.t_junctions == first.t_junctions
+    # the time is that of the computing, not of the reading
+    if done == len(POLYGONS):
+        assert second.seconds == pytest.approx(first.seconds, rel=1e-9)
+
+
+@pytest.mark.usefixtures("all_kept")
+@pytest.mark.parametrize("base", ["pareto", "listed", "random"])
+def test_each_number_is_kept_by_itself(database, base):
+    """A number decides the triangulation: one must not be read for another."""
+    polygons = make_frame(load("paper").polygons, View(512)).polygons
+    names = [f"{base}#{k}" for k in range(3)]
+    computed = [triangulate_polygons(name, polygons, 0, None, None) for name in names]
+    for _ in range(2):
+        for name, expected in zip(names, computed, strict=True):
+            (part,) = triangulate_polygons(name, polygons, 0, None, database).parts
+            (other,) = expected.parts
+            assert (part is None) == (other is None)
+            assert part is None or np.array_equal(part, other)
+
+
+def test_what_is_computed_as_quickly_as_read_is_not_kept(database):
+    small = make_frame(load("city:buildings=40").polygons, View(512)).polygons
+    small = [polygon for polygon in small if len(vertices(polygon)) < 20 and not polygon.interiors]
+    triangulate_polygons("ear-clipping", small, 0)  # loads what is compiled
+    triangulate_polygons("ear-clipping", small, 0, None, database)
+    with Cache(database) as model:
+        # a tenth of a millisecond each; a busy machine may stretch a few of them
+        assert model.info().entries < len(small) / 4
+
+
+def test_the_threshold_is_in_seconds(database):
+    polygon = POLYGONS[0]
+    triangles = np.array([[0, 1, 2]], dtype=np.int32)
+    with Kept(database, "delaunay", {}) as model:
+        assert model.find([polygon, POLYGONS[1]]) == [None, None]
+        model.keep(0, triangles, 0.99 * KEEP_S)
+        model.keep(1, triangles, 1.01 * KEEP_S)
+    with Kept(database, "delaunay", {}) as model:
+        nothing, found = model.find([polygon, POLYGONS[1]])
+        assert nothing is None
+        assert found is not None
+        assert found.triangles.tolist() == [[0, 1, 2]]
+        assert found.seconds == 1.01 * KEEP_S
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_nothing_is_read_for_another_question(database, computed):
+    some = POLYGONS[:2]
+    weights = {"draw": 1.0, "triangles": 1.0, "area": 0.5, "half_perimeter": 2.0}
+    asked = [
+        ("random", 1, None),
+        ("random", 2, None),
+        ("optimal:overdraw", 0, None),
+        ("optimal:calibrated", 0, None),
+        ("optimal:calibrated", 0, weights),
+        ("optimal:calibrated", 0, {**weights, "half_perimeter": 3.0}),
+    ]
+    for name, seed, calibration in asked:
+        assert triangulate_polygons(name, some, seed, calibration, database).cached == 0
+    computed.clear()
+    for name, seed, calibration in asked:
+        assert triangulate_polygons(name, some, seed, calibration, database).cached == 2
+    # neither depends on the run's seed, and a draw's own cost is no criterion's term
+    assert triangulate_polygons("random#2", some, 7, None, database).cached == 2
+    assert triangulate_polygons("optimal:overdraw", some, 7, None, database).cached == 2
+    changed = {**weights, "draw": 9.0}
+    assert triangulate_polygons("optimal:calibrated", some, 0, changed, database).cached == 2
+    assert computed == []
+
+
+@pytest.mark.usefixtures("all_kept")
+@pytest.mark.parametrize("what", ["code_version", "cpu_name"])
+def test_another_version_or_machine_computes_again(database, monkeypatch, what):
+    triangulate_polygons("delaunay", POLYGONS[:2], 0, None, database)
+    monkeypatch.setattr(store if what == "code_version" else remembered, what, lambda: "another")
+    assert triangulate_polygons("delaunay", POLYGONS[:2], 0, None, database).cached == 0
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_a_third_partys_triangulator_is_never_kept(database):
+    result = triangulate_polygons("tests.broken:right", POLYGONS[:2], 0, None, database)
+    assert result.failed == []
+    assert not database.exists()
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_what_is_read_is_verified_and_computed_again_if_wrong(database):
+    polygon = POLYGONS[0]
+    good = triangulate_polygons("delaunay", [polygon], 0, None, database)
+    with Kept(database, "delaunay", {}) as model:
+        model.find([polygon])
+        assert good.parts[0] is not None
+        # sound in the file's eyes, but no triangulation of the polygon
+        model.keep(0, good.parts[0][1:], 1.0)
+    result = triangulate_polygons("delaunay", [polygon], 0, None, database)
+    assert (result.cached, result.failed) == (0, [])
+    assert result.parts[0] is not None
+    assert (result.parts[0] == good.parts[0]).all()
+    assert triangulate_polygons("delaunay", [polygon], 0, None, database).cached == 1
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_a_time_is_sealed_as_the_triangles_are(database):
+    triangulate_polygons("delaunay", POLYGONS[:1], 0, None, database)
+    with sqlite3.connect(database) as file:
+        key, value = file.execute("SELECT key, value FROM model").fetchone()
+        faster = value[:-8] + np.float64(1e-9).tobytes()
+        file.execute("UPDATE model SET value=? WHERE key=?", [faster, key])
+    file.close()
+    result = triangulate_polygons("delaunay", POLYGONS[:1], 0, None, database)
+    assert result.cached == 0
+    assert "an entry is damaged and is computed again" in result.notes[0]
+
+
+def test_entries_with_and_without_a_time_live_together(database):
+    one, two = (database.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
+    triangles = np.array([[0, 1, 2], [2, 3, 0]], dtype=np.int32)
+    with Cache(database) as model:
+        model.put_many("delaunay", [(one, triangles)])
+        model.put_timed("delaunay", [(two, Timed(triangles[:1], 0.25))])
+        assert {k: len(v) for k, v in model.get_many([one, two]).items()} == {one: 2, two: 1}
+        assert {k: v.seconds for k, v in model.get_timed([one, two]).items()} == {two: 0.25}
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_long_computing_is_written_on_the_way(database, monkeypatch):
+    monkeypatch.setattr(remembered, "WRITE_S", 0.0)
+    with Kept(database, "delaunay", {}) as model:
+        model.find(POLYGONS[:1])
+        model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
+        with Cache(database) as other:  # as after a kill
+            assert other.info().entries == 1
+
+
+@pytest.mark.usefixtures("all_kept")
+def test_a_run_says_how_much_it_read(block, database, tmp_path):
+    plan = plan_for(block)
+    runs = [
+        run(plan, tmp_path / str(n), quiet(), open_worker=inline, database=database).records
+        for n in range(2)
+    ]
+    assert [record["polygons_cached"] for record in runs[0]] == [0] * len(runs[0])
+    assert [record["polygons_cached"] for record in runs[1]] == [3] * len(runs[1])
+    for first, second in zip(*runs, strict=True):
+        assert second["triangulate_s"] == pytest.approx(first["triangulate_s"], rel=1e-9)
+        for name in ("key", "triangles", "predicted", "counters", "conforming", "coverage_error"):
+            assert first[name] == second[name]
+    plain = run(plan, tmp_path / "plain", quiet(), open_worker=inline).records
+    assert [record["polygons_cached"] for record in plain] == [0] * len(plain)
+
+
+@pytest.fixture
+def own_database(monkeypatch, tmp_path) -> Path:
+    place = tmp_path / "own" / "model.sqlite"
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(place))
+    return place
+
+
+SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
+
+
+def cached_of(folder: str) -> int:
+    from harness.stored.folder import read_run
+
+    (record,) = read_run(Path(folder)).records
+    return record["polygons_cached"]
+
+
+def test_the_command_line_reads_unless_told_not_to(harness, own_database):
+    arguments = (*SPIRAL, "--triangulators", "greedy")
+    assert harness(*arguments, "--out", "none", "--no-cache")[0] == 0
+    assert not own_database.exists()
+    for folder, expected in (("first", 0), ("second", 1)):
+        assert harness(*arguments, "--out", folder)[0] == 0
+        assert cached_of(folder) == expected
+    assert harness(*arguments, "--out", "without", "--no-cache")[0] == 0
+    assert cached_of("without") == 0
+
+
+def test_damage_is_said_and_the_run_goes_on(harness, own_database):
+    own_database.parent.mkdir()
+    own_database.write_bytes(b"this is no database" * 50)
+    code, _, err = harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run")
+    assert code == 0
+    assert len(re.findall("set aside", err)) == 1
+
+
+def test_a_folder_that_cannot_be_written_is_said_once(harness, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("x")
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "file" / "model.sqlite"))
+    code, _, err = harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run")
+    assert code == 0
+    assert len(re.findall("cannot be opened.*this run does without", err)) == 1
+
+
+def test_times_are_those_of_the_triangulator_alone(monkeypatch):
+    """Loading compiled code counts for no polygon, whatever path a polygon takes."""
+    calls: list[int] = []
+
+    def slow_at_first(name, polygon, seed, calibration):
+        kind = min(len(polygon.interiors), 2), len(vertices(polygon)) > 160
+        if kind not in calls:
+            calls.append(kind)
+            time.sleep(0.05)
+        raise RuntimeError
+
+    monkeypatch.setattr(frames, "_call", slow_at_first)
+    assert triangulate_polygons("delaunay", POLYGONS, 0).seconds < 0.05
