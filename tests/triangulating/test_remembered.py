@@ -184,7 +184,7 @@ def test_a_time_is_sealed_as_the_triangles_are(database):
 
 
 def test_entries_with_and_without_a_time_live_together(database):
-    one, two = (database.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
+    one, two = (store.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
     triangles = np.array([[0, 1, 2], [2, 3, 0]], dtype=np.int32)
     with Cache(database) as model:
         model.put_many("delaunay", [(one, triangles)])
