@@ -25,7 +25,7 @@ CRITERIA = {
     "exact_tiles_32": "tiles of 32 px, exactly",
     "exact_tiles_64": "tiles of 64 px, exactly",
 }
-"""What is predicted: the criteria, and what the CPU counts exactly before anything is drawn."""
+"""Predictions: the criteria, and what the CPU counts exactly before anything is drawn."""
 
 EXACT = {
     "exact_quads": ("reference", "quads"),
@@ -98,7 +98,7 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def without_twins(records: Sequence[Record]) -> list[Record]:
-    """Return the records of one polygon and view, the first of those that are the same cut."""
+    """Return the records of one polygon and view, the first of each triangulation."""
     seen: dict[tuple[float, ...], Record] = {}
     for record in records:
         seen.setdefault(tuple(round(record["predicted"][name], 6) for name in SAME), record)

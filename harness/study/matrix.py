@@ -55,7 +55,7 @@ def select(correlations: pd.DataFrame, statistic: str) -> dict[tuple[str, str], 
 
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
-    """Print Spearman's rank correlation within polygons, one table a device."""
+    """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         measures = list(dict.fromkeys(part["measure"]))
         table = Table(
@@ -96,7 +96,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
 
 
 def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw how the criteria's rank correlations depend on the resolution, a figure a device.
+    """Draw how the criteria's rank correlations depend on the resolution, one figure per device.
 
     sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
     """
@@ -106,7 +106,7 @@ def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
     if sizes.empty:
         return files
     for (rasteriser, device), part in select(sizes, "spearman_within").items():
-        # Quads are ranked as helper lanes are: all triangulations have the same fragments.
+        # Quads rank as helper lanes do, because all triangulations have the same fragments.
         wanted = [m for m in dict.fromkeys(part["measure"]) if m in MATCHING and m != "quads"]
         with matplotlib.rc_context(STYLE):
             figure = _lines(part, wanted, f"{rasteriser} on {device}")
@@ -187,7 +187,7 @@ def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
 
 
 def _scatter(rows: pd.DataFrame, title: str) -> Figure | None:
-    """Draw predictions against measures, each over its polygon's median: size taken out."""
+    """Draw measures against predictions, both over the polygon's median, to remove its size."""
     from matplotlib.figure import Figure
 
     known = [m for m in MATCHING if m in rows and rows[m].notna().any()]
@@ -222,7 +222,7 @@ def _scatter(rows: pd.DataFrame, title: str) -> Figure | None:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=5, markerscale=2)
     figure.suptitle(
-        f"{title}: one mark a triangulation, over its polygon's median, dashed where as predicted",
+        f"{title}: one mark per triangulation, over its polygon's median; dashed: as predicted",
         fontsize=9,
     )
     return figure

@@ -1,9 +1,10 @@
 """How well one column of figures predicts another, within polygons and over all of them.
 
-Within a polygon every triangulation has the same area and, without T-junctions, the same number
-of triangles, so what is left is what the choice of diagonals changes. Pooled over polygons, size
-alone makes any two columns agree, which says nothing about a criterion: pooled figures are given
-to show that, and with the number of triangles partialled out.
+Within a polygon, every triangulation has the same area and, without T-junctions, the same number
+of triangles. So only the choice of diagonals makes a difference. Pooled over polygons, any two
+columns agree, because large polygons have large values in both; this says nothing about a
+criterion. Pooled figures are given to show this, plain and with the number of triangles partialled
+out.
 """
 
 from __future__ import annotations
