@@ -43,7 +43,7 @@ MEASURES = ("helper_lanes", "quads", "bbox_tests", "rows", "tiles_16", "tiles_32
 
 
 def tabulate(records: Sequence[Record]) -> pd.DataFrame:
-    """Return one row a polygon, triangulation, rasteriser, device and view, measures as columns.
+    """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
     Triangulators that give a polygon the same triangulation, as their criteria show, stand for
     one row: a triangulation must not count twice for having two names. Those with T-junctions

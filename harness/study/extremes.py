@@ -35,9 +35,9 @@ COLUMNS = (
 
 
 def tabulate(records: Sequence[Record]) -> pd.DataFrame:
-    """Return `COLUMNS`: worst over best of each polygon, by each criterion, in each measure.
+    """Return `COLUMNS`: worst in ratio to best of each polygon, by each criterion and measure.
 
-    among : "conforming", or "all" where T-junctions are let in and change which is best or worst
+    among : "conforming", or "all" if allowing T-junctions changes which is best or worst
     ratio_low, ratio_high : the 95 % interval of a time's ratio; counters are exact
     """
     rows = []

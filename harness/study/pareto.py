@@ -147,7 +147,7 @@ def _front(number: int, scene: Scene, view: View) -> Front | None:
 
 
 def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
-    """Return the contents of fronts.csv: one row a point, measured or not."""
+    """Return the contents of fronts.csv: one row per point, measured or not."""
     rows = [
         {"polygon": front.polygon, "k": k, "overdraw": a, "shape": d, "measured": k in front.chosen}
         for front in fronts.values()

@@ -91,7 +91,7 @@ def _norm(rows: pd.DataFrame) -> Normalize | None:
     other = rows.loc[~rows["same_as_end"], "time_ratio"].dropna()
     if rows["time_ratio"].notna().sum() == 0:
         return None
-    # Nine tenths of the ratios set the scale: one fan must not bleach all the others.
+    # Nine tenths of the ratios set the scale: one slow fan must not make all others look alike.
     limit = float(np.quantile(np.abs(np.log(other)), 0.9)) if len(other) else 0.0
     return Normalize(-max(limit, 0.01), max(limit, 0.01))
 

@@ -77,7 +77,7 @@ WITHIN: dict[str, Callable[[Column, Column], float]] = {
 
 
 def within(columns: Sequence[tuple[Column, Column]], seed: int = 0) -> list[Estimate]:
-    """Summarise (predicted, measured) columns, one pair a polygon, by medians over polygons."""
+    """Summarise (predicted, measured) columns, one pair per polygon, by medians over polygons."""
     found = []
     for name, function in WITHIN.items():
         values = np.array([function(x, y) for x, y in columns if len(x) >= FEWEST])
@@ -100,7 +100,7 @@ def pooled(columns: Sequence[tuple[Column, Column]], triangles: Sequence[Column]
 
 
 def median_estimate(name: str, values: Column, seed: int = 0) -> Estimate:
-    """Return the median of one value a polygon, with its bootstrap interval over polygons."""
+    """Return the median of one value per polygon, with its bootstrap interval over polygons."""
     nan = float("nan")
     if len(values) == 0:
         return Estimate(name, nan, nan, nan, 0)
