@@ -141,7 +141,7 @@ def _walls(mesh: Mesh, batch: Batch, n: int) -> tuple[NDArray[np.int64], NDArray
 
 
 def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
-    """The mesh without some polygons, (p,) flags, nor their vertices and attributes."""
+    """The mesh without some polygons, (p,) flags, their vertices and their attributes."""
     if not gone.any():
         return mesh
     keep_vertex = ~gone[mesh.vertex_owners]

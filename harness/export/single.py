@@ -1,9 +1,9 @@
 """Positions that single precision holds exactly, so that every viewer sees the same mesh.
 
-Nearly all viewers keep 32-bit floats and round the numbers of a text file. If the file holds rounded
-numbers, viewers that keep doubles read the same. Rounding moves every vertex by up to half a step,
-which would change the area by some 1e-8 of it. So a few vertices are rounded the other way, by less
-than a step, to keep the area.
+Nearly all viewers keep 32-bit floats and round the numbers of a text file. If the file holds
+rounded numbers, viewers that keep doubles read the same. Rounding moves every vertex by up to half
+a step, which would change the area by some 1e-8 of it. So a few vertices are rounded the other way,
+by less than a step, to keep the area.
 """
 
 from __future__ import annotations

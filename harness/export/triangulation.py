@@ -15,9 +15,9 @@ from triangulators.batch import Ragged, ragged
 COMPILED = 64
 """With at most this many vertices, an optimum without holes is computed as fast as it is read.
 
-Measured on 20,000 footprints, microseconds per polygon: reading 8 (and 9 once for writing); computing
-the optimum of 25..64 vertices 21, of 65..500 vertices 350, with holes 60..770, and 120..400 for
-ear-clipping and Delaunay, which go one polygon at a time.
+Measured on 20,000 footprints, microseconds per polygon: reading 8 (and 9 once for writing);
+computing the optimum of 25..64 vertices 21, of 65..500 vertices 350, with holes 60..770, and
+120..400 for ear-clipping and Delaunay, which go one polygon at a time.
 """
 
 
