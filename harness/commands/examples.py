@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import typer
 
 PROGRAM = "python -m harness"
@@ -41,8 +43,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 
 def add_to(app: typer.Typer) -> None:
-    """Show its examples below the help of each command."""
+    """Show its examples below the help of each command, whose paragraphs wrap at any width."""
     for command in app.registered_commands:
+        paragraphs = (inspect.getdoc(command.callback) or "").split("\n\n")
+        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
         name = str(command.name or getattr(command.callback, "__name__", ""))
         lines = [f"{PROGRAM} {line}" for line in EXAMPLES.get(name, ())]
         if lines:

@@ -97,7 +97,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     for base in ("optimal:overdraw", "ear-clipping"):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
-        assert f"{base}: no other shown faster in {2 - beaten} of 2 views" in out
+        assert f"{base}: no other was shown to be faster in {2 - beaten} of 2 views" in out
     code, _, err = harness("gains", "run", "--out", "gains", "--bases", "nothing")
     assert code == 2
     assert_one_line(err, "unknown triangulator")
@@ -144,7 +144,7 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     code, out, _ = harness("repeat", "one", "two")
     assert code == 0
     assert "counters: equal in 3 of 3 cases" in out
-    found = re.search(r"(\d) pairs: both runs say which is faster of (\d)", out)
+    found = re.search(r"(\d) pairs: both runs say which is faster for (\d)", out)
     assert found is not None
     assert 0 <= int(found[2]) <= int(found[1]) <= 3
     cases = Path("two/cases.jsonl")
