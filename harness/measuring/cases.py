@@ -167,20 +167,18 @@ class Runner:
 
     def _measure(self, group: Group, frame: Frame, prepared: Mapping[str, Prepared]) -> None:
         """Count the group's cases, time them together, write their records."""
-        # Workers need coordinates, not geometries, and those are slow to send.
-        bare = replace(frame, polygons=())
         try:
             opened = self.bench.open(group.target)
         except HarnessError as error:
             for case in group.cases.values():
                 self._write(records.problem(case, "failed", str(error)))
             return
-        counted = self._count(group, bare, prepared)
-        expected = self._expected_fragments(counted, prepared)
+        counted = self._count(group, frame, prepared)
+        coverage = self._coverage(counted, prepared)
         drawn = {name: prepared[name].triangles for name in counted if name in group.cases}
         fields: dict[str, Any] = dict.fromkeys(drawn)
         if opened.timer is not None and drawn:
-            fields = self._time(group, bare, drawn)
+            fields = self._time(group, frame, drawn)
         for name, timing in fields.items():
             ready = prepared[name]
             if len(frame.polygons) > 1:  # one polygon's columns are its record's totals
@@ -192,7 +190,7 @@ class Runner:
                     ready.triangulation,
                     ready.prediction,
                     counted[name],
-                    expected,
+                    coverage,
                     timing,
                 )
             )
@@ -219,15 +217,15 @@ class Runner:
                 stage.advance()
         return counted
 
-    def _expected_fragments(
+    def _coverage(
         self, counted: Mapping[str, Counters], prepared: Mapping[str, Prepared]
-    ) -> NDArray[np.int64] | None:
-        """Return (p,) fragments of each polygon by the baseline, -1 where it has none."""
+    ) -> records.Coverage | None:
+        """Return what the baseline drew of each polygon, None where the device cannot say."""
         fragments = counted.get(BASELINE, {}).get("fragments")
         if fragments is None or not fragments.ndim:
             return None
         parts = prepared[BASELINE].triangulation.parts
-        return np.where([part is not None for part in parts], fragments, -1)
+        return records.Coverage(fragments, records.drawn_polygons(parts))
 
     def _time(
         self, group: Group, frame: Frame, drawn: Mapping[str, NDArray[np.int32]]

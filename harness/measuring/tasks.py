@@ -101,17 +101,19 @@ def time_group(
 
 
 def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
-    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one."""
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one,
+    none of which has a hole.
+    """
     offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
     return Frame(
         width=resolution,
         height=resolution,
         scale=1.0,
         view=View(resolution),
-        polygons=(),
         source=np.arange(len(offsets) - 1, dtype=np.int64),
         points=points,
         offsets=offsets,
+        ring_ends=offsets[1:],
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
 from harness.measuring.processes import Bench, Target
-from harness.measuring.tasks import bare_frame
 from harness.measuring.timing import REFERENCE, Settings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -93,9 +92,9 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw]
 
 def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
     """Return a frame of polygons that are in px and on the grid already."""
-    points, offsets = on_grid(polygons)
+    points, offsets, ring_ends = on_grid(polygons)
     source = np.arange(len(polygons), dtype=np.int64)
-    return replace(bare_frame(resolution, points), source=source, offsets=offsets)
+    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
@@ -120,7 +119,7 @@ def held_out_draws(
         for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
             parts = bench.triangulate(name, frame.polygons, seed).parts
             if all(part is not None for part in parts):
-                draws.append((replace(frame, polygons=()), frame.join(parts)))
+                draws.append((frame, frame.join(parts)))
                 polygons.append(number)
     return draws, polygons
 

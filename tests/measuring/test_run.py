@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from dataclasses import replace
@@ -12,14 +13,18 @@ from rich.console import Console
 from shapely import Polygon, box
 
 from harness.errors import UsageError
+from harness.frame import Frame
 from harness.measuring.cases import Runner
 from harness.measuring.plan import Plan
 from harness.measuring.run import Outcome, run
 from harness.measuring.timing import MIN_ROUNDS, Settings
 from harness.measuring.worker import Inline, Worker
 from harness.progress import Reporter
+from harness.rasterisers.base import Counters
 from harness.stored.folder import read_arrays, read_run
+from harness.triangulating import frames
 from tests.conftest import write_geojson
+from tests.mock import MockRasteriser
 
 MOCK = "tests.mock:MockRasteriser"
 FAST = Settings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
@@ -93,6 +98,62 @@ def test_a_triangulator_that_cannot_do_a_polygon_is_recorded_with_its_reason(blo
     assert fan["status"] == "ok"
     assert (fan["polygons"], fan["polygons_skipped"]) == (2, 1)
     assert "skipped polygon 1" in fan["reason"]
+    # What it left out is no error of coverage.
+    assert (fan["coverage_error"], clipping["coverage_error"]) == (0, 0)
+
+
+def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the triangulator `name` fail on every polygon of that many holes."""
+    whole = frames.triangulate
+
+    def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
+        if wanted == name and len(polygon.interiors) == holes:
+            raise ValueError("scripted")
+        return whole(polygon, wanted, **more)
+
+    monkeypatch.setattr(frames, "triangulate", triangulate)
+
+
+def test_what_the_baseline_left_out_is_compared_with_nothing(block, tmp_path, monkeypatch):
+    failing("delaunay", 1, monkeypatch)
+    plan = plan_for(block, triangulators=("fan", "ear-clipping", "delaunay"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert records["delaunay"]["polygons_failed"] == 1
+    assert {name: r["coverage_error"] for name, r in records.items()} == {
+        **dict.fromkeys(plan.triangulators, 0)
+    }
+
+
+def test_a_triangulation_that_covers_too_much_is_found_whatever_the_baseline_left_out(
+    block, tmp_path, monkeypatch
+):
+    failing("delaunay", 1, monkeypatch)
+    count = MockRasteriser._count
+
+    def count_too_much(self: MockRasteriser, frame: Frame, *rest: object) -> Counters:
+        counters = count(self, frame, *rest)  # type: ignore[arg-type]
+        # The fan's are 4 + 2; ear clipping's, with the courtyard's, are 14.
+        if len(rest[0]) == 14:  # type: ignore[arg-type]
+            counters["fragments"] += [1, 10, 100]
+        return counters
+
+    monkeypatch.setattr("tests.mock.MockRasteriser._count", count_too_much)
+    plan = plan_for(block, triangulators=("fan", "ear-clipping"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert {name: r["coverage_error"] for name, r in records.items()} == {
+        "fan": 0,
+        "ear-clipping": 101,
+    }
+
+
+def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkeypatch):
+    failing("delaunay", 0, monkeypatch)
+    scene = write_geojson(tmp_path / "squares.geojson", [box(0, 0, 4, 4), box(6, 0, 9, 3)])
+    plan = plan_for(scene, triangulators=("fan", "delaunay"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert records["fan"]["status"] == "ok"
+    assert records["fan"]["coverage_error"] is None
+    assert records["delaunay"]["status"] == "failed"
 
 
 def test_a_triangulator_that_can_do_none_is_skipped(tmp_path):
@@ -139,6 +200,33 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.environment.code_version", lambda: "other")
     with pytest.raises(UsageError, match="the code differ"):
         measure(plan_for(block), out, resume=True)
+
+
+def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    monkeypatch.setattr("harness.environment.cpu_name", lambda: "another processor")
+    with pytest.raises(UsageError, match="the machine differ"):
+        measure(plan_for(block), out, resume=True)
+    assert measure(plan_for(block), out, resume=True, force=True).records
+
+
+def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_path, monkeypatch):
+    courtyard = box(0, 0, 16, 16).difference(box(4, 4, 12, 12))
+    scene = write_geojson(tmp_path / "courtyard.geojson", [courtyard])
+    plan = plan_for(scene, triangulators=("fan", "ear-clipping"))
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        failing("ear-clipping", 1, patch)
+        statuses = [r["status"] for r in measure(plan, out).records]
+    assert statuses == ["skipped", "failed"]
+    before = (out / "cases.jsonl").read_text()
+    assert [r["status"] for r in measure(plan, out, resume=True).records] == ["skipped", "ok"]
+    after = (out / "cases.jsonl").read_text()
+    assert after.startswith(before)
+    assert [json.loads(line)["triangulator"] for line in after[len(before) :].splitlines()] == [
+        "ear-clipping"
+    ]
 
 
 def interrupt_after_one(monkeypatch):
