@@ -113,6 +113,8 @@ class Bench:
     def open_soon(self, target: Target) -> None:
         """Begin to open a device, in its own process, while this one does something else."""
         if target.label not in self._opened and target.label not in self._opening:
+            # A process ends with the thread that started it, so this one does.
+            self._worker(target.label, target.device.environment, None)
             self._opening[target.label] = self._background.submit(
                 self._on, target, tasks.open_device
             )
@@ -224,13 +226,19 @@ class Bench:
         timeout_s: float | None = None,
         tick: Callable[[float], None] | None = None,
     ) -> T:
-        if label not in self._workers:
-            self._workers[label] = self._open_worker(label, environment, memory_bytes)
+        worker = self._worker(label, environment, memory_bytes)
         try:
-            return self._workers[label].call(
+            return worker.call(
                 function, *arguments, timeout_s=timeout_s or self._timeout_s, tick=tick
             )
         except TaskFailed:
             # A context that was lost stays lost: what comes next gets a fresh process.
             self._workers.pop(label).close()
             raise
+
+    def _worker(
+        self, label: str, environment: Mapping[str, str], memory_bytes: int | None
+    ) -> Executor:
+        if label not in self._workers:
+            self._workers[label] = self._open_worker(label, environment, memory_bytes)
+        return self._workers[label]

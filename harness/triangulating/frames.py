@@ -146,7 +146,7 @@ def _compute(
         part = _call(name, polygon, seed, calibration)
     except Skipped as reason:
         result.skipped.append((number, str(reason)))
-    except Exception as error:
+    except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
         result.failed.append((number, f"{type(error).__name__}: {error}"))
     seconds = time.perf_counter() - start
     if part is not None:
@@ -202,7 +202,7 @@ def _warm_up(name: str, seed: int, calibration: Mapping[str, float] | None) -> N
     ):
         try:
             _call(name, polygon, seed, calibration)
-        except Exception:  # the real polygons will tell
+        except (Exception, SystemExit, GeneratorExit):  # the real polygons will tell
             continue
 
 
