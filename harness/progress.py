@@ -18,6 +18,15 @@ from rich.progress import (
 )
 
 
+def let_go_of_terminal() -> None:
+    """Write to nowhere from now on what would go to a terminal that was closed."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for number in (1, 2):
+        if os.isatty(number):
+            os.dup2(nowhere, number)
+    os.close(nowhere)
+
+
 class Stage:
     """One stage of a run; `complete` says how many of its steps are done in all."""
 

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Force, Quiet, Seed, Work
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import INTERRUPTED, NothingMeasured, UsageError
 from harness.frame import Fit, View
 from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import Outcome
@@ -22,14 +22,11 @@ from harness.measuring.timing import Settings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
-from harness.stored.folder import file_stem, read_run
+from harness.stored.folder import clear_errors, file_stem, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
 
 CALIBRATIONS = Path("results") / "calibration"
-
-INTERRUPTED = 130
-"""Exit code of a process that Ctrl-C ended, as shells have it."""
 
 QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
@@ -219,20 +216,21 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     NothingMeasured
         if no case was measured
     """
-    print_summary(outcome.records, console)
-    write_csv(outcome.records, outcome.path / "summary.csv")
+    where = os.path.relpath(outcome.path)
+    again = f"python -m harness report {where}"
     measured = [record for record in outcome.records if record["status"] == "ok"]
+    with clear_errors(outcome.path, again):
+        write_csv(outcome.records, outcome.path / "summary.csv")
+    print_summary(outcome.records, console)
+    console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured:
         from harness.plots import plot_run
         from harness.report import write_report
 
-        with reporter.stage("plotting", 1):
+        with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
             stored = read_run(outcome.path)
             plot_run(stored)
             write_report(stored)
-    where = os.path.relpath(outcome.path)
-    console.print(f"results: {where}", markup=False, soft_wrap=True)
-    if measured:
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     require_finished(outcome, console, f"go on with: harness run --resume {outcome.path}")
 
