@@ -11,15 +11,11 @@ that was forked off would keep a pipe open; and its whole process group ends wit
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import os
-import resource
 import signal
-import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -28,6 +24,9 @@ from types import TracebackType
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from harness.errors import HarnessError
+from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
+
+__all__ = ["Executor", "Inline", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
 
 T = TypeVar("T")
 
@@ -44,19 +43,6 @@ END_S = 2.0
 """Longest that a process may take to end when asked to."""
 
 
-class TaskFailed(HarnessError):  # noqa: N818 - says what happened
-    """A task crashed, hung or raised; the message says which and quotes its last output.
-
-    detail : the traceback in the worker, "" where there is none
-    """
-
-    detail = ""
-
-
-class TaskTimedOut(TaskFailed):
-    """A task ran past its time and was stopped."""
-
-
 class Executor(Protocol):
     """Runs a function somewhere and waits for its result."""
 
@@ -70,8 +56,18 @@ class Executor(Protocol):
         """Return `function(*arguments)`; raise TaskFailed where it crashes or hangs."""
         ...
 
-    def close(self) -> None:
-        """End the process, if there is one."""
+    def close(self, *, at_once: bool = False) -> None:
+        """End the process, if there is one; `at_once`: whatever it is doing."""
+        ...
+
+
+class OpenWorker(Protocol):
+    """Makes the processes of a run."""
+
+    def __call__(
+        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+    ) -> Executor:
+        """Return an executor called `name`; see `Worker`."""
         ...
 
 
@@ -91,9 +87,9 @@ class Inline:
         except (HarnessError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            raise _failure(error) from error
+            raise failure(error) from error
 
-    def close(self) -> None:
+    def close(self, *, at_once: bool = False) -> None:
         """Nothing to end."""
 
 
@@ -152,23 +148,26 @@ class Worker:
             self._connection.send((function, arguments))
         except OSError:
             self._died(written)
-        done, result = self._receive(written, timeout_s, tick)
-        # What comes next waits for the process to be ready, as after a start.
+        # What the task needs of the harness is imported first, which is not the task's time.
+        answer = self._receive(written, START_S, None)
+        if answer is None:
+            answer = self._receive(written, timeout_s, tick)
+        done, result = answer
         if done:
             value: T = result
             return value
         raise result
 
-    def close(self) -> None:
+    def close(self, *, at_once: bool = False) -> None:
         """End the process and whatever it started."""
-        self._end()
+        self._end(at_once=at_once)
         self._output.unlink(missing_ok=True)
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         arguments = (theirs, *self._settings)
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process = context.Process(target=serve, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
 
@@ -195,7 +194,7 @@ class Worker:
             self._died(written)
         except Exception as error:
             raise TaskFailed(
-                f"{self.name}: its result cannot be read: {_one_line(error)}"
+                f"{self.name}: its result cannot be read: {one_line(error)}"
             ) from error
 
     def _died(self, written: int) -> NoReturn:
@@ -241,90 +240,9 @@ class Worker:
         self.close()
 
 
-def _serve(
-    connection: Connection,
-    parent: int,
-    output: str,
-    environment: Mapping[str, str],
-    memory_bytes: int | None,
-) -> None:
-    """Run tasks until there are no more; the process's main function.
-
-    Sends None when it is ready for a task, then (True, result) or (False, error).
-    """
-    _prepare(parent, output, environment, memory_bytes)
-    own = os.getpid()
-    answer: tuple[bool, Any]
-    while True:
-        connection.send(None)
-        try:
-            task = connection.recv()
-            if task is None:
-                break
-            function, arguments = task
-            answer = (True, function(*arguments))
-        except EOFError:
-            break
-        except HarnessError as error:
-            answer = (False, error)
-        except BaseException as error:  # a task's sys.exit must not end the run
-            answer = (False, _failure(error))
-        if os.getpid() != own:  # forked off by the task; its parent answers
-            os._exit(0)
-        try:
-            connection.send(answer)
-        except Exception as error:
-            connection.send((False, TaskFailed(f"its result cannot be sent: {_one_line(error)}")))
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    os._exit(0)  # drivers' and others' clean-up may crash, or wait for ever
-
-
-def _prepare(
-    parent: int, output: str, environment: Mapping[str, str], memory_bytes: int | None
-) -> None:
-    """Prepare a fresh process before its first task."""
-    os.environ.update(environment)
-    if memory_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    # A group of its own: what it starts can be ended with it, and Ctrl-C goes to the parent alone,
-    # which decides what it means.
-    os.setpgid(0, 0)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _die_with(parent)
-    descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    for stream, number in ((sys.__stdout__, 1), (sys.__stderr__, 2)):
-        os.dup2(descriptor, stream.fileno() if stream else number)
-    os.close(descriptor)
-
-
-def _die_with(parent: int) -> None:
-    """Have the kernel end this process when its parent is killed; Linux only."""
-    if sys.platform != "linux":
-        return
-    pr_set_pdeathsig = 1
-    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    if os.getppid() != parent:  # it died before the call above
-        os._exit(1)
-
-
 def _explain_exit(code: int | None) -> str:
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         hint = " (perhaps out of memory)" if -code == signal.SIGKILL else ""
         return f"{name}{hint}"
     return f"exit code {code}"
-
-
-def _failure(error: BaseException) -> TaskFailed:
-    """Return what is told of an error of a task."""
-    if isinstance(error, MemoryError):
-        return TaskFailed("it ran out of memory")
-    failure = TaskFailed(_one_line(error))
-    failure.detail = "".join(traceback.format_exception(error))
-    return failure
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -15,6 +15,7 @@ from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 from tests.paths import shared_data
 
@@ -46,7 +47,7 @@ def test_every_triangulation_covers_the_same_pixels(llvmpipe, polygons, resoluti
     frame = make_frame(polygons(), View(resolution))
     expected = None
     for name in TRIANGULATORS:
-        result = triangulate_polygons(name, frame.polygons, seed=0)
+        result = triangulate_polygons(parse(name), frame.polygons)
         assert result.failed == []
         counted = worker.call(
             tasks.count, "opengl", device, frame, frame.join(result.parts), Options()

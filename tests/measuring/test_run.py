@@ -14,15 +14,15 @@ from shapely import Polygon, box
 
 from harness.errors import UsageError
 from harness.frame import Frame
-from harness.measuring.cases import Runner
 from harness.measuring.plan import Plan
-from harness.measuring.run import Outcome, run
+from harness.measuring.run import RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, Settings
 from harness.measuring.worker import Inline, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
-from harness.stored.folder import read_arrays, read_run
-from harness.triangulating import frames
+from harness.stored.folder import Store, read_arrays, read_run
+from harness.triangulating import names
+from harness.triangulating.names import parse_all
 from tests.conftest import write_geojson
 from tests.mock import MockRasteriser
 
@@ -36,7 +36,8 @@ def inline(name: str, environment: object, memory_bytes: int | None = None) -> I
 
 
 def plan_for(scene: Path, **changes: object) -> Plan:
-    plan = Plan(scene=str(scene), triangulators=NAMES, rasterisers=(MOCK,), timing=FAST)
+    names = parse_all(changes.pop("triangulators", NAMES))  # type: ignore[arg-type]
+    plan = Plan(scene=str(scene), triangulators=names, rasterisers=(MOCK,), timing=FAST)
     return replace(plan, **changes)  # type: ignore[arg-type]
 
 
@@ -44,7 +45,7 @@ def quiet() -> Reporter:
     return Reporter(quiet=True, console=Console(quiet=True))
 
 
-def measure(plan: Plan, out: Path, **options: object) -> Outcome:
+def measure(plan: Plan, out: Path, **options: object) -> RunResult:
     return run(plan, out, quiet(), **{"open_worker": inline, **options})  # type: ignore[arg-type]
 
 
@@ -104,14 +105,14 @@ def test_a_triangulator_that_cannot_do_a_polygon_is_recorded_with_its_reason(blo
 
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the triangulator `name` fail on every polygon of that many holes."""
-    whole = frames.triangulate
+    whole = names.triangulate
 
     def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
         if wanted == name and len(polygon.interiors) == holes:
             raise ValueError("scripted")
         return whole(polygon, wanted, **more)
 
-    monkeypatch.setattr(frames, "triangulate", triangulate)
+    monkeypatch.setattr(names, "triangulate", triangulate)
 
 
 def test_what_the_baseline_left_out_is_compared_with_nothing(block, tmp_path, monkeypatch):
@@ -120,7 +121,7 @@ def test_what_the_baseline_left_out_is_compared_with_nothing(block, tmp_path, mo
     records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
     assert records["delaunay"]["polygons_failed"] == 1
     assert {name: r["coverage_error"] for name, r in records.items()} == {
-        **dict.fromkeys(plan.triangulators, 0)
+        **dict.fromkeys(("fan", "ear-clipping", "delaunay"), 0)
     }
 
 
@@ -231,14 +232,14 @@ def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_pa
 
 def interrupt_after_one(monkeypatch):
     """Send Ctrl-C when the first record is written."""
-    write = Runner._write
+    append = Store.append
 
-    def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
-        write(self, record)
-        if len(self.done) == 1:
+    def append_and_interrupt(self: Store, record: dict[str, object]) -> None:
+        append(self, record)
+        if len(read_run(self.path).records) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(Runner, "_write", write_and_interrupt)
+    monkeypatch.setattr(Store, "append", append_and_interrupt)
 
 
 def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
@@ -285,9 +286,9 @@ def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypat
 def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, tmp_path):
     from harness.frame import View
 
-    names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
+    wanted = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
     views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
-    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
+    outcome = measure(plan_for(block, triangulators=wanted, views=views), tmp_path / "out")
     seen = {(r["triangulator"], r["rotation"]): r for r in outcome.records}
     assert {record["status"] for record in outcome.records} == {"ok"}
     fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
