@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
+from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
@@ -264,8 +263,7 @@ def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np
             return meshes.heights(attributes, float(extrude))
         except ValueError:
             known = [str(column) for column in attributes]
-        near = difflib.get_close_matches(extrude, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}"
+        hint = did_you_mean(extrude, known)
         raise UsageError(f"the source has no attribute {extrude!r} to extrude by; {hint}")
     if not isinstance(extrude, str) and not (np.isfinite(extrude) and extrude >= 0):
         raise UsageError(f"extrude={extrude} is not a height: give 0 or more")

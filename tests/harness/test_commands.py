@@ -169,7 +169,7 @@ def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
 
 
 def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
-    from harness.commands.run import default_folder
+    from harness.commands.results import default_folder
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")
