@@ -20,12 +20,18 @@ def triangulate(
         Path,
         typer.Option("--out", "-o", help="glb, gltf, obj, ply, stl, npz, geojson or parquet."),
     ],
-    triangulator: Annotated[str, typer.Option(help="See: harness list triangulators.")] = "optimal",
+    triangulator: Annotated[
+        str | None,
+        typer.Option(
+            help="name or name:criterion, by default optimal:half-perimeter; "
+            "optimal alone is optimal:overdraw. See: harness list triangulators."
+        ),
+    ] = None,
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="For optimal, half-perimeter by default, and worst, e.g. mixed=1/0.5/0; "
-            "see: list criteria."
+            help="The criterion, if it is not in the triangulator's name; alone it means optimal. "
+            "E.g. mixed=1/0.5/0; see: harness list criteria."
         ),
     ] = None,
     extrude: Annotated[
@@ -43,8 +49,6 @@ def triangulate(
     from harness.export.export import export_file
 
     reporter = Reporter(quiet=quiet)
-    if criterion is None and triangulator == "optimal":
-        criterion = "half-perimeter"
     height: str | float | None = extrude
     if extrude is not None:
         try:
