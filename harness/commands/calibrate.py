@@ -10,10 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from harness import rasterisers
-from harness.commands.options import Quiet, Seed
-from harness.commands.run import CALIBRATIONS
-from harness.measuring.processes import Bench, Target
-from harness.measuring.run import load_scene
+from harness.commands.options import CALIBRATIONS, Quiet, Seed
+from harness.measuring.loading import load_scene
+from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import Settings
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
@@ -46,12 +45,12 @@ def calibrate(
     triangles with a pixel centre in their bounding box. optimal:calibrated minimises this time.
     """
     reporter = Reporter(quiet=quiet)
-    target = Target(rasteriser, rasterisers.find_device(rasteriser, device))
+    backend = Backend(rasteriser, rasterisers.find_device(rasteriser, device))
     loaded = load_scene(scene, seed, reporter)
     bench = Bench(Worker, timeout_s=600)
     try:
         fit, validation = study.calibrate(
-            target,
+            backend,
             bench,
             loaded,
             Settings(
@@ -62,19 +61,19 @@ def calibrate(
             reporter,
             seed,
         )
-        described = bench.describe()[target.label]
+        described = bench.describe()[backend.label]
     finally:
         bench.close()
-    file = out or CALIBRATIONS / f"{target.device.name}.json"
+    file = out or CALIBRATIONS / f"{backend.device.name}.json"
     facts = {
         "rasteriser": rasteriser,
-        "name": target.device.name,
+        "name": backend.device.name,
         "resolution": resolution,
         "work": work,
         **described,
     }
     study.write(fit, validation, facts, file)
-    table = Table(title=f"time of a draw: {target.label}", title_justify="left", box=None)
+    table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
     for heading in ("term", "coefficient", "95 % interval", "unit"):
         table.add_column(heading)
     for term, unit in zip(calibration.TERMS, calibration.UNITS, strict=True):

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.commands.options import PolygonNumber
-from harness.commands.run import default_folder
+from harness.commands.results import default_folder
 from harness.errors import UsageError
 from harness.measuring.run import load_scene
 from harness.progress import Reporter

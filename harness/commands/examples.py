@@ -29,7 +29,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "enumerate": ("enumerate --scene paper --mode paper",),
     "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
-    "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
+    "triangulate": ("triangulate buildings.geojson --criterion overdraw -o buildings.glb",),
     "pareto": (
         "pareto --scene paper",
         "pareto --scene city --polygons 4 --budget 0.2",

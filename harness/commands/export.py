@@ -24,12 +24,18 @@ def triangulate(
             help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet.",
         ),
     ],
-    triangulator: Annotated[str, typer.Option(help="See: harness list triangulators.")] = "optimal",
+    triangulator: Annotated[
+        str | None,
+        typer.Option(
+            help="name or name:criterion, by default optimal:half-perimeter; "
+            "optimal alone is optimal:overdraw. See: harness list triangulators."
+        ),
+    ] = None,
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="What optimal or worst uses, e.g. mixed=1/0.5/0; half-perimeter by default for "
-            "optimal; see: harness list criteria."
+            help="The criterion, if it is not in the triangulator's name; alone it means optimal. "
+            "E.g. mixed=1/0.5/0; see: harness list criteria."
         ),
     ] = None,
     extrude: Annotated[
@@ -52,8 +58,6 @@ def triangulate(
     from harness.export.export import export_file
 
     reporter = Reporter(quiet=quiet)
-    if criterion is None and triangulator == "optimal":
-        criterion = "half-perimeter"
     height: str | float | None = extrude
     if extrude is not None:
         try:

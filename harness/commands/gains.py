@@ -9,11 +9,11 @@ import pandas as pd
 import typer
 from rich.console import Console
 
-from harness.commands.run import split_names
+from harness.commands.options import split_names
 from harness.errors import NothingMeasured
-from harness.measuring.run import full_names
 from harness.stored.folder import read_run
 from harness.study import gains as study
+from harness.triangulating.names import parse_all
 
 MOST_SAID = 12
 """How many views in which another was faster are named; gains.csv has them all."""
@@ -27,7 +27,7 @@ def gains(
     ] = ",".join(study.BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
-    wanted = full_names(split_names(bases))
+    wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
     table = study.tabulate([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")

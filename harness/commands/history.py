@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.run import split_names
+from harness.commands.options import split_names
 from harness.errors import NothingMeasured
 
 if TYPE_CHECKING:

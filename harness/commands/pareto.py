@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed
-from harness.commands.run import folder_for, require_finished, split_names
+from harness.commands.options import Force, Quiet, Seed, Verbose, split_names
+from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
@@ -20,6 +20,7 @@ from harness.report import write_report
 from harness.stored.folder import read_run
 from harness.study import pareto as study
 from harness.study import pareto_answer, pareto_plot
+from harness.triangulating.names import parse_all
 from scenes import Scene
 
 POLYGONS = 6
@@ -46,6 +47,7 @@ def pareto(
     resume: Annotated[Path | None, typer.Option(help="Continue the study in this folder.")] = None,
     force: Force = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
 
@@ -56,14 +58,14 @@ def pareto(
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=(*study.SWEEP, study.WITH_C, *study.named()),
+        triangulators=parse_all((*study.SWEEP, study.WITH_C, *study.named())),
         rasterisers=split_names(rasterisers),
         devices=split_names(device),
         views=(view,),
         timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
     folder = folder_for(scene, out, resume, before="pareto-")
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     fronts: dict[str, study.Front] = {}
 
     def take_apart(label: str, whole: Scene) -> list[Part]:

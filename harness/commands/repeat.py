@@ -40,8 +40,8 @@ def repeat(
         which = f"both runs say which is faster for {verdicts.decided:,}"
         if verdicts.decided:
             which += f", and agree on {verdicts.agreeing / verdicts.decided:.2%} of these"
-        both = f"{verdicts.same / verdicts.pairs:.1%}"
-        say(f"{where}: {which}; all three verdicts counted, they agree on {both}")
+        alike = f"{verdicts.same / verdicts.pairs:.1%}"
+        say(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
     raise typer.Exit(1 if found.unequal else 0)
 
 

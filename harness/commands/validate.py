@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed, Work
-from harness.commands.run import folder_for, numbers, require_finished, split_names
+from harness.commands.options import Force, Quiet, Seed, Verbose, Work, numbers, split_names
+from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
@@ -21,6 +21,7 @@ from harness.report import write_report
 from harness.stored.folder import read_run
 from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
+from harness.triangulating.names import parse_all
 
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
@@ -56,6 +57,7 @@ def validate(
         bool, typer.Option("--quick", help="Six polygons, short times: a look, not a result.")
     ] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Say how well each criterion predicts the measured cost, within single polygons.
 
@@ -67,7 +69,7 @@ def validate(
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=("optimal",),  # each polygon has its own, below
+        triangulators=parse_all(["optimal"]),  # each polygon has its own, below
         rasterisers=tuple(named),
         devices=split_names(device),
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
@@ -76,7 +78,7 @@ def validate(
         timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
     folder = folder_for(scene, out, resume, before="validate-")
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     outcome = carry_out(
         plan,
         folder,

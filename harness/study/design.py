@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
+from harness.triangulating.names import Recipe, parse_all
 from scenes import Scene
 from triangulators import registry
 from triangulators.exhaustive import count_triangulations, enumerate_triangulations
@@ -85,8 +86,8 @@ def _alone(scene: Scene, number: int) -> Scene:
     return replace(scene, polygons=polygons, attributes=attributes, dropped=[], repaired=[])
 
 
-def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
-    """Return the names of all triangulations to measure of a polygon without holes."""
+def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]:
+    """Return all triangulations to measure of a polygon without holes."""
     named = [
         name
         for name, entry in registry.BUILTIN.items()
@@ -95,5 +96,5 @@ def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
     if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
-        return (*named, *steered, *(f"listed#{k}" for k in range(count)))
-    return (*named, *steered, *(f"random#{seed}" for seed in range(design.random)))
+        return parse_all([*named, *steered, *(f"listed#{k}" for k in range(count))])
+    return parse_all([*named, *steered, *(f"random#{seed}" for seed in range(design.random))])

@@ -23,6 +23,7 @@ from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.stored.folder import Record, Run
 from harness.study.design import Design, choose_polygons
+from harness.triangulating.names import parse_all
 from scenes import Scene
 from triangulators import criteria, exhaustive, registry
 from triangulators.counting import count_triangulations
@@ -122,10 +123,10 @@ def take_apart(
             points = tuple(f"pareto#{k}" for k in front.chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
             name = label_of(label, number)
-            parts.append(Part(name, part, (*points, *named(), *sweep)))
+            parts.append(Part(name, part, parse_all((*points, *named(), *sweep))))
             fronts[name] = front
     if not alone:
-        parts.append(Part(label, scene, (*SWEEP, WITH_C, *named())))
+        parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *named()))))
     if not parts:
         raise UsageError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
     return parts, fronts
