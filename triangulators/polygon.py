@@ -74,6 +74,9 @@ def vertices(polygon: shapely.Polygon) -> np.ndarray:
     """Return the polygon's vertices, (n, 2) float64: exterior ring, then the interiors in order.
 
     No ring's first vertex is repeated at its end. Triangulations index these rows.
+
+        >>> vertices(shapely.Polygon([(0, 0), (2, 0), (0, 1)])).tolist()
+        [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
     """
     return rings_of(polygon)[0]
 

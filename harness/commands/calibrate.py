@@ -1,4 +1,4 @@
-"""`harness calibrate`: what a device's time is made of."""
+"""`harness calibrate`: a model of what a device's draw time is made of."""
 
 from __future__ import annotations
 
@@ -22,22 +22,27 @@ from harness.study import calibration
 
 
 def calibrate(
-    device: Annotated[str | None, typer.Option(help="The best one by default.")] = None,
-    rasteriser: Annotated[str, typer.Option(help="What draws.")] = "opengl",
-    scene: Annotated[str, typer.Option(help="Polygons the fit is tested on.")] = "city",
+    device: Annotated[
+        str | None, typer.Option(help="Device that draws; the best one by default.")
+    ] = None,
+    rasteriser: Annotated[str, typer.Option(help="Rasteriser that draws.")] = "opengl",
+    scene: Annotated[str, typer.Option(help="Scene or file whose polygons test the fit.")] = "city",
     resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
-    work: Annotated[int, typer.Option(min=0, help="Arithmetic a fragment.")] = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing a draw may cost.")] = 0.2,
+    work: Annotated[int, typer.Option(min=0, help="Iterations of arithmetic per fragment.")] = 0,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing per draw.")] = 0.2,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(help="results/calibration/<device>.json if absent.")
+        Path | None,
+        typer.Option(help="File to write; results/calibration/<device>.json if absent."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit what a draw's time is made of on designed draws, and test the fit on polygons.
+    """Fit a model of a device's draw time, and test it on polygons that it has not seen.
 
-    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R, of triangles, area,
-    half-perimeter, bounding-box area, shape deviation, expected quads, 4x4 blocks and set-ups.
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R. T is the number of
+    triangles, S their area, H their half-perimeters, sum(w*h) the area of their bounding boxes, D
+    their shape deviation, Q and P the expected quads and 4x4 blocks, and R the expected number of
+    triangles with a pixel centre in their bounding box. optimal:calibrated minimises this time.
     """
     reporter = Reporter(quiet=quiet)
     backend = Backend(rasteriser, rasterisers.find_device(rasteriser, device))

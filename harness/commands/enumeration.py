@@ -23,7 +23,10 @@ def enumerate_(
     polygon: PolygonNumber = 0,
     mode: Annotated[
         str,
-        typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
+        typer.Option(
+            help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
+            "when its two edges have become one straight line."
+        ),
     ] = "conforming",
     out: Annotated[
         Path | None,

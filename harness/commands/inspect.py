@@ -1,4 +1,4 @@
-"""`harness inspect`: see where a polygon's triangulations cost."""
+"""`harness inspect`: a picture of where a polygon's triangulations cost."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def inspect(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")],
     polygon: PolygonNumber = 0,
     triangulator: Annotated[
-        str, typer.Option(help="Comma-separated: one column each.")
+        str, typer.Option(help="Comma-separated; each gets a column.")
     ] = "ear-clipping,optimal:half-perimeter",
     resolution: Annotated[
         int, typer.Option(help="Viewport in pixels, which the polygon fills.")
@@ -29,10 +29,10 @@ def inspect(
     rotation: Annotated[float, typer.Option(help="Degrees, counter-clockwise.")] = 0.0,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(help="The PNG; named after the polygon if absent.")
+        Path | None, typer.Option(help="PNG to write; named after the polygon if absent.")
     ] = None,
 ) -> None:
-    """Draw one polygon's overdraw and helper lanes, triangulation on top, side by side."""
+    """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
     from harness.heatmaps import draw_heatmaps
 
     recipes = parse_all(split_names(triangulator), seed=seed)

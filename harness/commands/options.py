@@ -13,15 +13,15 @@ CALIBRATIONS = Path("results") / "calibration"
 """Where `calibrate` writes, and optimal:calibrated looks, unless told otherwise."""
 
 Force = Annotated[
-    bool, typer.Option("--force", help="Resume even if plan, scene, code or machine differ.")
+    bool, typer.Option("--force", help="Resume even if the plan, scene, code or machine differs.")
 ]
-Seed = Annotated[int, typer.Option(help="Seed of all that is random.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")]
+Seed = Annotated[int, typer.Option(help="Seed for everything random.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Every case as it ends, and what went wrong where.")
 ]
 PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
-Work = Annotated[str, typer.Option(help="Iterations of arithmetic a fragment; comma-separated.")]
+Work = Annotated[str, typer.Option(help="Iterations of arithmetic per fragment; comma-separated.")]
 
 
 def split_names(text: str) -> tuple[str, ...]:

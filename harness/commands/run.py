@@ -64,27 +64,27 @@ def run(
         str, typer.Option(help="Degrees, counter-clockwise; comma-separated.")
     ] = "0",
     fit: Annotated[
-        Fit, typer.Option(help="circle keeps the scale the same at every rotation.")
+        Fit, typer.Option(help="circle keeps the scale the same at every rotation; box does not.")
     ] = "box",
     samples: Annotated[
-        str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
+        str, typer.Option(help="Samples per pixel: 1, 4 or 8; comma-separated.")
     ] = "1",
     work: Work = "0",
     order: Annotated[
-        Order, typer.Option(help="In which triangles are submitted; native: as they were made.")
+        Order, typer.Option(help="Order of the triangles in a draw; native: as they were made.")
     ] = "native",
     seed: Seed = 0,
     precision: Annotated[
-        float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
+        float, typer.Option(help="Wanted half-width of the 95 % interval over the median.")
     ] = Settings.precision,
     budget: Annotated[
-        float, typer.Option(help="Seconds of drawing a case may cost on average.")
+        float, typer.Option(help="Seconds of drawing per case, on average.")
     ] = Settings.budget_s,
     timeout: Annotated[
         float | None,
         typer.Option(
-            help="Seconds after which a triangulator or device is given up; "
-            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick, unless given."
+            help="Seconds after which a triangulator or device is stopped; by default "
+            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick."
         ),
     ] = None,
     out: Annotated[
@@ -92,28 +92,30 @@ def run(
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(help="Go on with the run in this folder; failed cases are tried again."),
+        typer.Option(help="Continue the run in this folder; failed cases are tried again."),
     ] = None,
     force: Force = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
+        Path | None, typer.Option(help="What optimal:calibrated minimises; see: harness calibrate.")
     ] = None,
     cached: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Use the model database.")
+        bool,
+        typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
+        bool,
+        typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
+    """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
     timing = QUICK if quick else Settings(precision=precision, budget_s=budget)
     plan = None
     if resume and not scene:
         plan = _stored_plan(resume)
     elif not scene:
-        raise UsageError("--scene is missing; try --scene city, or a file of yours")
+        raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         plan = Plan(
             scene=scene,
@@ -207,7 +209,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
             plot_run(stored)
             write_report(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    require_finished(outcome, console, f"go on with: harness run --resume {outcome.path}")
+    require_finished(outcome, console, f"continue with: harness run --resume {outcome.path}")
 
 
 def add_to(app: typer.Typer) -> None:

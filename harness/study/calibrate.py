@@ -78,7 +78,7 @@ def calibrate(
 
 
 def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw], list[int]]:
-    """Return draws of the designed polygons, cut in several ways, and each one's set of them."""
+    """Return draws of the designed polygons by several triangulators, and each draw's set."""
     draws: list[Draw] = []
     sets: list[int] = []
     for number, polygons in enumerate(calibration.designed_polygons(resolution, seed)):
@@ -111,7 +111,7 @@ def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
 def held_out_draws(
     bench: Bench, scene: Scene, resolution: int, seed: int
 ) -> tuple[list[Draw], list[int]]:
-    """Return draws of polygons cut in several ways, and the number of each one's polygon."""
+    """Return draws of polygons by several triangulators, and the number of each draw's polygon."""
     draws: list[Draw] = []
     polygons: list[int] = []
     design = Design(polygons=24, random=RANDOM)
@@ -136,9 +136,9 @@ def time_draws(
 ) -> tuple[NDArray[np.float64], list[float]]:
     """Time draws in groups, each together with the reference draw.
 
-    Returns (k,) times of the draws over the reference's in the same rounds, so that a machine that
-    is slower in one minute than in another does not bend them, and the reference's median seconds
-    in each group.
+    Returns the (k,) times of the draws in ratio to the reference draw of the same rounds, and the
+    reference's median seconds in each group. The ratio removes the machine's speed, which may
+    change from minute to minute.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        # A file from before there were D, Q, P and R weighs them with nothing.
+        # A file that is older than D, Q, P and R gives them no weight.
         since = dict.fromkeys(calibration.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:

@@ -1,8 +1,8 @@
 """Which polygons and which triangulations a validation study measures.
 
 A criterion is judged within a polygon, so each polygon is a scene of its own that fills the
-viewport, and each is cut in many ways: as programs do it, as well and as badly as each criterion
-can be made, and at random, uniformly over all of its triangulations.
+viewport. Each is triangulated in many ways: as programs do it, with the least and the most of each
+criterion, and at random, uniformly over all of its triangulations.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Design:
     polygons : how many are drawn from the scene
     random : random triangulations of each
     most_vertices : larger polygons are left out, because their optima take long
-    all_below : a polygon with fewer triangulations is cut in all ways, instead of at random; those
-        with T-junctions that the paper's method makes are among them
+    all_below : a polygon with fewer triangulations than this has all of them measured instead of
+        random ones, among them those with T-junctions that the paper's method makes
     """
 
     polygons: int = 24

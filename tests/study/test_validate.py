@@ -65,7 +65,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
         interrupt_after_one(patched)
         code, out, _ = harness(*arguments, "--out", "stopped")
     assert code == 130
-    assert "--resume stopped goes on" in out
+    assert "continue with the same command and --resume stopped" in out
     assert harness(*arguments, "--resume", "stopped")[0] == 0
 
 
