@@ -12,7 +12,6 @@ import errno
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -213,13 +212,15 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
 
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
-    """Return the per-polygon columns of the case `key`, or None if they were not kept."""
+    """Return the per-polygon columns of the case `key`, or None if they were not kept or are
+    damaged.
+    """
     place = run.path if run.path.is_dir() else run.path.parent
     file = place / folder / f"{key}.npz"
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except Exception:  # damaged bytes make zipfile, zlib and numpy raise errors of every kind
         return None
 
 
