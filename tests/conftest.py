@@ -13,7 +13,6 @@ from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
 from tests.chromium import Chromium
-from tests.compiling import compile_everything
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
 settings.load_profile("ci")
@@ -22,6 +21,8 @@ settings.load_profile("ci")
 def pytest_configure(config: pytest.Config) -> None:
     """Compile before the workers of pytest-xdist start."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        from tests.compiling import compile_everything
+
         compile_everything()
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import time
 from pathlib import Path
 
 import pytest
 
 from harness.stored.folder import read_arrays, read_run
-from tests.chromium import Chromium
+from tests.chromium import PATIENCE_S, Chromium
 from tests.report.conftest import NAMES
 
 POINT = """(() => {
@@ -208,11 +209,9 @@ def test_every_table_can_be_had_as_csv(page, folder):
 def test_a_csv_button_downloads_the_file(page, tmp_path):
     page.send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     page.evaluate("document.querySelector('[data-csv=ranking]').click()")
-    page.wait("true")
-    for _ in range(100):
-        if (tmp_path / "ranking.csv").exists():
-            break
-        page.evaluate("new Promise((done) => setTimeout(done, 50))")
+    end = time.monotonic() + PATIENCE_S
+    while not (tmp_path / "ranking.csv").exists() and time.monotonic() < end:
+        time.sleep(0.02)
     rows = list(csv.DictReader((tmp_path / "ranking.csv").open()))
     assert {row["triangulator"] for row in rows} == set(NAMES)
 
