@@ -10,7 +10,7 @@ from harness.commands.results import folder_for
 from harness.errors import UsageError
 from harness.stored.folder import read_run
 from harness.study import extremes
-from harness.study.analysis import by_resolution, correlate, tabulate
+from harness.study.analysis import by_resolution, correlate, measure_table
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.study.repeat import repeat
 from scenes import load
@@ -115,9 +115,9 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
     records = read_run(study).records
-    table = tabulate(records)
+    table = measure_table(records)
     twin = [dict(record, triangulator="twin", key="twin" + record["key"]) for record in records]
-    again = tabulate([*records, *twin])
+    again = measure_table([*records, *twin])
     assert len(again) == len(table)
     pd.testing.assert_frame_equal(correlate(again), correlate(table))
 
@@ -188,7 +188,7 @@ def test_a_polygon_is_drawn_with_its_t_junctions_marked(study, tmp_path):
     }
     drawn = (tmp_path / "measured-over-a-reference-cpu.svg").read_text()
     assert "with T-junctions" in drawn
-    table = extremes.tabulate(some)
+    table = extremes.extremes_table(some)
     promised = table[table["criterion"] == "overdraw"].groupby("among")["predicted_ratio"].max()
     assert promised["all"] > promised["conforming"]
 
