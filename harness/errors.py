@@ -42,7 +42,17 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
     ----------
     kind : what is named, e.g. "device"
     """
-    choices = sorted(known)
+    return UsageError(f"unknown {kind} '{name}'; {suggestion(name, sorted(known))}")
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message on an unknown name: the nearest known one, or all.
+
+    >>> suggestion("opengi", ["opengl", "reference"])
+    "did you mean 'opengl'?"
+    >>> suggestion("x", ["opengl", "reference"])
+    'known: opengl, reference'
+    """
+    choices = list(known)
     near = difflib.get_close_matches(name, choices, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(choices)}"
-    return UsageError(f"unknown {kind} '{name}'; {hint}")
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(choices) or 'none'}"

@@ -69,6 +69,8 @@ def triangulate(
     finally:
         if cache is not None:
             cache.close()
+    if report.notes:
+        reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
     Console().print(

@@ -25,6 +25,7 @@ from harness.rasterisers.order import Order
 from harness.stored.folder import file_stem, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
+from scenes.spec import joined, label
 
 CALIBRATIONS = Path("results") / "calibration"
 
@@ -52,10 +53,15 @@ def run(
     scene: Annotated[
         str,
         typer.Option(
-            help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
-            "GeoPackage, Shapefile, SVG, WKT and more. See: harness list scenes.",
+            help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
+            "Shapefile, SVG, WKT and more), or module:function. See: harness list scenes.",
         ),
     ] = "",
+    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Filter by attributes, as in SQL: height > 10.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
     triangulators: Annotated[
         str, typer.Option(help="Comma-separated; see: harness list triangulators.")
     ] = ",".join(DEFAULT_TRIANGULATORS),
@@ -123,7 +129,7 @@ def run(
         raise UsageError("--scene is missing; try --scene city, or a file of yours")
     else:
         plan = Plan(
-            scene=scene,
+            scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=split_names(triangulators),
             rasterisers=split_names(rasterisers),
@@ -203,7 +209,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = 
 
 def default_folder(scene: str, before: str = "") -> Path:
     """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
-    name = before + file_stem(Path(scene).stem)
+    name = before + file_stem(Path(label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = first, 2
     while folder.exists():  # two short runs may begin within a second

@@ -22,6 +22,7 @@ from harness.progress import Reporter
 from harness.stored.folder import Record, Store, read_run
 from harness.triangulating.frames import BEFORE_TURNING, NUMBERED, SEED_MARK, is_builtin
 from scenes import Scene, SceneError, load
+from scenes.spec import label as scene_label
 from triangulators import UnknownName, full_name
 
 
@@ -79,7 +80,7 @@ def run(
     scene = load_scene(plan.scene, plan.seed, reporter)
     targets = find_targets(plan)
     # Of a file only its name: the same file elsewhere is the same scene.
-    label = Path(plan.scene).name
+    label = scene_label(plan.scene)
     parts = split(label, scene) if split else [Part(label, scene)]
     plans = [_plan_of(part, plan) for part in parts]
     plan = replace(plan, triangulators=_union(plans))
@@ -163,7 +164,7 @@ def _is_foreign(name: str) -> bool:
 
 
 def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
-    """Load a scene and say what it left out.
+    """Load a scene and say what was read, projected and left out.
 
     Raises
     ------
@@ -174,6 +175,8 @@ def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
         scene = load(name, seed=seed)
     except SceneError as error:
         raise UsageError(str(error)) from error
+    if scene.notes:
+        reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
         if notes:
             which, reason = notes[0]
@@ -230,6 +233,7 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
             "dropped": [list(note) for note in scene.dropped],
             "repaired": [list(note) for note in scene.repaired],
+            "notes": list(scene.notes),
         },
         "environment": machine,
         "warnings": environment.warnings(machine),

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import platformdirs
 from numpy.typing import NDArray
 
 import triangulators
@@ -64,8 +65,7 @@ def default_path() -> Path:
     """`RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
     if given := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(given)
-    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(folder, "raster-harness", "triangulations.sqlite")
+    return platformdirs.user_cache_path("raster-harness", appauthor=False) / "triangulations.sqlite"
 
 
 class Cache:
