@@ -35,6 +35,7 @@ from harness.stored.folder import clear_errors, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
 from harness.triangulating.names import CALIBRATED, Recipe, parse_all
+from scenes.spec import joined
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
@@ -44,10 +45,15 @@ def run(
     scene: Annotated[
         str,
         typer.Option(
-            help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
-            "GeoPackage, Shapefile, SVG, WKT and more. See: harness list scenes.",
+            help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
+            "Shapefile, SVG, WKT and more), or module:function. See: harness list scenes.",
         ),
     ] = "",
+    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Filter by attributes, as in SQL: height > 10.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
     triangulators: Annotated[
         str, typer.Option(help="Comma-separated; see: harness list triangulators.")
     ] = ",".join(DEFAULT_TRIANGULATORS),
@@ -119,7 +125,7 @@ def run(
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         plan = Plan(
-            scene=scene,
+            scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=_recipes(triangulators, seed, calibration, device),
             rasterisers=split_names(rasterisers),

@@ -9,7 +9,7 @@ from scenes import Scene, SceneError, load, registry
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
-    """Load a scene and say what it left out.
+    """Load a scene and say what was read, projected and left out.
 
     Raises
     ------
@@ -17,6 +17,8 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         if it cannot be loaded, or is a third party's and ends its process
     """
     scene = _load_apart(name, seed, open_worker) if _is_foreign(name) else _load(name, seed)
+    if scene.notes:
+        reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
         if notes:
             which, reason = notes[0]
