@@ -12,7 +12,7 @@ import numpy as np
 from triangulators import criteria
 from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.cost import cost_of
-from triangulators.exact import TABLE_ONLY, optimum
+from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.order import walk
 from triangulators.polygon import Boundary, boundary_area
@@ -54,6 +54,9 @@ def triangulate_worst(
 def _optimise(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> np.ndarray:
+    small = small_optimum(outline, criterion, sign, limit)
+    if small is not None:
+        return small
     found = _search(outline, criterion, sign, limit, seed)
     return walk(found, len(outline.points))
 
