@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from harness.compare import lookup
 from harness.compare.counters import exact_figures
 from harness.compare.matching import case_name
-from harness.compare.settings import is_gated
 from harness.figures.registry import METRICS
 from harness.stored.folder import Record, Run
 
@@ -27,9 +27,9 @@ def to_benchmark_action(run: Run) -> list[dict[str, Any]]:
 
 def _entries(case: str, record: Record) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = [
-        {"name": f"{case}: {metric}", "unit": METRICS[metric].unit or "count", "value": value}
+        {"name": f"{case}: {metric}", "unit": "count", "value": value}
         for metric, value in exact_figures(record).items()
-        if is_gated(metric, {}) and METRICS[metric].better == "lower"
+        if lookup.find(metric).kind == "counter" and lookup.find(metric).better == "lower"
     ]
     milliseconds = METRICS["draw_ms"](record)
     if milliseconds is not None:

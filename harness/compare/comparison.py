@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.compare import times
+from harness.compare import lookup, times
 from harness.compare.checking import checked
-from harness.compare.counters import compare_counters, totals
+from harness.compare.counters import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
 from harness.compare.matching import Match, match, other_hardware, printable
 from harness.compare.model import (
@@ -20,8 +20,8 @@ from harness.compare.model import (
     Status,
     Verdict,
 )
-from harness.compare.settings import Settings
-from harness.figures.registry import METRICS
+from harness.compare.planned import missing_from
+from harness.compare.settings import Settings, require_known
 from harness.stored.folder import Record, Run
 
 
@@ -31,15 +31,18 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     Raises
     ------
     UsageError
-        if the runs are of different devices and `settings` do not ask for that
+        if the runs are of different devices and `settings` do not ask for that, or a threshold
+        is of a figure that neither run has
     """
     settings = settings or Settings()
     base, head = checked(base), checked(head)
+    records = (*base.records, *head.records)
+    require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
     before, after = machine(base.facts), machine(head.facts)
     elsewhere = _across(matches) or bool(other_hardware(base, head))
     machines_differ = elsewhere or bool(before and after and before != after)
-    cases = [_counted(found, settings) for found in matches]
+    cases = [_counted(found, settings, missing=missing_from(head, found.name)) for found in matches]
     cases, drifts = _timed(matches, cases, settings, machines_differ)
     found = Comparison(
         verdict="good",
@@ -78,13 +81,25 @@ def _across(matches: Sequence[Match]) -> bool:
     )
 
 
-def _counted(found: Match, settings: Settings) -> CaseChange:
-    """Return the case with its status and, where it can be compared, its counters."""
+def _counted(found: Match, settings: Settings, *, missing: str | None) -> CaseChange:
+    """Return the case with its status and, where it can be compared, its counters.
+
+    missing : why HEAD should have the case, None where it need not
+    """
     status, reason = _status(found.base, found.head)
-    if status != "compared" or found.base is None or found.head is None:
+    if found.base is None or found.head is None:
+        measured = found.base is not None and found.base.get("status") == "ok"
+        if measured and missing is not None:
+            status, reason = "not-done", missing
+        return CaseChange(found.name, status, reason)
+    if status != "compared":
         return CaseChange(found.name, status, reason)
     return CaseChange(
-        found.name, status, reason, compare_counters(found.base, found.head, settings)
+        found.name,
+        status,
+        reason,
+        compare_counters(found.base, found.head, settings),
+        lost_counters(found.base, found.head, settings),
     )
 
 
@@ -145,8 +160,8 @@ def _timed(
 
 
 def _same_work(counters: Sequence[CounterChange]) -> bool:
-    """Whether all that was counted is equal; predictions, which are not counted, have a unit."""
-    counted = [c for c in counters if c.metric in METRICS and METRICS[c.metric].unit == ""]
+    """Whether all that was counted is equal."""
+    counted = [c for c in counters if lookup.find(c.metric).kind == "counter"]
     return bool(counted) and all(change.exact == "equal" for change in counted)
 
 

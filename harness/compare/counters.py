@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
+from harness.compare import lookup
 from harness.compare.model import CounterChange, Exact, Total
 from harness.compare.settings import Settings
 from harness.figures.registry import METRICS
@@ -13,20 +14,29 @@ from harness.stored.folder import Record
 
 
 def exact_figures(record: Record) -> dict[str, float]:
-    """Return the record's exact figures: the registered ones, then all other counters it has."""
+    """Return the record's exact figures: the registered ones, then all else that it counted.
+
+    What somebody's rasteriser counts under the name of a figure that is none of its counters is
+    called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
+    """
     figures = {}
     for name, metric in METRICS.items():
         value = metric(record) if metric.exact else None
         if value is not None:
             figures[name] = value
-    raw = {**(record.get("counters") or {}), **_predictions(record)}
-    return figures | {name: value for name, value in raw.items() if name not in figures}
-
-
-def _predictions(record: Record) -> dict[str, float]:
-    """Return what the criteria predict, in the names of the registry or as `predicted_...`."""
+    for name, value in (record.get("counters") or {}).items():
+        figures.setdefault(counter_name(name), value)
     predicted = record.get("predicted") or {}
-    return {f"predicted_{name}": value for name, value in predicted.items() if name not in METRICS}
+    return figures | {
+        f"{lookup.PREDICTED}{name}": value
+        for name, value in predicted.items()
+        if name not in METRICS
+    }
+
+
+def counter_name(name: str) -> str:
+    """Return what a comparison calls the counter `name`."""
+    return name if lookup.find(name).kind in ("counter", "opinion") else f"counted_{name}"
 
 
 def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
@@ -37,16 +47,24 @@ def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[Co
     )
 
 
+def lost_counters(base: Record, head: Record, settings: Settings) -> tuple[str, ...]:
+    """Return the gated counters that BASE has and HEAD does not: of these nothing can be said."""
+    before, after = base.get("counters") or {}, head.get("counters") or {}
+    lost = [counter_name(name) for name in before if name not in after]
+    return tuple(name for name in lost if settings.threshold(name) is not None)
+
+
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
-    better = METRICS[name].better if name in METRICS else "none"
+    figure = lookup.find(name)
     exact: Exact = "equal"
     if not _equal(base, head):
-        worse_up = {"lower": True, "higher": False}.get(better)
+        worse_up = {"lower": True, "higher": False}.get(figure.better)
         exact = (
             "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
         )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
+    wrong = exact == "worse" or (exact == "changed" and figure.shared)
     return CounterChange(
         metric=name,
         base=base,
@@ -54,7 +72,7 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
         change=relative(base, head),
         exact=exact,
         threshold=threshold,
-        regressed=beyond and exact == "worse",
+        regressed=beyond and wrong,
     )
 
 
@@ -70,7 +88,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     columns = defaultdict(list)
     for changes in cases:
         for change in changes:
-            if change.metric not in METRICS or METRICS[change.metric].unit != "x":
+            if lookup.find(change.metric).kind != "ratio":
                 columns[change.metric].append(change)
     return tuple(_total(name, changes) for name, changes in columns.items())
 
@@ -80,7 +98,7 @@ def _total(name: str, changes: Sequence[CounterChange]) -> Total:
     kinds = [change.exact for change in changes]
     return Total(
         metric=name,
-        unit=METRICS[name].unit if name in METRICS else "",
+        unit=lookup.find(name).unit,
         cases=len(changes),
         affected=len(kinds) - kinds.count("equal"),
         better=kinds.count("better"),
