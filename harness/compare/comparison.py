@@ -22,6 +22,7 @@ from harness.compare.model import (
 )
 from harness.compare.planned import missing_from
 from harness.compare.settings import Settings, require_known
+from harness.environment import commit_of
 from harness.stored.folder import Record, Run
 
 
@@ -167,13 +168,12 @@ def _same_work(counters: Sequence[CounterChange]) -> bool:
 
 def _facts(run: Run) -> RunFacts:
     environment = run.facts.get("environment") or {}
-    git = environment.get("git") or {}
-    commit = str(git.get("commit") or "")[:12]
     return RunFacts(
         path=str(run.path),
         created=str(run.facts.get("created") or ""),
-        commit=f"{commit} with local changes" if git.get("dirty") else commit,
+        commit=commit_of(run.facts),
         harness=str(environment.get("harness") or ""),
+        harness_commit=commit_of(run.facts, "git"),
         machine=machine(run.facts),
         cases=len(run.records),
     )

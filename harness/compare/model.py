@@ -202,12 +202,17 @@ class Total:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """Where a run comes from; "" for what it does not say."""
+    """Where a run comes from; "" for what it does not say.
+
+    commit : of the user's repository
+    harness, harness_commit : version and commit of raster-harness
+    """
 
     path: str
     created: str = ""
     commit: str = ""
     harness: str = ""
+    harness_commit: str = ""
     machine: str = ""
     cases: int = 0
 

@@ -170,6 +170,10 @@ def run_lines(comparison: Comparison) -> list[str]:
     """Return one line for each run: where it is, when it was made and of which commit."""
     lines = []
     for name, run in (("BASE", comparison.base), ("HEAD", comparison.head)):
-        parts = (run.path, run.created, run.commit and f"commit {run.commit}", run.machine)
+        harness = f"harness {run.harness}" if run.harness else ""
+        if run.harness_commit and run.harness_commit != run.commit:
+            harness += f" at {run.harness_commit}"
+        commit = run.commit and f"commit {run.commit}"
+        parts = (run.path, run.created, commit, harness, run.machine)
         lines.append(f"{name}: {', '.join(part for part in parts if part)}")
     return lines

@@ -215,7 +215,7 @@ def find_targets(plan: Plan) -> list[Target]:
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
     """Return the content of a new run.json."""
-    machine = environment.collect(plan.seed)
+    machine = environment.collect(plan.seed, plan.triangulators)
     return {
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "plan": plan.to_json(),
