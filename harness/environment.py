@@ -99,11 +99,15 @@ def warnings(facts: dict[str, Any]) -> list[str]:
 
 def code_version() -> str:
     """Return 16 hexadecimal digits that change with any source file of the three packages."""
+    return source_hash(*(ROOT / package for package in ("harness", "scenes", "triangulators")))
+
+
+def source_hash(*packages: Path) -> str:
+    """Return 16 hexadecimal digits that change with any source file of the packages' folders."""
     digest = hashlib.sha256()
-    for package in ("harness", "scenes", "triangulators"):
-        folder = ROOT / package
+    for folder in packages:
         for file in sorted([*folder.rglob("*.py"), *folder.rglob("*.glsl")]):
-            digest.update(str(file.relative_to(ROOT)).encode())
+            digest.update(str(file.relative_to(folder.parent)).encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 

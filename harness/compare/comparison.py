@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.compare import lookup, times
+from harness.compare import times
 from harness.compare.checking import checked
 from harness.compare.counters import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
@@ -23,6 +23,7 @@ from harness.compare.model import (
 from harness.compare.planned import missing_from
 from harness.compare.settings import Settings, require_known
 from harness.environment import commit_of
+from harness.figures.registry import find
 from harness.stored.folder import Record, Run
 
 
@@ -162,7 +163,7 @@ def _timed(
 
 def _same_work(counters: Sequence[CounterChange]) -> bool:
     """Whether all that was counted is equal."""
-    counted = [c for c in counters if lookup.find(c.metric).kind == "counter"]
+    counted = [c for c in counters if find(c.metric).kind in ("counter", "count")]
     return bool(counted) and all(change.exact == "equal" for change in counted)
 
 

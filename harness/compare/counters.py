@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from harness.compare import lookup
 from harness.compare.model import CounterChange, Exact, Total
 from harness.compare.settings import Settings
-from harness.figures.registry import METRICS
+from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.stored.folder import Record
 
 
@@ -19,24 +19,20 @@ def exact_figures(record: Record) -> dict[str, float]:
     What somebody's rasteriser counts under the name of a figure that is none of its counters is
     called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
     """
-    figures = {}
-    for name, metric in METRICS.items():
-        value = metric(record) if metric.exact else None
+    counted = record.get("counters") or {}
+    found = {counter_name(name): counted[name] for name in in_order(counted)}
+    for name, figure in {**METRICS, **predictions()}.items():
+        value = figure(record) if figure.exact else None
         if value is not None:
-            figures[name] = value
-    for name, value in (record.get("counters") or {}).items():
-        figures.setdefault(counter_name(name), value)
+            found[name] = value
     predicted = record.get("predicted") or {}
-    return figures | {
-        f"{lookup.PREDICTED}{name}": value
-        for name, value in predicted.items()
-        if name not in METRICS
-    }
+    features = (name for name in sorted(predicted) if name not in found)
+    return found | {f"{PREDICTED}{name}": predicted[name] for name in features}
 
 
 def counter_name(name: str) -> str:
     """Return what a comparison calls the counter `name`."""
-    return name if lookup.find(name).kind in ("counter", "opinion") else f"counted_{name}"
+    return name if find(name).kind == "counter" else f"counted_{name}"
 
 
 def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
@@ -55,16 +51,15 @@ def lost_counters(base: Record, head: Record, settings: Settings) -> tuple[str, 
 
 
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
-    figure = lookup.find(name)
     exact: Exact = "equal"
     if not _equal(base, head):
-        worse_up = {"lower": True, "higher": False}.get(figure.better)
+        worse_up = {"lower": True, "higher": False}.get(find(name).better)
         exact = (
             "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
         )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
-    wrong = exact == "worse" or (exact == "changed" and figure.shared)
+    wrong = exact == "worse" or (exact == "changed" and lookup.is_shared(name))
     return CounterChange(
         metric=name,
         base=base,
@@ -88,7 +83,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     columns = defaultdict(list)
     for changes in cases:
         for change in changes:
-            if lookup.find(change.metric).kind != "ratio":
+            if find(change.metric).adds_up:
                 columns[change.metric].append(change)
     return tuple(_total(name, changes) for name, changes in columns.items())
 
@@ -98,7 +93,7 @@ def _total(name: str, changes: Sequence[CounterChange]) -> Total:
     kinds = [change.exact for change in changes]
     return Total(
         metric=name,
-        unit=lookup.find(name).unit,
+        unit=find(name).unit,
         cases=len(changes),
         affected=len(kinds) - kinds.count("equal"),
         better=kinds.count("better"),

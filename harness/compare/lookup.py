@@ -1,66 +1,36 @@
-"""What a comparison knows of a figure by its name, also of one that it never heard of.
+"""Which figures decide a comparison, of all that records may hold.
 
-A rasteriser of somebody else's may count what nobody registered: it is a count, and less is better.
+A counter that nobody declared, of a rasteriser of somebody else's, is one like any other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
-from harness.figures.polygons import SAME_FOR_ALL
-from harness.figures.registry import METRICS
-
-Kind = Literal["counter", "ratio", "prediction", "opinion", "time"]
-
-PREDICTED = "predicted_"
-"""Before the name of a criterion that is no registered metric."""
-
-OPINION = "driver_"
-"""Before the name of what a driver says of itself, which no two drivers count alike."""
+from harness.figures.registry import figures, find
+from harness.rasterisers.counters import DRIVER
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A figure of a record.
+def is_cost(name: str) -> bool:
+    """Whether a change of the figure `name` for the worse is a regression without being asked for.
 
-    better : "lower" or "higher" is better; "none" where neither is
-    shared : every triangulation of a polygon has the same, so any difference is a defect
+    Ratios of counters say nothing that the counters do not, predictions are not measurements, and
+    what a driver says of itself is its opinion.
     """
-
-    name: str
-    unit: str
-    kind: Kind
-    better: Literal["lower", "higher", "none"]
-    shared: bool = False
-
-    @property
-    def gated(self) -> bool:
-        """Whether a change for the worse is a regression without being asked for.
-
-        Ratios of counters say nothing that the counters do not, and predictions are not
-        measurements.
-        """
-        return self.kind == "counter" and (self.shared or self.better != "none")
+    figure = find(name)
+    counted = figure.kind in ("counter", "count")
+    return counted and (figure.better != "none" or is_shared(name))
 
 
-def find(name: str) -> Figure:
-    """Return what is known of the figure `name`."""
-    if name in SAME_FOR_ALL:
-        return Figure(name, "", "counter", "none", shared=True)
-    if name.startswith(OPINION):
-        return Figure(name, "", "opinion", "none")
-    metric = METRICS.get(name)
-    if metric is None:
-        predicted = name.startswith(PREDICTED)
-        kind: Kind = "prediction" if predicted else "counter"
-        return Figure(name, "", kind, "none" if predicted else "lower")
-    if not metric.exact:
-        return Figure(name, metric.unit, "time", metric.better)
-    kinds: dict[str, Kind] = {"": "counter", "x": "ratio"}
-    return Figure(name, metric.unit, kinds.get(metric.unit, "prediction"), metric.better)
+def is_shared(name: str) -> bool:
+    """Whether every triangulation of a polygon has the same, so that any change is a defect."""
+    figure = find(name)
+    return figure.kind == "counter" and figure.better == "none" and not name.startswith(DRIVER)
+
+
+def has_direction(name: str) -> bool:
+    """Whether growth beyond a threshold can be a regression."""
+    return find(name).better != "none" or is_shared(name)
 
 
 def registered() -> list[str]:
-    """Return the names of all exact figures that the registry has."""
-    return [name for name, metric in METRICS.items() if metric.exact]
+    """Return the names of all exact figures that are known before anything is measured."""
+    return [name for name, figure in figures().items() if figure.exact]

@@ -72,12 +72,7 @@ def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
 
     A counter that every triangulation shares is gated in both directions.
     """
-    return lookup.find(counter).gated or (counter in thresholds and _has_direction(counter))
-
-
-def _has_direction(counter: str) -> bool:
-    figure = lookup.find(counter)
-    return figure.shared or figure.better != "none"
+    return lookup.is_cost(counter) or (counter in thresholds and lookup.has_direction(counter))
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -110,7 +105,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not _has_direction(name):
+    if name not in ("time", "counters") and not lookup.has_direction(name):
         raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")

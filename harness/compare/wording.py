@@ -89,7 +89,7 @@ def _gated_verdict(comparison: Comparison, case: CaseChange) -> str:
     changed = [change.metric for change in case.regressions() if change.exact == "changed"]
     if changed:
         parts.append(f"covers other pixels: {_spaced(changed)}")
-    regressed = [change.metric for change in case.regressions() if change.exact == "worse"]
+    regressed = in_order(c.metric for c in case.regressions() if c.exact == "worse")
     regressed += ["time"] * (time is not None and time.outcome == "regressed")
     if regressed:
         parts.insert(0, f"regressed: {_spaced(regressed)}")
@@ -109,7 +109,7 @@ def ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     """Say in a word or two each what differs and does not decide the exit code."""
     found = []
     if "counters" not in comparison.settings.gates:
-        kinds = {c.exact for c in case.counters if lookup.find(c.metric).gated} - {"equal"}
+        kinds = {c.exact for c in case.counters if lookup.is_cost(c.metric)} - {"equal"}
         found += [f"counters {'worse' if 'worse' in kinds else 'differ'}"] * bool(kinds)
     if case.time is not None and not comparison.settings.gates_time:
         words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from shapely import Polygon
 
-from harness.plots import COLOURS, STYLE, save
+from harness.looks import COLOURS, STYLE, save
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.exhaustive import enumerate_triangulations

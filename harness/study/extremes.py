@@ -16,17 +16,14 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.figures.groups import groups, time_ratio
-from harness.plots import COLOURS, STYLE, save
+from harness.figures.registry import find, measures, predictions
+from harness.looks import COLOURS, STYLE, save
 from harness.stored.folder import Record
-from harness.study.analysis import MEASURES, without_twins
-from harness.study.matrix import label
+from harness.study.analysis import label, without_twins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-CRITERIA = ("overdraw", "shape", "half_perimeter", "expected_quads")
-"""Criteria whose best and worst triangulations are compared."""
 
 COLUMNS = (
     *("scene", "rasteriser", "device", "resolution", "samples", "criterion", "among"),
@@ -43,8 +40,9 @@ def tabulate(records: Sequence[Record]) -> pd.DataFrame:
     rows = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok" and record["polygons"]]
-        for criterion in CRITERIA:
-            rows += _rows(good, criterion)
+        for criterion in predictions():
+            known = [record for record in good if criterion in record["predicted"]]
+            rows += _rows(known, criterion)
     table = pd.DataFrame(rows, columns=COLUMNS)
     # Counters do not depend on the work a fragment does: one row for all of them.
     counted = ~table["measure"].str.startswith("time")
@@ -64,13 +62,13 @@ def _rows(good: Sequence[Record], criterion: str) -> list[dict[str, Any]]:
         shared = {
             **{name: best[name] for name in ("scene", "rasteriser", "device", "resolution")},
             "samples": best["options"]["samples"],
-            "criterion": criterion,
+            "criterion": find(criterion).written,
             "among": among,
             "best": best["triangulator"],
             "worst": worst["triangulator"],
             "predicted_ratio": _over(worst, best, "predicted", criterion),
         }
-        for measure in MEASURES:
+        for measure in measures(best["counters"]):
             ratio = _over(worst, best, "counters", measure)
             if ratio is not None:
                 rows.append({**shared, "measure": measure, "ratio": ratio})

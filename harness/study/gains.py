@@ -10,8 +10,8 @@ import pandas as pd
 
 from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.ratios import FASTER
-from harness.figures.registry import METRICS
-from harness.plots import COLOURS, STYLE, marker, save
+from harness.figures.registry import find
+from harness.looks import STYLE, looks, save
 from harness.stored.folder import Record
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
     ratio = time_ratio(record, base)
     if ratio is None or base is None:
         return None
-    lanes = [METRICS["helper_lanes"](entry) for entry in (record, base)]
+    lanes = [find("helper_lanes")(entry) for entry in (record, base)]
     return {
         "scene": record["scene"],
         "rasteriser": record["rasteriser"],
@@ -125,15 +125,16 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
     # Only what varies on this axis: all else as it was where this varies most.
     others = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
-    for index, (name, line) in enumerate(fixed.groupby("triangulator", sort=False)):
+    shown = looks(list(fixed["triangulator"]))
+    for name, line in fixed.groupby("triangulator", sort=False):
         if name == base:
             continue
         line = line.sort_values(axis)
         axes.plot(
             line[axis],
             line["time_ratio"],
-            color=COLOURS[index % len(COLOURS)],
-            marker=marker(index),
+            color=shown[str(name)].colour,
+            marker=shown[str(name)].marker,
             markersize=3,
             label=str(name),
         )
@@ -141,7 +142,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
             line[axis],
             line["time_ratio_low"],
             line["time_ratio_high"],
-            color=COLOURS[index % len(COLOURS)],
+            color=shown[str(name)].colour,
             alpha=0.2,
             linewidth=0,
         )

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.figures.ratios import FASTER
-from harness.plots import STYLE, save
+from harness.looks import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The commit that a run tells of is that of the user's repository; the harness's stands beside it."""
+"""A run tells the commit of the user's repository, and the harness's beside it."""
 
 from __future__ import annotations
 
