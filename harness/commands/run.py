@@ -6,6 +6,8 @@ import importlib
 import os
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +17,8 @@ from rich.console import Console
 from harness.commands.options import Force, Quiet, Seed, Work
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import Fit, View
+from harness.measuring.beside import FOLDER as BASE_FOLDER
+from harness.measuring.beside import Beside, version
 from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import Outcome
 from harness.measuring.run import run as carry_out
@@ -106,6 +110,21 @@ def run(
     calibration: Annotated[
         Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
     ] = None,
+    beside: Annotated[
+        str,
+        typer.Option(
+            help="Measure another version of your code in the same rounds: a commit or branch of "
+            "your repository, or a folder. It becomes the run `base` in the folder."
+        ),
+    ] = "",
+    draw_twice: Annotated[
+        bool,
+        typer.Option(
+            "--draw-twice",
+            help="With --beside: draw twice also what both versions triangulate alike, which "
+            "shows how far times of equal drawings lie apart.",
+        ),
+    ] = False,
     cached: Annotated[
         bool, typer.Option("--cache/--no-cache", help="Use the model database.")
     ] = True,
@@ -145,15 +164,36 @@ def run(
     folder = folder_for(plan.scene, out, resume)
     _load_ahead()
     reporter = Reporter(quiet=quiet)
-    outcome = carry_out(
-        plan,
-        folder,
-        reporter,
-        resume=resume is not None,
-        force=force,
-        database=default_path() if cached else None,
-    )
+    with _beside(beside, plan, resume, twice=draw_twice) as other:
+        outcome = carry_out(
+            plan,
+            folder,
+            reporter,
+            resume=resume is not None,
+            force=force,
+            database=default_path() if cached else None,
+            beside=other,
+        )
     finish(outcome, Console(), reporter)
+    if other:
+        where = os.path.relpath(outcome.path)
+        typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
+
+
+@contextmanager
+def _beside(
+    reference: str, plan: Plan, resume: Path | None, *, twice: bool
+) -> Iterator[Beside | None]:
+    """Give what a run is measured beside, also where it goes on with one that was; None if not."""
+    stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
+    reference = reference or str(stored.get("base") or "")
+    if not reference:
+        if twice:
+            raise UsageError("--draw-twice is for runs --beside another version")
+        yield None
+        return
+    with version(reference, plan.triangulators) as place:
+        yield Beside(place, twice or bool(stored.get("twice")))
 
 
 def _coefficients(file: Path | None, triangulators: str, device: str) -> dict[str, float] | None:

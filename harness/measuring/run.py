@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from harness import environment, rasterisers
 from harness.errors import UsageError
+from harness.measuring.beside import Beside, Halves, done_before, head_records
 from harness.measuring.cases import Runner
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench, OpenWorker, Target
@@ -60,6 +61,7 @@ def run(
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
     database: Path | None = None,
+    beside: Beside | None = None,
 ) -> Outcome:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -68,6 +70,7 @@ def run(
     open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
     database : model database that triangulations are read from and written to; None for none
+    beside : another version of the code to measure in the same rounds
 
     Raises
     ------
@@ -84,11 +87,14 @@ def run(
     plans = [_plan_of(part, plan) for part in parts]
     plan = replace(plan, triangulators=_union(plans))
     facts = _facts(plan, scene)
+    if beside:
+        facts = beside.facts(facts)
+        plans = [replace(own, triangulators=beside.names(own.triangulators)) for own in plans]
     store, done = _open_store(out, facts, resume=resume, force=force)
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        bench = Bench(open_worker, plan.timeout_s, database)
+        bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
         frames: list[dict[str, Any]] = []
         bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
@@ -108,7 +114,7 @@ def run(
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(done.values()), bench.stopping)
+    return Outcome(out, head_records(done.values()), bench.stopping)
 
 
 def _plan_of(part: Part, plan: Plan) -> Plan:
@@ -242,9 +248,10 @@ def _open_store(
     out: Path, facts: dict[str, Any], *, resume: bool, force: bool
 ) -> tuple[Store, dict[str, Record]]:
     """Return the folder to write to and the records that it has, by key."""
+    kind = Halves if "beside" in facts else Store
     if not resume:
-        return Store.create(out), {}
-    store = Store.resume(out)
+        return kind.create(out), {}
+    store = kind.resume(out)
     before = read_run(out)
     if not force:
         _refuse_other(before.facts, facts, out)
@@ -252,6 +259,8 @@ def _open_store(
     facts["devices"] = before.facts.get("devices", {})
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
     facts["created"] = before.facts.get("created", facts["created"])
+    if "beside" in facts:
+        return store, done_before(out)
     return store, {record["key"]: record for record in before.records}
 
 
@@ -266,6 +275,8 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         differences.append("the scene's content")
     if before.get("environment", {}).get("code") != now["environment"]["code"]:
         differences.append("the code")
+    if before.get("beside") != now.get("beside"):
+        differences.append("what it is measured beside")
     if before.get("environment", {}).get("cpu") != now["environment"]["cpu"]:
         differences.append("the machine")
     if differences:

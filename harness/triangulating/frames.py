@@ -114,7 +114,7 @@ def triangulate_polygons(
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
             part, junctions, seconds = None, 0, 0.0
             if timed is not None:
-                part, junctions, _ = _check(polygon, timed.triangles)
+                part, junctions, _ = check(polygon, timed.triangles)
                 seconds = timed.seconds
             if part is not None:
                 result.cached += 1
@@ -150,7 +150,7 @@ def _compute(
         result.failed.append((number, f"{type(error).__name__}: {error}"))
     seconds = time.perf_counter() - start
     if part is not None:
-        part, junctions, problem = _check(polygon, part)
+        part, junctions, problem = check(polygon, part)
         if problem:
             result.failed.append((number, problem))
     return part, junctions, seconds
@@ -162,6 +162,16 @@ def _parameters(name: str, seed: int, calibration: Mapping[str, float] | None) -
     if base.endswith(":calibrated") and calibration is not None:
         return {"calibration": sorted(_terms(calibration).items())}
     return numbered
+
+
+def parameters_of(
+    name: str, seed: int, calibration: Mapping[str, float] | None
+) -> tuple[str, dict[str, Any]]:
+    """Return a name as `triangulators` knows it and its parameters; `calibration` are terms."""
+    base, numbered = _numbered(name, seed)
+    if base.endswith(":calibrated") and calibration is not None:
+        return base, {"calibration": _terms(calibration)}
+    return base, numbered
 
 
 def _numbered(name: str, seed: int) -> tuple[str, dict[str, Any]]:
@@ -188,25 +198,25 @@ def _call(
 
 def _warm_up(name: str, seed: int, calibration: Mapping[str, float] | None) -> None:
     """Load compiled code, which would otherwise count as the first polygon's time."""
-    square = box(0, 0, 8, 8).exterior
-    holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
-    # Many vertices, few of which see each other: large polygons take other paths than small ones.
-    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    reach = np.where(np.arange(200) % 2, 50.0, 400.0)
-    star = np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
-    for polygon in (
-        Polygon(square),
-        Polygon(square, holes[:1]),
-        Polygon(square, holes),
-        Polygon(star),
-    ):
+    for polygon in warm_up_polygons():
         try:
             _call(name, polygon, seed, calibration)
         except Exception:  # the real polygons will tell
             continue
 
 
-def _check(
+def warm_up_polygons() -> tuple[Polygon, ...]:
+    """Return polygons that between them need all of a triangulator's compiled code."""
+    square = box(0, 0, 8, 8).exterior
+    holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
+    # Many vertices, few of which see each other: large polygons take other paths than small ones.
+    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    reach = np.where(np.arange(200) % 2, 50.0, 400.0)
+    star = np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
+    return Polygon(square), Polygon(square, holes[:1]), Polygon(square, holes), Polygon(star)
+
+
+def check(
     polygon: Polygon, part: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32] | None, int, str | None]:
     """Return the triangles if they are a triangulation, T-junctions, and what is wrong if not."""
