@@ -86,7 +86,7 @@ def runs(out: Path | str):
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory) -> Iterator[Path]:
-    """A repository with a run `out`: a worse version and a module that BASE has not, beside main."""
+    """A repository with a run: a worse version and a module that BASE has not, beside main."""
     with project(tmp_path_factory.mktemp("beside") / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         git(folder, "checkout", "-q", "-b", "change")
