@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city helsinki test check format bench study compare-demo docs docs-full lock clean
+.PHONY: help setup city helsinki test check format fuzz bench study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -22,6 +22,12 @@ helsinki: setup  ## measure real footprints of Helsinki, (c) OpenStreetMap contr
 test:  ## run the test suite
 	@scripts/setup.sh test
 	$(PY) -m pytest
+
+FUZZ_SECONDS ?= 600
+
+fuzz:  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
+	@scripts/setup.sh test
+	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n 2 --maxschedchunk 1
 
 check: setup  ## ruff and mypy
 	$(PY) -m ruff check $(SOURCES)

@@ -195,7 +195,7 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     base = base_of(whole) or whole[0]
     pairs = [(record, ratio) for record in whole if (ratio := time_ratio(record, base))]
     pairs.sort(key=lambda pair: pair[1].value, reverse=True)
-    figure = Figure(figsize=(ONE_COLUMN * 1.35, 1.3 + 0.24 * len(pairs)))
+    figure = Figure(figsize=(ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
     panel = figure.subplots()
     shown = looks([record["triangulator"] for record in members])
     for place, (record, ratio) in enumerate(pairs):
@@ -215,7 +215,7 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
     panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
     panel.set_ylim(-0.6, len(pairs) - 0.4)
-    panel.set_xlim(0, 1.3 * max(max(ratio.high, 1.0) for _, ratio in pairs))
+    panel.set_xlim(0, 1.55 * max(max(ratio.high, 1.0) for _, ratio in pairs))
     panel.grid(visible=False, axis="y")
     left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
     note = f"\nnot drawn, as it left polygons out: {', '.join(left_out)}" if left_out else ""

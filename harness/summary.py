@@ -145,7 +145,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 def write_csv(records: Sequence[Record], file: Path) -> None:
-    """Write one row a case: its identity, its counters and every metric, as `file`."""
+    """Write one row per case: its identity, its counters and every metric, as `file`."""
     import pandas as pd
 
     rows = []

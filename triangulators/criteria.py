@@ -221,6 +221,9 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     The name of `mixed` may hold its weights, `mixed=1/0.5/0` (see `weights`). parameters: alpha,
     beta, gamma for `mixed`; coefficients for `calibrated`. The criterion's own name is the one way
     to write it. Raises `UnknownName`, also for weights that cannot be used.
+
+        >>> find("mixed=1.0/.5/0").name
+        'mixed=1/0.5/0'
     """
     if isinstance(name, Criterion):
         return name
@@ -263,6 +266,11 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
 
     points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: `FEATURES_KEPT`, then the
     `column` of each criterion of `predicted`, in its unit where coordinates are pixels.
+
+        >>> square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
+        >>> sums = predict(square, np.array([(0, 1, 2), (0, 2, 3)]))
+        >>> sums["half_perimeter"], sums["overdraw"]
+        (8.0, 4.0)
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)

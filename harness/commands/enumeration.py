@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.commands.options import PolygonNumber
-from harness.commands.run import default_folder
+from harness.commands.results import default_folder
 from harness.errors import UsageError
 from harness.measuring.run import load_scene
 from harness.progress import Reporter
@@ -23,7 +23,10 @@ def enumerate_(
     polygon: PolygonNumber = 0,
     mode: Annotated[
         str,
-        typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
+        typer.Option(
+            help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
+            "when its two edges have become one straight line."
+        ),
     ] = "conforming",
     out: Annotated[
         Path | None,

@@ -16,12 +16,11 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self, cast
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 from shapely import Polygon
 
@@ -30,18 +29,39 @@ from harness.errors import UsageError
 from harness.frame import Frame, View
 from harness.measuring.elsewhere import Place, package_of, triangulate_elsewhere
 from harness.measuring.plan import Case
-from harness.measuring.processes import MEMORY_SHARE, Bench, OpenWorker, Target
+from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import Settings, Times
+from harness.measuring.worker import OpenWorker
 from harness.rasterisers.base import Options, Triangles
 from harness.stored.drawings import FOLDER as FRAMES
 from harness.stored.folder import POLYGONS, Record, Run, Store, read_arrays, read_run
-from harness.triangulating.frames import FrameTriangulation, is_builtin
+from harness.triangulating.frames import FrameTriangulation
+from harness.triangulating.names import Recipe
 
 MARK = "BASE "
 """Before the name of a triangulator as BASE has it."""
 
 FOLDER = "base"
 """Folder of BASE's run inside that of HEAD's."""
+
+
+@dataclass(frozen=True)
+class Earlier(Recipe):
+    """A triangulator as BASE has it."""
+
+    @property
+    def plain(self) -> Recipe:
+        """The same as HEAD has it."""
+        return Recipe(**{each.name: getattr(self, each.name) for each in fields(Recipe)})
+
+    def __str__(self) -> str:
+        """The marked name."""
+        return MARK + super().__str__()
+
+    @property
+    def builtin(self) -> bool:
+        """Never one of the product's own, which run where HEAD's do."""
+        return False
 
 
 @dataclass(frozen=True)
@@ -54,19 +74,17 @@ class Beside:
     place: Place
     twice: bool = False
 
-    def names(self, triangulators: Iterable[str]) -> tuple[str, ...]:
+    def recipes(self, recipes: Sequence[Recipe]) -> tuple[Recipe, ...]:
         """Return the triangulators of HEAD and of BASE."""
-        names = tuple(triangulators)
-        return (*names, *(MARK + name for name in names))
+        return (*recipes, *(Earlier(**vars(recipe)) for recipe in recipes))
 
     def bench(self, open_worker: OpenWorker, timeout_s: float, database: Path | None) -> Bench:
         """Return a bench that triangulates by both versions."""
         return _Bench(self, open_worker, timeout_s, database)
 
-    def facts(self, facts: Mapping[str, Any]) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Return what HEAD's `run.json` tells of BASE."""
-        told = {"base": self.place.name, "commit": self.place.commit, "twice": self.twice}
-        return {**facts, "beside": told}
+        return {"base": self.place.name, "commit": self.place.commit, "twice": self.twice}
 
 
 def head_records(records: Iterable[Record]) -> list[Record]:
@@ -171,30 +189,27 @@ class _Bench(Bench):
         super().__init__(open_worker, timeout_s, database)
         self._beside = beside
         self._same_builtins: bool | None = None
-        self._latest: tuple[Sequence[Polygon], dict[str, FrameTriangulation]] = ((), {})
+        self._latest: tuple[Sequence[Polygon], dict[Recipe, FrameTriangulation]] = ((), {})
 
-    def triangulate(
-        self,
-        name: str,
-        polygons: Sequence[Polygon],
-        seed: int,
-        calibration: Mapping[str, float] | None = None,
-    ) -> FrameTriangulation:
-        """Run a triangulator of HEAD, or one of BASE if the name is marked."""
-        if not name.startswith(MARK):
-            result = super().triangulate(name, polygons, seed, calibration)
+    def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
+        """Have what a triangulator of HEAD needs compiled; BASE's is where it is asked."""
+        if not isinstance(recipe, Earlier):
+            super().compile(recipe, tick)
+
+    def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
+        """Run a triangulator of HEAD or of BASE over polygons in px; raises as `Bench` does."""
+        if not isinstance(recipe, Earlier):
+            result = super().triangulate(recipe, polygons)
             if self._latest[0] is not polygons:
                 self._latest = (polygons, {})
-            self._latest[1][name] = result
+            self._latest[1][recipe] = result
             return result
-        plain = name.removeprefix(MARK)
-        if is_builtin(plain) and self._has_same_builtins():
-            known = self._latest[1].get(plain) if self._latest[0] is polygons else None
-            return known or super().triangulate(plain, polygons, seed, calibration)
-        limit = int(MEMORY_SHARE * psutil.virtual_memory().available)
+        if recipe.plain.builtin and self._has_same_builtins():
+            known = self._latest[1].get(recipe.plain) if self._latest[0] is polygons else None
+            return known or super().triangulate(recipe.plain, polygons)
         with self.clocked("triangulate"):
-            arguments = (plain, polygons, seed, calibration, self._beside.place)
-            return self._call(name, {}, limit, triangulate_elsewhere, *arguments)
+            arguments = (recipe.plain, polygons, self._beside.place)
+            return self._triangulating(recipe, triangulate_elsewhere, *arguments)
 
     def _has_same_builtins(self) -> bool:
         """Whether BASE's package `triangulators` is the one of here, or equal to it."""
@@ -207,7 +222,7 @@ class _Bench(Bench):
 
     def time(
         self,
-        target: Target,
+        backend: Backend,
         candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
         settings: Settings,
@@ -217,7 +232,7 @@ class _Bench(Bench):
         """Time the candidates together; where BASE's triangles are HEAD's, one drawing is both."""
         alike = {} if self._beside.twice else _alike(candidates)
         drawn = {name: each for name, each in candidates.items() if name not in alike}
-        found, failures = super().time(target, drawn, options, settings, seed, tick)
+        found, failures = super().time(backend, drawn, options, settings, seed, tick)
         for name, other in alike.items():
             if other in found:
                 found[name] = {**found[other], name: found[other][other]}
@@ -297,20 +312,19 @@ class Halves(Store):
             arrays = {name: each for name, each in arrays.items() if name not in marked}
         super().write_arrays(key, arrays, folder)
 
+    def finished(self) -> dict[str, Record]:
+        """Return what both runs hold, by the keys that their cases have in a run of both."""
+        found = {record["key"]: record for record in read_run(self.path).records}
+        for record in read_run(self._base.path).records:
+            marked = {**record, "triangulator": MARK + record["triangulator"]}
+            key = case_of(marked).key
+            found[key] = {**marked, "key": key}
+        return found
+
     def close(self) -> None:
         """Close the files of both."""
         super().close()
         self._base.close()
-
-
-def done_before(path: Path) -> dict[str, Record]:
-    """Return what both runs of a folder hold, by the keys of the runner's cases."""
-    head = {record["key"]: record for record in read_run(path).records}
-    marked = [
-        {**record, "triangulator": MARK + record["triangulator"]}
-        for record in read_run(path / FOLDER).records
-    ]
-    return head | {case_of(record).key: {**record, "key": case_of(record).key} for record in marked}
 
 
 def case_of(record: Record) -> Case:

@@ -23,7 +23,8 @@ import shapely
 from shapely import Polygon
 
 from harness.measuring.worker import TaskFailed
-from harness.triangulating.frames import FrameTriangulation, check, parameters_of, warm_up_polygons
+from harness.triangulating.frames import FrameTriangulation, check, small_polygons
+from harness.triangulating.names import Recipe
 
 SCRIPT = Path(__file__).with_name("elsewhere_script.py")
 
@@ -49,30 +50,25 @@ class Place:
 
 
 def triangulate_elsewhere(
-    name: str,
-    polygons: Sequence[Polygon],
-    seed: int,
-    calibration: Mapping[str, float] | None,
-    place: Place,
+    recipe: Recipe, polygons: Sequence[Polygon], place: Place
 ) -> FrameTriangulation:
-    """Run the triangulator `name` of `place` over polygons in px.
+    """Run the triangulator of `place` over polygons in px.
 
     Raises
     ------
     TaskFailed
         if it cannot be found or run there, or if what would run is the code of here
     """
-    triangulator, parameters = parameters_of(name, seed, calibration)
     answer = _ask(
         place,
         {
-            "triangulator": triangulator,
-            "parameters": parameters,
+            "triangulator": recipe.base,
+            "parameters": recipe.parameters,
             "polygons": shapely.to_wkb(list(polygons)).tolist(),
-            "warm_up": shapely.to_wkb(list(warm_up_polygons())).tolist(),
+            "warm_up": shapely.to_wkb(list(small_polygons())).tolist(),
         },
     )
-    _refuse_own_code(place, triangulator, answer["file"])
+    _refuse_own_code(place, recipe.base, answer["file"])
     result = FrameTriangulation(seconds=float(answer["seconds"]))
     for number, (polygon, (kind, value)) in enumerate(
         zip(polygons, answer["results"], strict=True)
@@ -103,9 +99,7 @@ def _ask(place: Place, question: Mapping[str, Any]) -> dict[str, Any]:
         asked.write_bytes(pickle.dumps(question))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(place.path)}
         command = [place.python, "-P", str(SCRIPT), str(asked), str(answered)]
-        done = subprocess.run(
-            command, cwd=place.cwd, env=environment, stdout=2, check=False
-        )
+        done = subprocess.run(command, cwd=place.cwd, env=environment, stdout=2, check=False)
         if done.returncode or not answered.exists():
             raise TaskFailed(f"{place.name}: its code ended with exit code {done.returncode}")
         answer: dict[str, Any] = pickle.loads(answered.read_bytes())

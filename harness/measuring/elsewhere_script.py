@@ -59,7 +59,7 @@ def _function(name: str, parameters: dict[str, Any]) -> tuple[Callable[[Any], An
     file = _file_of("triangulators" if own or not colon else module)
     terms = parameters.pop("calibration", None)
     if terms is not None:
-        parameters["criterion"] = triangulators.criteria.calibrated(terms)
+        parameters["criterion"] = triangulators.criteria.calibrated(dict(terms))
     return lambda polygon: triangulators.triangulate(polygon, name, **parameters), file
 
 

@@ -31,7 +31,7 @@ Matrix = dict[str, Any]
 
 
 def from_study(folder: Path) -> list[Matrix]:
-    """Return one matrix a statistic of the study in `folder`, [] where there is none.
+    """Return one matrix per statistic of the study in `folder`, [] where there is none.
 
     Raises
     ------

@@ -61,7 +61,7 @@ def measures_of(table: pd.DataFrame) -> list[str]:
 
 
 def tabulate(records: Sequence[Record]) -> pd.DataFrame:
-    """Return one row a polygon, triangulation, rasteriser, device and view, measures as columns.
+    """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
     Triangulators that give a polygon the same triangulation, as their criteria show, stand for
     one row: a triangulation must not count twice for having two names. Those with T-junctions
@@ -117,7 +117,7 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def without_twins(records: Sequence[Record]) -> list[Record]:
-    """Return the records of one polygon and view, the first of those that are the same cut."""
+    """Return the records of one polygon and view, the first of each triangulation."""
     seen: dict[tuple[float, ...], Record] = {}
     for record in records:
         seen.setdefault(tuple(round(record["predicted"][name], 6) for name in SAME), record)

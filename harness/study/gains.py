@@ -1,4 +1,4 @@
-"""What a triangulator buys: its time over another's, as the view and the shading change."""
+"""What a triangulator gains: its time in ratio to another's, for each view and shading."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""What ratios are given over: what programs use today, and the best that the harness knows."""
+"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
 
 AXES = {
     "resolution": "viewport (px)",
     "rotation": "rotation of the view (degrees)",
-    "work": "work a fragment (iterations)",
-    "samples": "samples a pixel",
+    "work": "work per fragment (iterations)",
+    "samples": "samples per pixel",
 }
-"""What varies in a study of gains, each with its axis label."""
+"""What can vary in a study of gains, with the axis label."""
 
 KEYS = (*AXES, "fit", "order")
-"""What rows that belong together share, besides the scene and the device."""
+"""What rows of one view share, besides the scene and the device."""
 
 
 def tabulate(runs: Sequence[Sequence[Record]], bases: Sequence[str] = BASES) -> pd.DataFrame:
-    """Return one row a case and base: the paired ratio of times and of helper lanes.
+    """Return one row per case and base: the paired ratio of times and of helper lanes.
 
-    runs : records of each run; a view that several runs have is the first one's, since times of
-        different runs are no pairs
+    runs : records of each run; if several runs have a view, the first run's is used, because times
+        of different runs are not paired
 
-    Cases that left polygons out have no ratio: their times are of less work.
+    Cases that left polygons out have no ratio, because they drew less.
     """
     rows = []
     seen: set[tuple[object, ...]] = set()
@@ -81,7 +81,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
 
 
 def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return how `name` did against all others, one row a scene, device, view and shading.
+    """Return how `name` compares with all others, one row per scene, device, view and shading.
 
     rivals : triangulators timed beside it on the same polygons; faster : those that the 95 %
     interval shows to be faster than it, and by how much
@@ -100,7 +100,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the time ratios over whatever varies, one figure a scene, device and base."""
+    """Draw the time ratios over whatever varies, one figure per scene, device and base."""
     import matplotlib
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
 
     figure = Figure(figsize=(4.6, 3.6))
     axes = figure.subplots()
-    # Only what varies on this axis: all else as it was where this varies most.
+    # Only this axis varies; all else is fixed where this axis has most values.
     others = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
     shown = looks(list(fixed["triangulator"]))
@@ -151,7 +151,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
         axes.set_xscale("log", base=2)
         axes.xaxis.set_major_formatter("{x:g}")
     axes.set_xlabel(AXES[axis])
-    axes.set_ylabel(f"time over {base}'s")
+    axes.set_ylabel(f"time in ratio to {base}")
     axes.set_title(title, fontsize=8)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

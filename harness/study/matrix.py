@@ -33,7 +33,7 @@ def select(correlations: pd.DataFrame, statistic: str) -> dict[tuple[str, str], 
 
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
-    """Print Spearman's rank correlation within polygons, one table a device."""
+    """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         measures = list(dict.fromkeys(part["measure"]))
         table = Table(
@@ -74,7 +74,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
 
 
 def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw how the criteria's rank correlations depend on the resolution, a figure a device.
+    """Draw how the criteria's rank correlations depend on the resolution, one figure per device.
 
     sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
     """

@@ -184,7 +184,7 @@ def test_heights_come_from_an_attribute(tmp_path, houses):
     table = pd.read_csv(tmp_path / "houses.ply.attributes.csv")
     assert list(table["feature"]) == [0, 1, 2]
     assert list(table["name"])[:2] == ["a", "b ü"]
-    with pytest.raises(UsageError, match="did you mean height"):
+    with pytest.raises(UsageError, match="did you mean 'height'"):
         export_file(houses, tmp_path / "x.ply", extrude="hieght")
 
 

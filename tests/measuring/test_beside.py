@@ -20,13 +20,14 @@ from harness.measuring import run as running
 from harness.measuring.beside import MARK, Beside, version
 from harness.measuring.elsewhere import triangulate_elsewhere
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Target
+from harness.measuring.processes import Backend
 from harness.measuring.timing import Settings
 from harness.measuring.worker import Inline, TaskFailed
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored import drawings
 from harness.stored.folder import read_run
+from harness.triangulating.names import Recipe
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.harness.test_environment import git
@@ -38,9 +39,10 @@ MODULE = (
 )
 GOOD, WORSE = MODULE.format("delaunay"), MODULE.format("ear-clipping")
 BROKEN = "def cut(polygon): raise RuntimeError('half done')\n"
+THEIRS, NEWER = Recipe("theirs:cut"), Recipe("newer:cut")
 PLAN = Plan(
     scene="city:buildings=6",
-    triangulators=("fan", "theirs:cut"),
+    triangulators=(Recipe("fan"), THEIRS),
     rasterisers=("tests.mock:MockRasteriser",),
     timing=Settings(precision=0.1, budget_s=0.001, warm_up_s=0.0, min_batch_s=1e-5),
 )
@@ -69,7 +71,7 @@ def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = Fal
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
     registry._load.cache_clear()
-    with version(reference, plan.triangulators) as place:
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         running.run(
             plan,
             Path(out),
@@ -92,7 +94,7 @@ def measured(tmp_path_factory) -> Iterator[Path]:
         git(folder, "checkout", "-q", "-b", "change")
         git(folder, "commit", "-q", "-a", "-m", "second")
         (folder / "newer.py").write_text(GOOD)
-        measure(replace(PLAN, triangulators=(*PLAN.triangulators, "newer:cut")), "out")
+        measure(replace(PLAN, triangulators=(*PLAN.triangulators, NEWER)), "out")
         yield folder
 
 
@@ -147,7 +149,7 @@ def test_each_run_tells_its_commit_and_nothing_is_left_behind(measured):
 
 def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
     with project(tmp_path / "project") as folder:
-        plan = replace(PLAN, triangulators=("theirs:cut",))
+        plan = replace(PLAN, triangulators=(THEIRS,))
         (folder / "theirs.py").write_text(BROKEN)
         measure(plan, "out")
         base, head = runs("out")
@@ -172,8 +174,8 @@ def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkey
     rows = frame.join([np.array([[0, 1, 2]], np.int32)] * len(POLYGONS))
     candidates = {"a": (frame, rows), MARK + "a": (frame, rows.copy())}
     candidates |= {"b": (frame, rows), MARK + "b": (frame, rows[::-1])}
-    target = Target("tests.mock:MockRasteriser", MockRasteriser.devices()[0])
-    found, failures = bench.time(target, candidates, Options(), PLAN.timing, 0)
+    backend = Backend("tests.mock:MockRasteriser", MockRasteriser.devices()[0])
+    found, failures = bench.time(backend, candidates, Options(), PLAN.timing, 0)
     bench.close()
     assert not failures
     assert set(found) == set(candidates)
@@ -195,7 +197,7 @@ def test_the_other_version_may_be_a_folder_or_an_environment(tmp_path, monkeypat
     parts = []
     for reference in (str(other), str(environment)):
         with version(reference, ["theirs:cut"]) as place:
-            result = triangulate_elsewhere("theirs:cut", POLYGONS, 0, None, place)
+            result = triangulate_elsewhere(THEIRS, POLYGONS, place)
         assert not result.failed
         assert result.conforming
         parts.append(np.concatenate(result.parts))
@@ -207,7 +209,7 @@ def test_an_editable_install_that_hides_base_is_said(measured):
     with version("main", ["theirs:cut"]) as place:
         hidden = replace(place, path=(str(measured), *place.path))
         with pytest.raises(TaskFailed, match="is HEAD's; an editable install"):
-            triangulate_elsewhere("theirs:cut", POLYGONS, 0, None, hidden)
+            triangulate_elsewhere(THEIRS, POLYGONS, hidden)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ REASONS = {
     "returns_coordinates": "expected (m, 3)",
     "returns_overlapping": "polygon 0",
     "returns_too_little": "polygon 0",
-    "missing": "missing",
 }
 
 

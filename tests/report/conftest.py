@@ -26,6 +26,7 @@ from harness.report import write_report
 from harness.stored import drawings
 from harness.stored.folder import Store, read_run
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse, parse_all
 from scenes import load
 from tests.chromium import Chromium
 
@@ -47,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "city"
     plan = Plan(
         scene="city:buildings=60",
-        triangulators=NAMES,
+        triangulators=parse_all(NAMES),
         rasterisers=("reference",),
         views=VIEWS,
         timing=Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
@@ -100,7 +101,7 @@ def _drawn(store: Store) -> dict[str, dict[str, NDArray[Any]]]:
     frame = make_frame(load("city:buildings=600", seed=0).polygons, View(256))
     triangles, columns = {}, {}
     for name in NAMES:
-        parts = triangulate_polygons(name, frame.polygons, 0).parts
+        parts = triangulate_polygons(parse(name), frame.polygons).parts
         triangles[name] = frame.join(parts)
         counted = predict(frame.points, triangles[name])
         predicted = predict_frame(frame, parts).columns

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.plots import COLOURS, ONE_COLUMN, TWO_COLUMNS, plot_run
+from harness.looks import COLOURS, ONE_COLUMN, TWO_COLUMNS
+from harness.plots import plot_run
 from harness.stored.folder import read_run
 
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
 LABELS = {
     "predicted-vs-measured": [
-        "predicted the paper&#x27;s A, ratio to",
+        "predicted the paper&#x27;s overdraw A,",
         "counted helper lanes, ratio",
     ],
-    "ranking": ["draw time [ms], 95 % interval", "optimal:half-perimeter"],
+    "ranking": ["draw time, ratio to", "optimal:half-perimeter"],
 }
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 from triangulators import names
 
@@ -22,7 +23,7 @@ SCENES = (
 @pytest.mark.parametrize("scene", SCENES)
 def test_scene_by_triangulator(scene, name):
     frame = make_frame(load(scene).polygons, View(resolution=512))
-    result = triangulate_polygons(name, frame.polygons, seed=0)
+    result = triangulate_polygons(parse(name), frame.polygons)
     assert result.failed == []
     done = [part for part in result.parts if part is not None]
     # what is not there has a stated reason

@@ -52,7 +52,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
     assert "A and D agree, so that the front is one point" in out
     assert "gamma changes nothing" in out
-    assert "left out where a polygon cannot be cut so: fan" in out
+    assert "cannot do every polygon, and left some out: fan" in out
     sweep = table[table["kind"] == "sweep"]
     assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
     assert sweep["same_as_end"].all()
@@ -90,7 +90,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
     # Neither can cut polygons with holes, so their sums are of less.
     assert not set(whole["triangulator"]) & {"fan", "max-area"}
-    assert "left out where a polygon cannot be cut so: fan, max-area" in out
+    assert "cannot do every polygon, and left some out: fan, max-area" in out
 
 
 def test_rows_hold_the_records_figures_and_paired_times(study):
@@ -251,10 +251,10 @@ def test_the_answer_says_which_part_is_faster():
     ]
     answer, noise = pareto_answer.sentences(pd.DataFrame(rows))
     assert answer == (
-        "r on d, 1 polygon: of 4 points of the fronts beside the least-A end 2 are measurably "
-        "faster (with 4.0 to 10.0 % more A), 1 slower, 1 shows no difference; off the front, yet "
-        "faster than that end: optimal:half-perimeter."
+        "r on d, 1 polygon: of 4 points of the fronts, 2 are measurably faster than the least-A "
+        "end (with 4.0 to 10.0 % more A), 1 slower, 1 shows no difference; off the front, but "
+        "faster than the least-A end: optimal:half-perimeter."
     )
     assert noise == (
-        "r on d, noise: that end, drawn under 1 other name as well, took up to 2.0 % more or less."
+        "r on d, noise: the same triangulation under 1 other name took up to 2.0 % more or less."
     )

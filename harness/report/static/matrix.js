@@ -1,4 +1,4 @@
-/* The matrix of criteria and measurements, shaded by how well the one predicts the other. */
+/* The matrix of criteria and measurements, shaded by how well each criterion predicts each measurement. */
 
 function shadeOf(matrix, value) {
   if (value === null || !/^(spearman|kendall)/.test(matrix.statistic)) return null;
