@@ -143,7 +143,7 @@ BUILTIN = {
         ),
         Entry(
             "optimal",
-            "the minimum of a criterion: exact up to 2,000 vertices without holes, else by search",
+            "the minimum of a criterion: exact up to 2,000 vertices, beyond them by search",
             "triangulators.optimal:triangulate",
             criteria=True,
         ),

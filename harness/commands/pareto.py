@@ -16,10 +16,7 @@ from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import Settings
 from harness.progress import Reporter
-from harness.report import write_report
 from harness.stored.folder import read_run
-from harness.study import pareto as study
-from harness.study import pareto_answer, pareto_plot
 from harness.triangulating.names import parse_all
 from scenes import Scene
 
@@ -54,6 +51,11 @@ def pareto(
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.report import write_report
+    from harness.study import pareto as study
+    from harness.study import pareto_answer, pareto_plot
+
     view = View(resolution)
     plan = Plan(
         scene=scene,

@@ -90,8 +90,16 @@ class Bench:
         """
         if recipe.base not in self._compiled:
             timeout_s = max(COMPILE_S, self._timeout_s) if recipe.builtin else self._timeout_s
-            with self.clocked("compile"):
-                self._triangulating(recipe, warm_up, recipe, timeout_s=timeout_s, tick=tick)
+            try:
+                with self.clocked("compile"):
+                    self._triangulating(recipe, warm_up, recipe, timeout_s=timeout_s, tick=tick)
+            except TaskTimedOut as error:
+                if not recipe.builtin:
+                    raise
+                raise TaskTimedOut(
+                    f"compiling it took more than {timeout_s:g} s; close other programs, "
+                    "and --resume"
+                ) from error
             self._compiled.add(recipe.base)
 
     def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:

@@ -16,6 +16,7 @@ from harness.measuring.run import Part
 from harness.stored.folder import read_run
 from harness.study import pareto_answer
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
+from harness.triangulating.names import parse_all
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import measure, plan_for
@@ -132,7 +133,8 @@ def test_a_long_front_is_measured_at_even_steps():
     assert len(front.chosen) == MOST_POINTS
     assert np.ptp(np.diff(front.chosen)) <= 1
     part = next(part for part in parts if part.label == label)
-    assert part.triangulators == (*(f"pareto#{k}" for k in front.chosen), *named())
+    wanted = [*(f"pareto#{k}" for k in front.chosen), *named()]
+    assert [str(recipe) for recipe in part.triangulators] == wanted
     assert parts[-1].label == "city"
 
 
@@ -205,7 +207,7 @@ def test_points_of_the_front_are_cases_by_number(block, tmp_path):
 
 def test_parts_have_triangulators_of_their_own(block, tmp_path):
     def split(label, scene):
-        return [Part(f"{label}#0", scene, ("delaunay",)), Part(label, scene)]
+        return [Part(f"{label}#0", scene, parse_all(["delaunay"])), Part(label, scene)]
 
     plan: Plan = plan_for(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)
