@@ -1,8 +1,13 @@
 """Triangulators: polygon -> triangles over the polygon's own vertices; none is ever added.
 
-    from triangulators import triangulate, vertices
-    triangles = triangulate(polygon, "optimal:half-perimeter")   # (m, 3) int32
-    corners = vertices(polygon)[triangles]                       # (m, 3, 2) float64
+    >>> import shapely
+    >>> from triangulators import triangulate, vertices
+    >>> polygon = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
+    >>> triangles = triangulate(polygon, "optimal:half-perimeter")
+    >>> triangles.shape, triangles.dtype
+    ((4, 3), dtype('int32'))
+    >>> vertices(polygon)[triangles].shape
+    (4, 3, 2)
 
 What is guaranteed: orientations are decided exactly for all doubles (no overflow or underflow), so
 every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`
@@ -15,6 +20,8 @@ rounding error of an edge counts as on it when they are verified or repaired.
 
 from triangulators import criteria
 from triangulators.batch import Ragged, Triangulations, triangulate_many
+from triangulators.certificate import Certificate
+from triangulators.certify import certify
 from triangulators.compiled import drop_stale, warm_up
 from triangulators.errors import (
     InvalidPolygon,
@@ -29,6 +36,7 @@ from triangulators.registry import find, full_name, names, parse, triangulate
 drop_stale()  # compiled code is loaded at the first call
 
 __all__ = [
+    "Certificate",
     "InvalidPolygon",
     "Ragged",
     "Skipped",
@@ -36,6 +44,7 @@ __all__ = [
     "Triangulations",
     "Unavailable",
     "UnknownName",
+    "certify",
     "criteria",
     "find",
     "full_name",

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.errors import UsageError, suggestion
+from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
@@ -100,7 +100,7 @@ class _Part:
 def export_file(
     source: str | Path,
     out: str | Path,
-    triangulator: str = "optimal:half-perimeter",
+    triangulator: str | None = None,
     criterion: str | None = None,
     *,
     extrude: str | float | None = None,
@@ -115,6 +115,8 @@ def export_file(
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
 
+    `triangulator` is `name` or `name:criterion`, `optimal:half-perimeter` if neither it nor
+    `criterion` is given; `criterion` alone means the optimum of that criterion.
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `cache` is the model database to use,
@@ -167,7 +169,14 @@ def _format(target: Path) -> Callable[[Output, About], Writer]:
     return make
 
 
-def _full_name(triangulator: str, criterion: str | None) -> str:
+def _full_name(triangulator: str | None, criterion: str | None) -> str:
+    if triangulator is None:
+        triangulator = "optimal" if criterion else "optimal:half-perimeter"
+    if criterion and ":" in triangulator:
+        raise UsageError(
+            f"triangulator {triangulator!r} has its criterion in its name; "
+            f"leave out criterion {criterion!r}"
+        )
     try:
         return full_name(f"{triangulator}:{criterion}" if criterion else triangulator)
     except (UnknownName, TriangulationError) as error:
@@ -275,7 +284,7 @@ def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np
             return meshes.heights(attributes, float(extrude))
         except ValueError:
             known = [str(column) for column in attributes]
-        hint = suggestion(extrude, known)
+        hint = did_you_mean(extrude, known)
         raise UsageError(f"the source has no attribute {extrude!r} to extrude by; {hint}")
     if not isinstance(extrude, str) and not (np.isfinite(extrude) and extrude >= 0):
         raise UsageError(f"extrude={extrude} is not a height: give 0 or more")

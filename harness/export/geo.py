@@ -22,7 +22,7 @@ _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
 
 
 class GeoJsonWriter:
-    """One feature a line; other reference systems than longitude and latitude are named in `crs`.
+    """One feature per line; other reference systems than longitude and latitude are named in `crs`.
 
     That member is GeoJSON of 2008, which GDAL and QGIS read; RFC 7946 knows degrees only.
     """

@@ -101,9 +101,9 @@ def _probe() -> tuple[Frame, Triangles]:
         height=8,
         scale=1.0,
         view=View(8),
-        polygons=(),
         source=np.zeros(1, np.int64),
         points=np.array([[800, 800], [1000, 800], [800, 1000]], np.int32),
         offsets=np.array([0, 3]),
+        ring_ends=np.array([3]),
     )
     return frame, np.array([[0, 1, 2]], np.int32)

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.figures.ratios import FASTER
-from harness.plots import STYLE, save
+from harness.looks import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
 
 if TYPE_CHECKING:
@@ -31,10 +31,10 @@ MARKS = {"front": "o", "sweep": "o", "named": "D"}
 LINE = "#777777"
 
 SIDE = 0.6
-"""Marks right of this share of the panel have their texts to the left."""
+"""Marks to the right of this share of the panel have their labels on the left."""
 
 TEXT = 0.045
-"""Height of a line of text, as a share of the panel's."""
+"""Height of a line of text, as a share of the panel's height."""
 
 
 def plot(table: pd.DataFrame, fronts: Mapping[str, Front], scene: str, folder: Path) -> list[Path]:
@@ -91,7 +91,7 @@ def _norm(rows: pd.DataFrame) -> Normalize | None:
     other = rows.loc[~rows["same_as_end"], "time_ratio"].dropna()
     if rows["time_ratio"].notna().sum() == 0:
         return None
-    # Nine tenths of the ratios set the scale: one fan must not bleach all the others.
+    # Nine tenths of the ratios set the scale: one slow fan must not make all others look alike.
     limit = float(np.quantile(np.abs(np.log(other)), 0.9)) if len(other) else 0.0
     return Normalize(-max(limit, 0.01), max(limit, 0.01))
 
@@ -224,7 +224,7 @@ def _marks(
 
 
 def _name(panel: Axes, part: pd.DataFrame) -> None:
-    """Write each named triangulator beside its mark, texts apart."""
+    """Write each named triangulator beside its mark; labels do not overlap."""
     rows = part[part["kind"] == "named"]
     left, right = panel.get_xlim()
     low, high = panel.get_ylim()
@@ -267,4 +267,4 @@ def _colour_bar(figure: Figure, panels: list[Axes], norm: Normalize) -> None:
     )
     ticks = np.linspace(float(norm.vmin or 0), float(norm.vmax or 0), 5)
     bar.set_ticks(ticks.tolist(), labels=[f"{ratio:.2f}" for ratio in np.exp(ticks)])
-    bar.set_label("time over the least-A end's (ringed: faster)")
+    bar.set_label("time in ratio to the least-A end (ringed: faster)")

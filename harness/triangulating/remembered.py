@@ -13,7 +13,7 @@ from shapely import Polygon
 from harness.environment import cpu_name
 from harness.errors import UsageError
 from harness.triangulating import database
-from triangulators.polygon import ragged
+from triangulators.polygon import rings_of
 
 KEEP_S = 0.5e-3
 """Seconds of computing from which a triangulation is kept.
@@ -65,7 +65,7 @@ class Kept:
             return [None] * len(polygons)
         self._keys = []
         for polygon in polygons:
-            points, ends = ragged(polygon)
+            points, ends = rings_of(polygon)
             self._keys.append(database.key(self._name, self._parameters, points, ends.tolist()))
         found = self._cache.get_timed(self._keys)
         return [found.get(key) for key in self._keys]

@@ -6,7 +6,6 @@ Long, and worth nothing on a busy machine: `make bench`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from harness.measuring.timing import Settings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 
 COMPARISONS_SAME = 200
@@ -40,8 +40,8 @@ def llvmpipe() -> Iterator[tuple[Device, Worker]]:
 @pytest.fixture(scope="module")
 def city() -> tuple[Frame, NDArray[np.int32]]:
     frame = make_frame(load("city:buildings=100").polygons, View(512))
-    result = triangulate_polygons("delaunay", frame.polygons, seed=0)
-    return replace(frame, polygons=()), frame.join(result.parts)
+    result = triangulate_polygons(parse("delaunay"), frame.polygons)
+    return frame, frame.join(result.parts)
 
 
 def compare(

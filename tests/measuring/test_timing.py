@@ -69,6 +69,30 @@ def test_noise_costs_rounds_until_the_interval_is_narrow():
     assert (high - low) / 2 <= 0.01 * entry.median_s
 
 
+class Alternating:
+    """Draws of 1 ms, now longer and now shorter by `share` of it."""
+
+    def __init__(self, share: float, clock: Clock) -> None:
+        self._share = share
+        self._clock = clock
+        self._calls = 0
+
+    def sample(self, repeats: int) -> Sample:
+        self._calls += 1
+        cost = 1e-3 * (1 + self._share * (-1) ** self._calls)
+        return Sample(wall=self._clock.spend(repeats * cost))
+
+
+@pytest.mark.parametrize(("share", "reached"), [(0.008, True), (0.012, False)])
+def test_precision_is_half_the_width_of_the_interval(share, reached):
+    clock = Clock()
+    settings = Settings(precision=0.01, budget_s=0.1, warm_up_s=0.0)
+    entry = time_together({"a": Alternating(share, clock)}, settings, WALL, clock=clock)["a"]
+    low, high = entry.ci95_s
+    assert (high - low) / 2 == pytest.approx(share * 1e-3)
+    assert entry.precision_reached is reached
+
+
 def test_budget_ends_what_never_gets_precise():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, noise=0.5)
     times = time_together(drawings, Settings(budget_s=0.5), WALL, clock=clock)

@@ -45,13 +45,18 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
         points = rng.integers(0, size, (n, 2))
         if len(np.unique(points, axis=0)) < n:
             continue
-        order = list(range(n))
-        for _ in range(60):
-            if not _uncross(points, order):
-                break
-        polygon = shapely.Polygon(points[order])
+        polygon = uncrossed(points)
         if polygon.is_valid and polygon.area > 0:
             return polygon
+
+
+def uncrossed(points: np.ndarray) -> shapely.Polygon:
+    """A polygon through all points (n, 2); usually, not always, one that does not cross itself."""
+    order = list(range(len(points)))
+    for _ in range(60):
+        if not _uncross(points, order):
+            break
+    return shapely.Polygon(points[order])
 
 
 def _uncross(points: np.ndarray, order: list[int]) -> bool:
@@ -225,3 +230,16 @@ def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Pol
         polygon = shapely.Polygon(outer.exterior, [inner + shift])
         if polygon.is_valid and shapely.Polygon(inner + shift).within(outer):
             return polygon
+
+
+def with_holes(rng: np.random.Generator, exterior: int, holes: int) -> shapely.Polygon:
+    """A random simple polygon on a small grid with some triangles and quadrilaterals cut out."""
+    while True:
+        polygon = random_simple(rng, exterior, 14)
+        for _ in range(60):
+            ring = random_simple(rng, int(rng.integers(3, 5)), 4)
+            corners = shapely.get_coordinates(ring)[:-1] + rng.integers(0, 12, 2)
+            cut = shapely.Polygon(polygon.exterior, [*polygon.interiors, corners])
+            polygon = cut if cut.is_valid else polygon
+            if len(polygon.interiors) == holes:
+                return polygon

@@ -1,0 +1,350 @@
+"""Check a certificate of optimality: exact arithmetic, and nothing of the search that found it.
+
+What is checked, from the polygon's boundary and the criterion alone:
+
+1. The polygon's edges and empty triangles are enumerated here, from exact orientations: a pair of
+   sites is an edge if the segment starts into the interior at both ends and meets no boundary edge;
+   a triangle is three edges that run round no hole. Their weights are integers (see `Evidence`).
+2. Each excluded edge, in the evidence's order: every pair of triangles of edges not yet excluded,
+   one on each of its sides, makes a convex quadrilateral whose other diagonal weighs less. So no
+   triangulation of least weight contains the edge (flipping would make it lighter).
+3. With y the potential of an edge (its negative, run the other way), y(ab) + y(bc) + y(ca) + lift
+   is at most the weight of abc, for every triangle of edges that are not excluded. Summed over a
+   triangulation the potentials of diagonals cancel: what is left is the sum over the boundary plus
+   lift times the number of triangles. That is the lower bound. Where the evidence branches, once
+   with an edge and once without it, the lower of the two bounds holds.
+
+Shared with the rest of the package are the definitions: a polygon's boundary, the sign of an
+orientation and the criteria's features.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from triangulators.certificate import Branch, Evidence, Leaf, Refused
+from triangulators.checker_visibility import visible
+from triangulators.cost import Cost, triangle_cost
+from triangulators.polygon import Boundary
+from triangulators.predicates import turn
+
+
+def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
+    """Return the bound, in weights, that the evidence proves; raises `Refused` if it does not."""
+    problem = _problem_of(outline, cost, evidence)
+    excluded = np.zeros(len(problem.edges), dtype=np.bool_)
+    order = problem.find(evidence.edges[evidence.excluded])
+    order = order[order >= 0]  # what is no edge needs no excluding
+    if len(np.unique(order)) != len(order):
+        raise Refused("an edge is excluded twice")
+    wrong = _replay(
+        problem.points,
+        problem.edges,
+        problem.ways,
+        problem.triangles,
+        *problem.lists,
+        problem.weights,
+        order,
+        excluded,
+        *_terms(cost, evidence),
+    )
+    if wrong >= 0:
+        a, b = problem.edges[wrong].tolist()
+        raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
+    return _bound(problem, evidence, evidence.root, excluded, outline.expected_triangles)
+
+
+class _Problem(NamedTuple):
+    """Edges (e, 2) a < b and empty triangles of a polygon.
+
+    ways (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. sides (t, 3): the edge from corner k
+    to k + 1; lists: (start, items), triangles by edge and side. keys (e,): ascending.
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    keys: np.ndarray
+    ways: np.ndarray
+    triangles: np.ndarray
+    sides: np.ndarray
+    lists: tuple[np.ndarray, np.ndarray]
+    weights: np.ndarray
+
+    def find(self, pairs: np.ndarray) -> np.ndarray:
+        """Return the number of each pair (k, 2) among the edges, -1 where it is none."""
+        pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+        wanted = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
+        at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
+        return np.where(self.keys[at] == wanted, at, -1)
+
+
+def _terms(cost: Cost, evidence: Evidence) -> tuple[Any, ...]:
+    return (*cost[:4], evidence.scale, evidence.factor, evidence.bits)
+
+
+def _problem_of(outline: Boundary, cost: Cost, evidence: Evidence) -> _Problem:
+    points, n = outline.points, len(outline.points)
+    if not 0 <= evidence.bits <= 20 or evidence.scale <= 0.0:
+        raise Refused("the units cannot be used")
+    if evidence.factor <= 3 * (2**evidence.bits - 1) * outline.expected_triangles:
+        raise Refused("the noise of a triangulation may exceed a unit")
+    diagonals = visible(points, outline.edges, outline.site)
+    pairs = np.sort(np.concatenate((outline.edges, diagonals)).astype(np.int64), axis=1)
+    ways = np.zeros(len(pairs), dtype=np.int8)
+    ways[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
+    keys = pairs[:, 0] * n + pairs[:, 1]
+    order = np.argsort(keys)
+    edges, ways, keys = pairs[order].astype(np.int32), ways[order], keys[order]
+    rings = np.split(outline.site, outline.ends[:-1])
+    samples = np.full((len(rings) - 1, 4), -1, dtype=np.int32)
+    for row, ring in zip(samples, rings[1:], strict=True):
+        few = np.unique(ring)[:4]
+        row[: len(few)] = few
+    starts = np.searchsorted(keys, np.arange(n + 1, dtype=np.int64) * n)
+    triangles, sides = _triangles(points, edges, ways, starts, samples)
+    weights = _weights(points, triangles, *_terms(cost, evidence))
+    if len(weights) and np.abs(weights).max() >= 2**60:
+        raise Refused("a weight is too large for exact arithmetic")
+    return _Problem(
+        points, edges, keys, ways, triangles, sides, _lists(triangles, sides, len(edges)), weights
+    )
+
+
+def _bound(
+    problem: _Problem, evidence: Evidence, node: Leaf | Branch, out: np.ndarray, count: int
+) -> int:
+    if isinstance(node, Branch):
+        edge = int(problem.find(np.array([node.edge]))[0])
+        if edge < 0 or problem.ways[edge] != 0:
+            raise Refused(f"the evidence branches on {node.edge}, which is no diagonal")
+        without, crossing = out.copy(), out.copy()
+        without[edge] = True
+        crossing |= _crossed(problem.points, problem.edges, *problem.edges[edge].tolist())
+        return min(
+            _bound(problem, evidence, node.without, without, count),
+            _bound(problem, evidence, node.within, crossing, count),
+        )
+    at = problem.find(evidence.edges)
+    potential = np.zeros(len(problem.edges), dtype=np.int64)
+    given = np.asarray(node.potentials, dtype=np.int64)
+    if len(given) != len(at):
+        raise Refused("potentials and edges differ in number")
+    if len(given) and max(int(given.max()), -int(given.min())) >= 2**60:
+        raise Refused("a potential is too large for exact arithmetic")
+    potential[at[at >= 0]] = given[at >= 0]
+    left = ~out[problem.sides].any(axis=1)
+    ahead = problem.triangles < np.roll(problem.triangles, -1, axis=1)
+    around = np.where(ahead, potential[problem.sides], -potential[problem.sides]).sum(axis=1)
+    slack = problem.weights[left] - around[left]
+    if len(slack) and int(slack.min()) < node.lift:
+        worst = problem.triangles[left][int(slack.argmin())].tolist()
+        raise Refused(f"the potentials exceed the weight of the triangle {worst}")
+    on = problem.ways != 0
+    return int(sum((potential[on] * problem.ways[on]).tolist())) + node.lift * count
+
+
+@njit(cache=True)
+def _mixed(a: int, b: int, bits: int) -> np.int64:
+    """The noise of an edge, as `Evidence` defines it."""
+    x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
+    x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    x ^= x >> np.uint64(31)
+    return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
+
+
+@njit(cache=True)
+def _weight(
+    points: np.ndarray,
+    i: int,
+    j: int,
+    k: int,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> np.int64:
+    while i > j or i > k:
+        i, j, k = j, k, i
+    cost = triangle_cost(
+        weights,
+        function,
+        custom,
+        points[i, 0],
+        points[i, 1],
+        points[j, 0],
+        points[j, 1],
+        points[k, 0],
+        points[k, 1],
+    )
+    cost = sign * cost if custom else cost
+    units = np.int64(np.floor(cost * scale))
+    return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
+
+
+@njit(cache=True)
+def _weights(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> np.ndarray:
+    result = np.empty(len(triangles), dtype=np.int64)
+    for t in range(len(triangles)):
+        result[t] = _weight(
+            points,
+            triangles[t, 0],
+            triangles[t, 1],
+            triangles[t, 2],
+            weights,
+            function,
+            custom,
+            sign,
+            scale,
+            factor,
+            bits,
+        )
+    return result
+
+
+@njit(cache=True)
+def _replay(
+    points: np.ndarray,
+    edges: np.ndarray,
+    ways: np.ndarray,
+    triangles: np.ndarray,
+    start: np.ndarray,
+    items: np.ndarray,
+    value: np.ndarray,
+    order: np.ndarray,
+    out: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> int:
+    """Mark excluded edges in `out`; return the first that must not be excluded, or -1."""
+    dead = np.zeros(len(triangles), dtype=np.bool_)
+    for e in order:
+        if ways[e] != 0:
+            return e
+        a, b = edges[e, 0], edges[e, 1]
+        for p in range(start[2 * e], start[2 * e + 1]):
+            if dead[items[p]]:
+                continue
+            c = triangles[items[p]].sum() - a - b
+            for q in range(start[2 * e + 1], start[2 * e + 2]):
+                if dead[items[q]]:
+                    continue
+                d = triangles[items[q]].sum() - a - b
+                if turn(points, c, d, b) <= 0.0 or turn(points, d, c, a) <= 0.0:
+                    return e
+                other = _weight(
+                    points, c, d, b, weights, function, custom, sign, scale, factor, bits
+                )
+                other += _weight(
+                    points, d, c, a, weights, function, custom, sign, scale, factor, bits
+                )
+                if other >= value[items[p]] + value[items[q]]:
+                    return e
+        out[e] = True
+        for p in range(start[2 * e], start[2 * e + 2]):
+            dead[items[p]] = True
+    return -1
+
+
+@njit(cache=True)
+def _crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
+    """Return which edges cross a-b."""
+    result = np.zeros(len(edges), dtype=np.bool_)
+    for e in range(len(edges)):
+        c, d = edges[e, 0], edges[e, 1]
+        if c != a and c != b and d != a and d != b:
+            result[e] = (turn(points, a, b, c) > 0.0) != (turn(points, a, b, d) > 0.0) and (
+                turn(points, c, d, a) > 0.0
+            ) != (turn(points, c, d, b) > 0.0)
+    return result
+
+
+@njit(cache=True)
+def _lists(triangles: np.ndarray, sides: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    start = np.zeros(2 * count + 2, dtype=np.int64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, k - 2])
+            start[place + 2] += 1
+    start = start.cumsum()
+    items = np.empty(3 * len(triangles), dtype=np.int32)
+    for t in range(len(triangles)):
+        for k in range(3):
+            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, k - 2])
+            items[start[place + 1]] = t
+            start[place + 1] += 1
+    return start[:-1].copy(), items
+
+
+@njit(cache=True)
+def _triangles(
+    points: np.ndarray, edges: np.ndarray, ways: np.ndarray, starts: np.ndarray, samples: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the empty triangles, counter-clockwise, and their sides, by merging sorted lists."""
+    size, found = max(16, 4 * len(edges)), 0
+    triangles = np.empty((size, 3), dtype=np.int32)
+    sides = np.empty((size, 3), dtype=np.int32)
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        p, q = e + 1, starts[b]
+        while p < starts[a + 1] and q < starts[b + 1]:
+            if edges[p, 1] < edges[q, 1]:
+                p += 1
+            elif edges[p, 1] > edges[q, 1]:
+                q += 1
+            else:
+                c = edges[p, 1]
+                left = turn(points, a, b, c) > 0.0
+                run = 1 if left else -1
+                wrong = ways[e] == -run or ways[q] == -run or ways[p] == run
+                if not wrong and not _around_hole(points, samples, a, b, c, run):
+                    if found == size:
+                        size *= 2
+                        triangles = np.concatenate((triangles, np.empty_like(triangles)))
+                        sides = np.concatenate((sides, np.empty_like(sides)))
+                    triangles[found, 0] = a
+                    triangles[found, 1], triangles[found, 2] = (b, c) if left else (c, b)
+                    sides[found, 0], sides[found, 2] = (e, p) if left else (p, e)
+                    sides[found, 1] = q
+                    found += 1
+                p += 1
+                q += 1
+    return triangles[:found], sides[:found]
+
+
+@njit(cache=True)
+def _around_hole(points: np.ndarray, samples: np.ndarray, a: int, b: int, c: int, run: int) -> bool:
+    """Whether a triangle of edges runs round a hole: all sites of one are inside or corners."""
+    for hole in range(len(samples)):
+        for v in samples[hole]:
+            if v < 0 or v == a or v == b or v == c:  # noqa: SIM109 - for Numba
+                continue
+            inside = (
+                run * turn(points, a, b, v) > 0.0
+                and run * turn(points, b, c, v) > 0.0
+                and run * turn(points, c, a, v) > 0.0
+            )
+            if inside:
+                return True
+            break
+    return False
