@@ -9,15 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from mapbox_earcut import triangulate_float64
 
 from triangulators.batch_kernels import do_holes, do_rings
 from triangulators.cost import Cost, plain_cost
 from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.optimal import LIMIT
+from triangulators.refined import refine_many, test_of
 from triangulators.registry import parse, triangulate
 from triangulators.small_holes import MOST_HOLES
 from triangulators.small_ring import SMALL
+
+_CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 
 
 class Ragged(NamedTuple):
@@ -83,10 +87,10 @@ def triangulate_many(
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
-    to 192 vertices with few holes or none, exactly and on all threads. What is left, and everything
-    under other names, goes one at a time through `triangulate`. Either way a polygon's
-    triangulation costs what that of `triangulate` does. check: test shapely polygons for validity
-    first. threads: by default one for each core this process may use. parameters: as for
+    to 192 vertices with few holes or none, exactly and on all threads; and `refined`. What is
+    left, and everything under other names, goes one at a time through `triangulate`. Either way a
+    polygon's triangulation costs what that of `triangulate` does. check: test shapely polygons for
+    validity first. threads: by default one for each core this process may use. parameters: as for
     `triangulate`. Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
@@ -96,12 +100,15 @@ def triangulate_many(
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    cost = _box_cost(choice.entry.name, choice.criterion, parameters)
+    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
     if cost is not None:
         sound = np.ones(len(work.done), dtype=np.bool_)
         if check and not isinstance(polygons, Ragged):
             sound = shapely.is_valid(np.asarray(polygons, dtype=object))
-        _compiled(work, cost, sound, threads or _cores(), parameters.get("limit", LIMIT))
+        if choice.entry.name == "refined":
+            _refined(work, cost, sound, threads or _cores())
+        else:
+            _compiled(work, cost, sound, threads or _cores(), parameters.get("limit", LIMIT))
     if work.done.all():
         return Triangulations(work.triangles, work.starts)
     return _finish(arrays, polygons, name, parameters, work)
@@ -151,6 +158,35 @@ def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: i
         _wait(running)
 
 
+def _refined(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
+    """Clip ears in this thread, and improve what it gives in others; marks `work.done`."""
+    test = test_of(cost)
+    counts = np.diff(work.owners)
+    ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
+    begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
+    wanted = (sound & (np.diff(work.begins) >= 3)).tolist()
+    nothing = np.empty(0, dtype=np.uint32)
+    running = []
+    with ThreadPoolExecutor(threads) as pool:
+        for first in range(0, len(work.done), _CHUNK):
+            last = min(first + _CHUNK, len(work.done))
+            raw = [
+                triangulate_float64(
+                    coordinates[begins[i] : begins[i + 1]], ends[owners[i] : owners[i + 1]]
+                )
+                if wanted[i]
+                else nothing
+                for i in range(first, last)
+            ]
+            bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
+            joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
+            arrays = (coordinates, work.rings[1:], work.owners, joined, bounds)
+            how = (test, cost.weights, cost.function)
+            out = (work.starts, work.triangles, work.done)
+            running.append(pool.submit(refine_many, first, last, *arrays, *how, *out))
+        _wait(running)
+
+
 def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -175,15 +211,15 @@ def _wait(running: list[Future[None]]) -> None:
         task.result()
 
 
-def _box_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
+def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
     """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
     wanted = parameters.get("criterion", criterion)
-    if name not in ("optimal", "worst") or wanted is None or parameters.get("repair"):
+    if name not in ("optimal", "worst", "refined") or wanted is None or parameters.get("repair"):
         return None
     steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
     found = find_criterion(wanted, **steered)
-    cost = plain_cost(found, 1.0 if name == "optimal" else -1.0)
-    return cost if cost is not None and cost.is_box else None
+    cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
+    return cost if cost is not None and (cost.is_box or name == "refined") else None
 
 
 def polygon_at(arrays: Ragged, index: int) -> shapely.Polygon:

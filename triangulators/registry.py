@@ -143,6 +143,13 @@ BUILTIN = {
             criteria=True,
         ),
         Entry(
+            "refined",
+            "ear clipping, then flips by a criterion, half-perimeter by default",
+            "triangulators.refined:triangulate",
+            criteria=True,
+            default_criterion="half-perimeter",
+        ),
+        Entry(
             "optimal",
             "the minimum of a criterion: exact up to 2,000 vertices without holes, else by search",
             "triangulators.optimal:triangulate",
