@@ -1,10 +1,12 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city helsinki test check format bench study compare-demo docs docs-full lock clean
+.PHONY: help setup city helsinki test check format fuzz bench study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
     --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
+# A process a core; one that is done takes tests over from another.
+PARALLEL := -n logical --maxprocesses 8 --dist worksteal
 SOURCES := harness triangulators scenes scripts tests
 
 help:  ## list the targets
@@ -21,7 +23,12 @@ helsinki: setup  ## measure real footprints of Helsinki, (c) OpenStreetMap contr
 
 test:  ## run the test suite
 	@scripts/setup.sh test
-	$(PY) -m pytest
+	$(PY) -m pytest $(PARALLEL)
+
+FUZZ_SECONDS ?= 600
+
+fuzz: setup  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
+	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n logical --dist load --maxschedchunk 1
 
 check: setup  ## ruff and mypy
 	$(PY) -m ruff check $(SOURCES)

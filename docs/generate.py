@@ -72,8 +72,11 @@ def criteria() -> str:
     """Return a table of the criteria."""
     from triangulators import criteria
 
-    rows = [(f"`{name}`", each.description) for name, each in criteria.CRITERIA.items()]
-    return _table(("criterion", "what it sums over triangles"), rows)
+    rows = [
+        (f"`{name}`", each.symbol, each.unit, each.description)
+        for name, each in criteria.CRITERIA.items()
+    ]
+    return _table(("criterion", "symbol", "unit", "what it sums over triangles"), rows)
 
 
 def scenes() -> str:
@@ -100,19 +103,13 @@ def rasterisers() -> str:
 
 def metrics() -> str:
     """Return a table of the metrics."""
-    from harness.figures.registry import METRICS
+    from harness.figures.registry import figures
 
     rows = [
-        (
-            f"`{metric.name}`",
-            metric.unit,
-            metric.better,
-            "counted" if metric.exact else "timed",
-            metric.description,
-        )
-        for metric in METRICS.values()
+        (f"`{each.name}`", each.kind, each.unit, each.better, each.description)
+        for each in figures().values()
     ]
-    return _table(("metric", "unit", "better", "how", "what it is"), rows)
+    return _table(("figure", "kind", "unit", "better", "what it is"), rows)
 
 
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -1,6 +1,31 @@
-"""Entry point of `python -m harness`."""
+"""Entry point of `python -m harness` and of the script `raster-harness`.
 
-from harness.cli import main
+It imports next to nothing by itself: worker processes import it too, and Ctrl-C while the command
+line is being loaded, which takes a second or two, is to end like Ctrl-C at any other time.
+"""
+
+import os
+import signal
+
+INTERRUPTED = 130  # harness.errors has it too, but may not be loaded yet
+
+
+def main() -> None:
+    """Load the command line and run it."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:
+        # Not an exception: libraries that are being imported catch those.
+        signal.signal(signal.SIGINT, _stop)
+    from harness.cli import main as run
+
+    signal.signal(signal.SIGINT, before)
+    run()
+
+
+def _stop(*_: object) -> None:
+    os.write(2, b"\nstopped\n")
+    os._exit(INTERRUPTED)
+
 
 if __name__ == "__main__":
     main()

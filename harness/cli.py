@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import os
 import platform
+import signal
 import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -26,8 +34,21 @@ from harness.commands import (
     run,
     validate,
 )
-from harness.errors import BAD_INPUT, HarnessError
+from harness.errors import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    DEFECT,
+    INTERRUPTED,
+    HarnessError,
+    of_system,
+)
+from harness.progress import let_go_of_terminal
 from scenes import SceneError
+from triangulators import TriangulationError, UnknownName
+
+ClickException: Any = next(  # typer has its own copy of click, and names this part of it nowhere
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
+)
 
 app = typer.Typer(
     name="harness",
@@ -82,13 +103,127 @@ def _versions() -> str:
 
 
 def main() -> None:
-    """Run the command line; errors that a user can cause are one line and an exit code."""
-    try:
-        app()
-    except (HarnessError, SceneError) as error:
+    """Run the command line; every error is one line and an exit code, which is never 1.
+
+    1 means a regression, so nothing but `compare` and `repeat` may end with it, on purpose.
+    """
+    with _stopped_by(signal.SIGTERM, signal.SIGHUP), _closed_pipes_seen():
+        try:
+            code = app(standalone_mode=False)
+            sys.stdout.flush()
+        except BaseException as error:
+            code = _explain(error)
+    sys.exit(code)
+
+
+def _explain(error: BaseException) -> int | str | None:
+    """Say in one line what went wrong; returns the exit code."""
+    if isinstance(error, typer.Abort) and error.__cause__ is not None:
+        error = error.__cause__
+    match error:
+        case SystemExit() if any(name.endswith("_COMPLETE") for name in os.environ):
+            return error.code  # a shell's completion
+        case SystemExit() if getattr(error.__context__, "errno", None) == errno.EPIPE:
+            return BROKEN_PIPE
+        case SystemExit():
+            what = f"something that was called ended the program (exit code {error.code})"
+            return _say(f"error: {what}", BAD_INPUT)
+        case KeyboardInterrupt():
+            return _say("stopped", INTERRUPTED)
+        case _ReaderGone():
+            # What is left to write goes nowhere, or Python would complain as it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            return BROKEN_PIPE
+        case HarnessError():
+            return _say(f"error: {error}", error.exit_code)
+        case SceneError() | UnknownName() | TriangulationError():
+            return _say(f"error: {error}", BAD_INPUT)
+        case ClickException():
+            return _say(*_misused(error))
+        case OSError():
+            return _say(f"error: {of_system(error)}", BAD_INPUT)
+        case MemoryError():
+            return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
+        case _:
+            traceback.print_exception(error)
+            what = f"{type(error).__name__}: {error}".splitlines()[0]
+            return _say(f"error: a defect of the harness, please report it: {what}", DEFECT)
+
+
+def _misused(error: ClickException) -> tuple[str, int]:
+    """Return what is wrong with a command's options, and the exit code."""
+    message = " ".join(error.format_message().split())
+    context = getattr(error, "ctx", None)
+    where = context.command_path if context else "harness"
+    if not message or type(error).__name__ == "NoArgsIsHelpError":
+        return context.get_help() if context else "", BAD_INPUT
+    return f"error: {message.rstrip('.')}; see: {where} --help", BAD_INPUT
+
+
+def _say(line: str, code: int) -> int:
+    with contextlib.suppress(OSError, _ReaderGone):  # a terminal that was closed reads nothing
         Console(stderr=True, highlight=False).print(
-            f"error: {error}", style="red", markup=False, soft_wrap=True
+            line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
         )
-        sys.exit(error.exit_code if isinstance(error, HarnessError) else BAD_INPUT)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    return code
+
+
+class _ReaderGone(BaseException):
+    """Nobody reads what is written to standard output any more.
+
+    Neither OSError nor Exception, because libraries on the way take those for their own, and end
+    the process with 1.
+    """
+
+
+class _Output:
+    """Standard output, or standard error, with `_ReaderGone` for a broken pipe."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> Any:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            raise _ReaderGone from None
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            raise _ReaderGone from None
+
+
+@contextmanager
+def _closed_pipes_seen() -> Iterator[None]:
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _Output(sys.stdout), _Output(sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+@contextmanager
+def _stopped_by(*numbers: signal.Signals) -> Iterator[None]:
+    """Let these signals end the program as Ctrl-C does, unless it was started to ignore them."""
+
+    def stop(number: int, _: object) -> None:
+        if number == signal.SIGHUP:
+            let_go_of_terminal()
+        raise KeyboardInterrupt
+
+    before = {
+        number: signal.signal(number, stop)
+        for number in numbers
+        if signal.getsignal(number) == signal.SIG_DFL
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

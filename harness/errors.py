@@ -1,8 +1,9 @@
-"""Errors that a user can cause, each with the exit code the command line ends with."""
+"""Errors that a user can cause, and the exit codes the command line ends with."""
 
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 GOOD = 0
@@ -11,6 +12,12 @@ BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
+DEFECT = 70
+"""A defect of the harness itself, as sysexits.h has it: 1 means a regression, and nothing else."""
+INTERRUPTED = 130
+"""Ended by Ctrl-C, SIGTERM or SIGHUP, as shells have it."""
+BROKEN_PIPE = 141
+"""Whoever read the output stopped reading, as shells have it."""
 
 
 class HarnessError(Exception):
@@ -35,6 +42,27 @@ class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
     exit_code = NOTHING_MEASURED
 
 
+def of_system(error: OSError, advice: str = "") -> str:
+    """Return one line for what the system refused, with what to do.
+
+    advice : what to do where the disk is full
+    """
+    where = f"{error.filename}: " if error.filename else ""
+    reason = f"{where}{error.strerror or error or type(error).__name__}"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"{reason}; {advice or 'free some space, and try again'}"
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return f"{reason}; name a place that can be read and written, e.g. with --out"
+    return reason
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return a clause that names the nearest of the `known` names, or all where none is near."""
+    choices = sorted(known)
+    near = difflib.get_close_matches(name, choices, n=1, cutoff=0.4)
+    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(choices) or 'none'}"
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
     """Build the error for an unknown `name`, naming the nearest of the `known` ones.
 
@@ -42,7 +70,4 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
     ----------
     kind : what is named, e.g. "device"
     """
-    choices = sorted(known)
-    near = difflib.get_close_matches(name, choices, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(choices)}"
-    return UsageError(f"unknown {kind} '{name}'; {hint}")
+    return UsageError(f"unknown {kind} '{name}'; {did_you_mean(name, known)}")

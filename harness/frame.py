@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from triangulators import vertices
+from triangulators.polygon import rings_of
 
 SUBPIXEL = 256
 """Sub-pixel positions per pixel and axis."""
@@ -26,7 +27,7 @@ SUBPIXEL = 256
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
 
-Fit = Literal["box", "circle"]
+FitMode = Literal["box", "circle"]
 """How the scene is laid on the viewport."""
 
 MAX_RESOLUTION = 16384
@@ -44,7 +45,7 @@ class View:
 
     resolution: int = 1024
     rotation: float = 0.0
-    fit: Fit = "box"
+    fit: FitMode = "box"
 
     def __post_init__(self) -> None:
         if not 8 <= self.resolution <= MAX_RESOLUTION:
@@ -55,14 +56,15 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """Polygons in pixels, ready to be triangulated and drawn.
+    """Polygons in pixels, ready to be triangulated and drawn: arrays alone, cheap to send.
 
     width, height : pixels
     scale : pixels per scene unit
-    polygons : p polygons; coordinates are multiples of 1/256 px inside the viewport
     source : (p,) int64, for each polygon its number in the scene
     points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px
     offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
+    ring_ends : (r,) int64, where in `points` each ring ends; the first ring of a polygon is its
+        exterior, the others are its holes
     dropped, repaired : (polygon number in the scene, reason) of what snapping broke
     """
 
@@ -70,12 +72,30 @@ class Frame:
     height: int
     scale: float
     view: View
-    polygons: tuple[Polygon, ...]
     source: NDArray[np.int64]
     points: NDArray[np.int32]
     offsets: NDArray[np.int64]
+    ring_ends: NDArray[np.int64]
     dropped: tuple[tuple[int, str], ...] = ()
     repaired: tuple[tuple[int, str], ...] = ()
+
+    @cached_property
+    def polygons(self) -> tuple[Polygon, ...]:
+        """The p polygons in px; coordinates are multiples of 1/256 px inside the viewport."""
+        ends = self.ring_ends
+        starts = np.concatenate([[0], ends[:-1]])
+        # shapely repeats each ring's first vertex at its end
+        closed = np.insert(np.arange(len(self.points)), ends, starts)
+        rings = np.concatenate([[0], ends + np.arange(1, len(ends) + 1)])
+        owners = np.searchsorted(np.concatenate([[0], ends]), self.offsets)
+        made = shapely.from_ragged_array(
+            shapely.GeometryType.POLYGON, self.points[closed] / SUBPIXEL, (rings, owners)
+        )
+        return tuple(made)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what follows from the rest, and is slow to send to another process."""
+        return {name: value for name, value in vars(self).items() if name != "polygons"}
 
     def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the (m,) number of the polygon each row of `triangles` (m, 3) belongs to."""
@@ -129,26 +149,32 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
             repaired.append((number, snapped.repaired))
         kept.extend(snapped.pieces)
         source.extend([number] * len(snapped.pieces))
-    points, offsets = on_grid(kept)
+    points, offsets, ring_ends = on_grid(kept)
     return Frame(
         width=view.resolution,
         height=view.resolution,
         scale=scale,
         view=view,
-        polygons=tuple(kept),
         source=np.array(source, np.int64),
         points=points,
         offsets=offsets,
+        ring_ends=ring_ends,
         dropped=tuple(dropped),
         repaired=tuple(repaired),
     )
 
 
-def on_grid(polygons: Sequence[Polygon]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return `Frame.points` and `Frame.offsets` of polygons in px."""
-    parts = [np.rint(vertices(polygon) * SUBPIXEL).astype(np.int32) for polygon in polygons]
-    offsets = np.cumsum([0, *(len(part) for part in parts)], dtype=np.int64)
-    return np.concatenate(parts) if parts else np.empty((0, 2), np.int32), offsets
+def on_grid(
+    polygons: Sequence[Polygon],
+) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+    """Return `Frame.points`, `Frame.offsets` and `Frame.ring_ends` of polygons in px."""
+    parts = [rings_of(polygon) for polygon in polygons]
+    offsets = np.cumsum([0, *(len(points) for points, _ in parts)], dtype=np.int64)
+    if not parts:
+        return np.empty((0, 2), np.int32), offsets, np.empty(0, np.int64)
+    points = np.rint(np.concatenate([points for points, _ in parts]) * SUBPIXEL).astype(np.int32)
+    ends = [ends + start for (_, ends), start in zip(parts, offsets, strict=False)]
+    return points, offsets, np.concatenate(ends).astype(np.int64)
 
 
 def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], float]:

@@ -2,54 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.figures.groups import BASE, groups
-from harness.figures.polygons import (
-    CRITERIA,
-    MEASURES,
-    PREDICTED,
-    Columns,
-    columns_of,
-    measures_in,
-    rank_correlation,
-    ratios,
+from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, ratios
+from harness.figures.registry import PREDICTED, find, measures, predictions
+from harness.looks import (
+    COLOURS,
+    MOST_VECTOR_MARKS,
+    ONE_COLUMN,
+    STYLE,
+    TWO_COLUMNS,
+    looks,
+    save,
 )
-from harness.stored.folder import Record, Run, file_stem
+from harness.stored.folder import Record, Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's eight colours, told apart with any kind of colour vision.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-
-STYLE: Any = {
-    "axes.grid": True,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "figure.constrained_layout.use": True,
-    "font.size": 8.0,
-    "grid.alpha": 0.3,
-    "legend.frameon": False,
-    "savefig.dpi": 200,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "raster-harness",
-}
-
-ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
-"""Widths in inches of one and of two columns of a paper."""
-
-MOST_VECTOR_MARKS = 20_000
-"""Marks beyond which a panel's marks become a picture inside the SVG, to keep it small."""
-
-PANELS = ("overdraw", "half_perimeter")
-"""Criteria that get a panel each."""
+PAPER = "overdraw"
+"""Column of the criterion that the paper minimises."""
 
 
 def plot_run(run: Run) -> list[Path]:
@@ -77,35 +55,18 @@ def plot_run(run: Run) -> list[Path]:
     return files
 
 
-def marker(index: int) -> str:
-    """Return the marker of series `index`: another one when the colours begin anew."""
-    return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
-
-
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure into `folder` as PNG and as SVG; returns the files.
-
-    name : any text; the files' names are its `store.file_stem` with their endings
-    """
-    import matplotlib
-
-    files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
-    with matplotlib.rc_context(STYLE):  # it says how files are written, too
-        for file in files:
-            figure.savefig(file)
-    return files
-
-
 def _view_of(record: Record) -> str:
     names = ("rasteriser", "device", "resolution")
     return "-".join([*(str(record[name]) for name in names), f"{record['rotation']:g}"])
 
 
 def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw, for each polygon, what a triangulator's criterion and cost are against the base's.
+    """Draw, for each polygon, what criteria and cost are against the base triangulator's.
 
-    Dividing by the base's value on the same polygon takes the polygon's size out, which would
-    otherwise make every criterion look good. None where there is nothing to draw.
+    The paper's criterion and the one that ranks best have a panel each; the third shows how well
+    every criterion ranks. Dividing by the base's value on the same polygon takes the polygon's
+    size out, which would otherwise make every criterion look good. None where there is nothing to
+    draw.
     """
     from matplotlib.figure import Figure
 
@@ -114,90 +75,157 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         for record in members
         if record["status"] == "ok" and (arrays := columns_of(run, record)) is not None
     }
-    base = BASE if BASE in columns else next(iter(columns), None)
-    measure = next(iter(measures_in(columns[base])), None) if base else None
+    first = base_of(members)
+    base = first["triangulator"] if first and first["triangulator"] in columns else None
+    base = base or next(iter(columns), None)
+    measure = next(iter(measures(columns[base])), None) if base else None
     if base is None or measure is None or len(columns) < 2:
         return None
-    figure = Figure(figsize=(TWO_COLUMNS, 3.6))
-    panels = figure.subplots(1, len(PANELS), sharey=True)
-    for panel, criterion in zip(panels, PANELS, strict=True):
+    ranks = {
+        name: rank
+        for name in predictions()
+        if (rank := correlation_of_ratios(columns, base, name, measure)) is not None
+    }
+    panels = _panels(ranks)
+    figure = Figure(figsize=(TWO_COLUMNS, 3.4))
+    axes = figure.subplots(1, len(panels) + 1)
+    for panel, criterion in zip(axes, panels, strict=False):
         _scatter(panel, columns, base, criterion, measure)
-        panel.set_xlabel(f"predicted {CRITERIA[criterion]}, ratio to {base}")
-    title = MEASURES.get(measure, measure.replace("_", " "))
-    panels[0].set_ylabel(f"counted {title}, ratio to {base}")
-    first = members[0]
+    axes[0].set_ylabel(f"counted {find(measure).label}, ratio to {base}")
+    _share_axes(axes[: len(panels)])
+    _rank_bars(axes[-1], ranks, measure)
+    where = members[0]
     figure.suptitle(
-        f"{first['scene']} at {first['resolution']} px, {first['rasteriser']} on "
-        f"{first['device']}: one mark a polygon",
+        f"Which criterion predicts {find(measure).label}? {where['scene']} at "
+        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; one mark a polygon",
         fontsize=9,
     )
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
     return figure
+
+
+def _panels(ranks: Mapping[str, float]) -> list[str]:
+    """Return the paper's criterion and, of the others, the one that ranks best."""
+    known = sorted(ranks, key=lambda name: ranks[name], reverse=True)
+    best = [name for name in known if name != PAPER] or [n for n in predictions() if n != PAPER]
+    return [PAPER, best[0]]
 
 
 def _scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> None:
-    xs, ys = [], []
     others = [name for name in columns if name != base]
-    for index, name in enumerate(others):
+    shown = looks(list(columns))
+    for name in others:
         x = ratios(columns[name], columns[base], PREDICTED + criterion)
         y = ratios(columns[name], columns[base], measure)
         fits = np.isfinite(x) & np.isfinite(y)
-        xs.append(x[fits])
-        ys.append(y[fits])
         panel.scatter(
             x[fits],
             y[fits],
             s=7,
             alpha=0.5,
             linewidths=0,
-            color=COLOURS[index % len(COLOURS)],
-            marker=marker(index),
+            color=shown[name].colour,
+            marker=shown[name].marker,
             label=name,
             rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )
-    every_x, every_y = np.concatenate(xs), np.concatenate(ys)
-    panel.set_xscale("log", base=2)
-    panel.set_yscale("log", base=2)
-    for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_formatter("{x:.2g}")
-    if len(every_x):
-        low, high = min(every_y.min(), 1.0), max(every_y.max(), 1.0)
+    panel.set_xlabel(f"predicted {find(criterion).title},\nratio to {base}")
+
+
+def _share_axes(panels: Sequence[Axes]) -> None:
+    """Give scatter plots the same logarithmic axes, so that their dashed lines can be compared."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    ends = [end for panel in panels for end in _ends_of_data(panel)] or [1.0]
+    low, high = min([*ends, 1.0]) / 1.05, max([*ends, 1.0]) * 1.05
+    for panel in panels:
+        panel.set_xscale("log", base=2)
+        panel.set_yscale("log", base=2)
+        panel.set_xlim(low, high)
+        panel.set_ylim(low, high)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(base=2, numticks=6))
+            axis.set_major_formatter("{x:.3g}")
+            axis.set_minor_formatter(NullFormatter())
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
-        panel.annotate("as predicted", (high, high), fontsize=6, ha="right", va="bottom")
-    rank = rank_correlation(every_x, every_y)
-    if rank is not None:
-        panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
+    panels[0].annotate(
+        "equal ratios",
+        (high, high),
+        (-3, -8),
+        textcoords="offset points",
+        fontsize=6,
+        ha="right",
+        va="top",
+    )
+
+
+def _ends_of_data(panel: Axes) -> list[float]:
+    offsets = [np.asarray(marks.get_offsets()) for marks in panel.collections]
+    values = [each for each in offsets if len(each)]
+    return [float(end) for each in values for end in (each.min(), each.max())]
+
+
+def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
+    """Draw how well each criterion ranks, the best on top."""
+    names = sorted(ranks, key=lambda name: ranks[name])
+    colours = [COLOURS[1] if name == PAPER else COLOURS[0] for name in names]
+    panel.barh(range(len(names)), [ranks[name] for name in names], color=colours, height=0.6)
+    panel.set_yticks(range(len(names)), [find(name).title for name in names], fontsize=6.5)
+    panel.set_xlim(min(0.0, *ranks.values()) if ranks else 0.0, 1.0)
+    panel.set_xlabel(f"rank correlation\nwith {find(measure).label}")
+    panel.grid(visible=False, axis="y")
 
 
 def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw the median time of each complete triangulation with its 95 % interval, fastest on top.
+    """Draw each triangulator's time over the base's, fastest on top; None for fewer than two.
 
-    None where fewer than two were timed.
+    Ratios are paired within rounds, as the table's are. The axis begins at 0, so that lengths
+    compare; what left polygons out is named below and not drawn.
     """
     from matplotlib.figure import Figure
 
     timed = [record for record in members if record["status"] == "ok" and record.get("time")]
     most = max((record["polygons"] for record in timed), default=0)
-    timed = [record for record in timed if record["polygons"] == most]
-    if len(timed) < 2:
+    whole = [record for record in timed if record["polygons"] == most]
+    if len(whole) < 2:
         return None
-    timed.sort(key=lambda record: record["time"]["median_s"], reverse=True)
-    figure = Figure(figsize=(ONE_COLUMN, 1.1 + 0.22 * len(timed)))
+    base = base_of(whole) or whole[0]
+    pairs = [(record, ratio) for record in whole if (ratio := time_ratio(record, base))]
+    pairs.sort(key=lambda pair: pair[1].value, reverse=True)
+    figure = Figure(figsize=(ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
     panel = figure.subplots()
-    for place, record in enumerate(timed):
-        low, high = (1e3 * bound for bound in record["time"]["ci95_s"])
-        colour = COLOURS[1] if record["triangulator"] == BASE else COLOURS[0]
-        panel.plot([low, high], [place, place], color=colour, linewidth=2)
-        panel.plot(1e3 * record["time"]["median_s"], place, "o", color=colour, markersize=4)
-    panel.set_yticks(range(len(timed)), [record["triangulator"] for record in timed])
-    panel.set_ylim(-0.6, len(timed) - 0.4)
-    panel.set_xlabel("draw time [ms], 95 % interval")
-    first = timed[0]
+    shown = looks([record["triangulator"] for record in members])
+    for place, (record, ratio) in enumerate(pairs):
+        style = shown[record["triangulator"]]
+        panel.barh(place, ratio.value, color=style.colour, alpha=0.35, height=0.62)
+        panel.plot([ratio.low, ratio.high], [place, place], color=style.colour, linewidth=2)
+        panel.plot(ratio.value, place, style.marker, color=style.colour, markersize=4)
+        words = f"{ratio.value:.3f}  {1e3 * record['time']['median_s']:.3g} ms"
+        panel.annotate(
+            words,
+            (max(ratio.value, ratio.high), place),
+            (4, 0),
+            textcoords="offset points",
+            fontsize=6.5,
+            va="center",
+        )
+    panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
+    panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
+    panel.set_ylim(-0.6, len(pairs) - 0.4)
+    panel.set_xlim(0, 1.55 * max(max(ratio.high, 1.0) for _, ratio in pairs))
+    panel.grid(visible=False, axis="y")
+    left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
+    note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
+    panel.set_xlabel(
+        f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
+    )
+    first = whole[0]
     figure.suptitle(
-        f"{first['scene']}, {first['resolution']} px, {first['rasteriser']} on {first['device']}",
+        f"What is fastest to draw? {first['scene']}, {first['resolution']} px,\n"
+        f"{first['rasteriser']} on {first['device']}",
         fontsize=8,
     )
     return figure

@@ -1,8 +1,9 @@
-"""How far a run is: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+"""How far a run is: bars on a terminal, lines now and then elsewhere, nothing with --quiet."""
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,26 +12,39 @@ from rich.progress import (
     BarColumn,
     Progress,
     SpinnerColumn,
-    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 
-class Stage:
-    """One stage of a run; `complete` says how many of its steps are done in all."""
+def let_go_of_terminal() -> None:
+    """Write to nowhere from now on what would go to a terminal that was closed."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for number in (1, 2):
+        if os.isatty(number):
+            os.dup2(nowhere, number)
+    os.close(nowhere)
 
-    def __init__(self, bars: Progress | None = None, task: TaskID | None = None) -> None:
-        self._bars = bars
-        self._task = task
+
+LINE_EVERY_S = 20.0
+"""Seconds between two lines about one stage where there is no terminal."""
+
+
+class Stage:
+    """One stage of a run; `complete` says how many of its steps are done in all.
+
+    show : called with that number
+    """
+
+    def __init__(self, show: Callable[[float], None]) -> None:
+        self._show = show
         self._done = 0.0
 
     def complete(self, steps: float) -> None:
         """Say that `steps` steps are done in all."""
         self._done = steps
-        if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, completed=steps)
+        self._show(steps)
 
     def advance(self) -> None:
         """Say that one more step is done."""
@@ -43,12 +57,23 @@ class Reporter:
     Parameters
     ----------
     quiet : show nothing but warnings
+    verbose : show details, too, whether quiet or not
     console : for tests; by default standard error
+    clock : for tests; seconds
     """
 
-    def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        quiet: bool = False,
+        verbose: bool = False,
+        console: Console | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.console = console or Console(stderr=True, highlight=False)
         self._quiet = quiet
+        self._verbose = verbose
+        self._clock = clock
         self._shown: set[str] = set()
         self._bars = self.console.is_terminal and not os.environ.get("CI") and not quiet
 
@@ -56,6 +81,11 @@ class Reporter:
         """Show one plain line."""
         if not self._quiet:
             self.console.print(message, markup=False, soft_wrap=True)
+
+    def detail(self, message: str) -> None:
+        """Show lines that only those want who asked for details."""
+        if self._verbose and message:
+            self.console.print(message.rstrip(), markup=False, style="dim", soft_wrap=True)
 
     def once(self, message: str) -> None:
         """Show one plain line, unless it was shown before."""
@@ -91,11 +121,33 @@ class Reporter:
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Stage]:
-        """Begin a stage of `total` steps: a bar with the time left, or one line."""
-        if not self._bars:
-            self.say(f"{title} ...")
-            yield Stage()
-            return
+        """Begin a stage of `total` steps: a bar with the time left, or lines now and then."""
+        start = self._clock()
+        try:
+            with self._bar(title, total) if self._bars else self._lines(title, total) as stage:
+                yield stage
+        finally:
+            self.detail(f"{title}: {self._clock() - start:.1f} s")
+
+    @contextmanager
+    def _lines(self, title: str, total: float) -> Iterator[Stage]:
+        self.say(f"{title} ...")
+        start = last = self._clock()
+
+        def show(steps: float) -> None:
+            nonlocal last
+            now = self._clock()
+            if now - last < LINE_EVERY_S or not total:
+                return
+            last = now
+            share = min(1.0, steps / total)
+            left = f", about {(now - start) * (1 / share - 1):.0f} s left" if share else ""
+            self.say(f"{title}: {share:.0%} after {now - start:.0f} s{left}")
+
+        yield Stage(show)
+
+    @contextmanager
+    def _bar(self, title: str, total: float) -> Iterator[Stage]:
         columns = (
             SpinnerColumn(),
             TextColumn("{task.description:<34.34}"),
@@ -107,5 +159,5 @@ class Reporter:
         )
         with Progress(*columns, console=self.console) as bars:
             task = bars.add_task(title, total=total)
-            yield Stage(bars, task)
+            yield Stage(lambda steps: bars.update(task, completed=steps))
             bars.update(task, completed=total)

@@ -12,16 +12,18 @@ from rich.text import Text
 
 from harness.figures.groups import BASE, base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
-from harness.figures.registry import METRICS
+from harness.figures.registry import (
+    METRICS,
+    Figure,
+    figures_of,
+    measures,
+    predictions,
+    value_of,
+)
 from harness.stored.folder import Record
 
-COLUMNS = {
-    "helper_lanes": ("helpers", "{:,.0f}"),
-    "bbox_tests": ("tests", "{:,.0f}"),
-    "overshading": ("lanes/px", "{:.3f}"),
-    "draw_ms": ("draw ms", "{:.3f}"),
-}
-"""Metrics of the table, each with its heading and format; 80 characters hold them all."""
+MOST_COLUMNS = 4
+"""Figures of the table; with them, 80 characters hold all of it."""
 
 BARS = (8, 6, 4)
 """Characters of the longest bar: the most for which there is room."""
@@ -69,9 +71,9 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
         header_style="bold",
     )
     table.add_column("triangulator", overflow="fold")
-    shown = [name for name in COLUMNS if any(METRICS[name](record) for record in records)]
-    for name in shown:
-        table.add_column(COLUMNS[name][0], justify="right", no_wrap=True)
+    shown = _shown(records)
+    for figure in shown:
+        table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
     table.add_column(f"time vs {BASE}", no_wrap=True)
     complete = max(record["polygons"] for record in records)
@@ -79,7 +81,7 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     base = next((record for record in records if record["triangulator"] == BASE), None)
     for record in sorted(records, key=lambda record: _rank(record, complete)):
         rank = _rank(record, complete)
-        cells = [_number(METRICS[name](record), COLUMNS[name][1]) for name in shown]
+        cells = [_number(figure(record), figure.form) for figure in shown]
         table.add_row(
             record["triangulator"],
             *cells,
@@ -88,6 +90,19 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
             style="dim" if rank[0] else "",
         )
     return table
+
+
+def _shown(records: Sequence[Record]) -> list[Figure]:
+    """Return the figures of the table: those with a heading that any record has.
+
+    A rasteriser none of whose counters has a heading shows the first of what it counts.
+    """
+    known = figures_of(records)
+    shown = [f for f in known.values() if f.heading and any(f(record) for record in records)]
+    if not any(figure.kind == "counter" for figure in shown):
+        room = MOST_COLUMNS - len(shown)
+        shown = [known[name] for name in measures(known)[:room]] + shown
+    return shown
 
 
 def _bar(share: float, longest: int, *, plain: bool) -> Text:
@@ -100,10 +115,9 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
 
 
 def _rank(record: Record, complete: int) -> tuple[bool, float, str]:
-    """Complete triangulations first, then by time, or by quads where nothing was timed."""
-    cost = METRICS["draw_ms"](record)
-    if cost is None:
-        cost = METRICS["quads"](record) or METRICS["bbox_tests"](record) or 0.0
+    """Complete triangulations first, then by time, or by the main counter where none was timed."""
+    counted = measures(record.get("counters") or ())
+    cost = value_of(record, ["draw_ms", *counted]) or 0.0
     return record["polygons"] != complete, cost, record["triangulator"]
 
 
@@ -131,7 +145,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 def write_csv(records: Sequence[Record], file: Path) -> None:
-    """Write one row a case: its identity, its counters and every metric, as `file`."""
+    """Write one row per case: its identity, its counters and every metric, as `file`."""
     import pandas as pd
 
     rows = []
@@ -147,7 +161,7 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
     row: dict[str, Any] = {name: record.get(name) for name in names}
     row |= {name: record.get(name) for name in ("status", "reason", "polygons", "conforming")}
     row |= dict(record.get("counters") or {})
-    row |= {name: metric(record) for name, metric in METRICS.items() if name not in row}
+    row |= {name: figure(record) for name, figure in (METRICS | predictions()).items()}
     low, high = (record.get("time") or {}).get("ci95_s", (None, None))
     row |= {
         "draw_low_ms": None if low is None else low * 1e3,

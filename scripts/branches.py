@@ -23,15 +23,17 @@ def draw(scene: str, resolution: int, name: str) -> None:
     """Draw `DRAWS` times, with Callgrind looking on at nothing else."""
     from harness import rasterisers
     from harness.frame import View, make_frame
-    from harness.measuring.run import load_scene
+    from harness.measuring.loading import load_scene
     from harness.progress import Reporter
     from harness.rasterisers.base import Options
     from harness.study.calibrate import read_coefficients
     from harness.triangulating.frames import triangulate_polygons
+    from harness.triangulating.names import parse
 
     frame = make_frame(load_scene(scene, 0, Reporter(quiet=True)).polygons, View(resolution))
     calibration = read_coefficients(Path("results/calibration/llvmpipe.json"))
-    parts = triangulate_polygons(name, frame.polygons, 0, calibration).parts
+    recipe = parse(name, calibration=calibration)
+    parts = triangulate_polygons(recipe, frame.polygons).parts
     device = rasterisers.find_device("opengl", "llvmpipe")
     os.environ.update(device.environment)
     with rasterisers.get("opengl")(device).prepare(frame, frame.join(parts), Options()) as drawing:

@@ -39,7 +39,7 @@ done
 once $to/osmesa/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
     --rasterisers osmesa,pyrender --device osmesa
 
-# Rotation, of what was cut at 0 degrees and afresh; arithmetic a fragment and samples a pixel.
+# Rotation, of triangulations made at 0 degrees and anew; arithmetic a fragment and samples a pixel.
 once $to/llvmpipe/gains-rotation "${harness[@]}" run --scene city --device llvmpipe \
     --resolution 512 --fit circle --budget 0.4 \
     --rotation 0,5,10,15,20,25,30,35,40,45,50,55,60,65,70,75,80,85,90 --triangulators \
@@ -71,7 +71,7 @@ once $to/zink/validate-city "${harness[@]}" validate --scene city --resolution 5
 once $to/softpipe/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers opengl --device softpipe --budget 0.05
 
-# Branches that a processor fails to foresee, where triangles are smaller than a pixel.
+# Branches that a processor mispredicts, for triangles smaller than a pixel.
 if [[ branches == *"$only"* ]] && [ ! -e $to/llvmpipe/branches.csv ]; then
     .venv/bin/python scripts/branches.py glyphs 256 optimal:half-perimeter optimal:shape \
         optimal:calibrated delaunay >$to/llvmpipe/branches.csv

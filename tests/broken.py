@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import sys
 import time
 
 import numpy as np
@@ -20,6 +22,26 @@ def hang(polygon: Polygon) -> None:
 def devour(polygon: Polygon) -> None:
     hoard = [np.zeros(1 << 27) for _ in range(1000)]
     raise AssertionError(len(hoard))
+
+
+def exits(polygon: Polygon) -> None:
+    sys.exit(0)
+
+
+def exits_hard(polygon: Polygon) -> None:
+    os._exit(0)
+
+
+def interrupts(polygon: Polygon) -> None:
+    raise KeyboardInterrupt
+
+
+class NoException(BaseException):
+    """What `except Exception` lets through."""
+
+
+def raises_no_exception(polygon: Polygon) -> None:
+    raise NoException("enough")
 
 
 def raises(polygon: Polygon) -> None:
@@ -48,6 +70,13 @@ def returns_overlapping(polygon: Polygon) -> np.ndarray:
 
 def returns_too_little(polygon: Polygon) -> np.ndarray:
     return np.array([[0, 1, 2]])
+
+
+def forks(polygon: Polygon) -> np.ndarray:
+    """Right, but each time a process is left behind that holds copies of everything open."""
+    if os.fork() == 0:
+        time.sleep(3600)
+    return right(polygon)
 
 
 def right(polygon: Polygon) -> np.ndarray:

@@ -8,10 +8,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
 from tests.chromium import Chromium
+
+# The same inputs every time, whatever the machine; tests/fuzz searches at random.
+settings.load_profile("ci")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile before the workers of pytest-xdist start."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        from tests.compiling import compile_everything
+
+        compile_everything()
 
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:

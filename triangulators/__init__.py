@@ -1,8 +1,13 @@
 """Triangulators: polygon -> triangles over the polygon's own vertices; none is ever added.
 
-    from triangulators import triangulate, vertices
-    triangles = triangulate(polygon, "optimal:half-perimeter")   # (m, 3) int32
-    corners = vertices(polygon)[triangles]                       # (m, 3, 2) float64
+    >>> import shapely
+    >>> from triangulators import triangulate, vertices
+    >>> polygon = shapely.Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)])
+    >>> triangles = triangulate(polygon, "optimal:half-perimeter")
+    >>> triangles.shape, triangles.dtype
+    ((4, 3), dtype('int32'))
+    >>> vertices(polygon)[triangles].shape
+    (4, 3, 2)
 
 What is guaranteed: orientations are decided exactly for all doubles (no overflow or underflow), so
 every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`

@@ -85,6 +85,10 @@ def triangulate_many(
     a few cuts. What is left, and everything under other names, goes one at a time through
     `triangulate`. check: test shapely polygons for validity first. threads: by default one for
     each core this process may use. parameters: as for `triangulate`. Raises `UnknownName`.
+
+        >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
+        >>> found[0].shape, found.failed
+        ((2, 3), {1: 'the polygon is empty'})
     """
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)

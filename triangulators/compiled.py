@@ -26,6 +26,9 @@ def warm_up(names: Sequence[str]) -> float:
     """Call each of some triangulators once on small polygons; return the seconds it took.
 
     The first time on a machine that is the time to compile them, later next to nothing.
+
+        >>> warm_up(["fan"]) > 0.0
+        True
     """
     from triangulators.errors import Skipped, Unavailable
     from triangulators.registry import triangulate

@@ -25,31 +25,16 @@ BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper
 WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
 
 
-def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
-    """Sum every criterion over a triangulation.
-
-    points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: triangles, area,
-    half_perimeter, bbox_area, edge_length, shape (degrees), expected_quads, expected_blocks,
-    expected_setups, overdraw, rotation_averaged_overdraw and complexity (bytes).
-    """
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
-    sums = dict(zip(FEATURES, feature_sums(points, triangles).tolist(), strict=True))
-    rotated = sums.pop("rotated_bbox_area")
-    sums["overdraw"] = sums["bbox_area"] - sums["area"]
-    sums["rotation_averaged_overdraw"] = rotated - sums["area"]
-    sums["complexity"] = BYTES_PER_TRIANGLE * sums["triangles"]
-    return sums
-
-
 @dataclass(frozen=True)
 class Criterion:
     """A cost per triangle, to be summed over a triangulation (or its maximum taken).
 
-    `weights` are coefficients of `FEATURES`; `function`, if given, is a Numba function of three
-    points (six numbers) and takes their place. `maximum` compares triangulations by their worst
-    triangle. `normalise` turns weights into others once the polygon's area and number of
-    triangles are known.
+    `label`, `symbol` and `unit` are how tables and plots show it. `weights` are coefficients of
+    `FEATURES`; `function`, if given, is a Numba function of three points (six numbers) and takes
+    their place. `maximum` compares triangulations by their worst triangle. `normalise` turns
+    weights into others once the polygon's area and number of triangles are known. `parameters`
+    says that it is a family, whose value depends on weights that a user gives, so that it is not
+    among what `predict` returns.
     """
 
     name: str
@@ -58,6 +43,15 @@ class Criterion:
     function: Callable[..., float] | None = None
     maximum: bool = False
     normalise: Callable[[np.ndarray, float, int], np.ndarray] | None = None
+    label: str = ""
+    symbol: str = ""
+    unit: str = "1"
+    parameters: bool = False
+
+    @property
+    def column(self) -> str:
+        """Its name where hyphens cannot stand: keys of records and columns of files."""
+        return self.name.replace("-", "_")
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
         """Return the (k,) weights of `FEATURES` for a polygon of this area and triangle count."""
@@ -100,6 +94,13 @@ def _linear(name: str, description: str, **coefficients: float) -> Criterion:
     return Criterion(name, description, weights)
 
 
+def _shown(
+    name: str, label: str, symbol: str, unit: str, description: str, **coefficients: float
+) -> Criterion:
+    linear = _linear(name, description, **coefficients)
+    return replace(linear, label=label, symbol=symbol, unit=unit)
+
+
 def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
     result = weights / triangles
     result[1] = weights[1] / polygon_area
@@ -123,7 +124,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
         bbox_area=alpha,
         shape=beta / WORST_SHAPE,
     )
-    return replace(linear, normalise=_per_polygon)
+    return replace(linear, normalise=_per_polygon, label="mixture", symbol="F", parameters=True)
 
 
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
@@ -134,28 +135,73 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
         raise ValueError(
             f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
         )
-    return _linear(
+    linear = _linear(
         "calibrated", "T, S, H, w*h, D, Q, P and R at the rates fitted on a device", **coefficients
     )
+    return replace(linear, label="calibrated time", unit="s", parameters=True)
 
 
 CRITERIA: dict[str, Criterion] = {
     criterion.name: criterion
     for criterion in (
-        _linear("overdraw", "bounding-box area minus triangle area (A)", bbox_area=1, area=-1),
-        _linear("half-perimeter", "bounding-box width plus height (H)", half_perimeter=1),
-        _linear(
-            "expected-quads", "2x2 pixel quads to shade, over all positions (Q)", expected_quads=1
+        _shown(
+            "overdraw",
+            "the paper's overdraw",
+            "A",
+            "px^2",
+            "bounding-box area minus triangle area",
+            bbox_area=1,
+            area=-1,
         ),
-        _linear("expected-blocks", "4x4 pixel blocks touched, likewise (P)", expected_blocks=1),
-        _linear("edge-length", "perimeter (E)", edge_length=1),
-        _linear("shape", "deviation of the angles from 60 degrees (D)", shape=1),
-        _linear("complexity", "24 bytes a triangle (C)", triangles=BYTES_PER_TRIANGLE),
-        _linear(
+        _shown(
+            "half-perimeter",
+            "half-perimeter",
+            "H",
+            "px",
+            "bounding-box width plus height",
+            half_perimeter=1,
+        ),
+        _shown(
+            "expected-quads",
+            "expected quads",
+            "Q",
+            "quads",
+            "2x2 pixel quads to shade, the mean over all positions on the grid",
+            expected_quads=1,
+        ),
+        _shown(
+            "expected-blocks",
+            "expected 4x4 blocks",
+            "P",
+            "blocks",
+            "4x4 pixel blocks touched, the mean over all positions on the grid",
+            expected_blocks=1,
+        ),
+        _shown("edge-length", "edge length", "E", "px", "perimeter", edge_length=1),
+        _shown(
             "rotation-averaged-overdraw",
+            "rotation-averaged overdraw",
+            "",
+            "px^2",
             "overdraw averaged over all rotations",
             rotated_bbox_area=1,
             area=-1,
+        ),
+        _shown(
+            "shape",
+            "the paper's shape deviation",
+            "D",
+            "degrees",
+            "deviation of the angles from 60 degrees",
+            shape=1,
+        ),
+        _shown(
+            "complexity",
+            "the paper's complexity",
+            "C",
+            "bytes",
+            "24 bytes a triangle",
+            triangles=BYTES_PER_TRIANGLE,
         ),
         mixed(),
         calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
@@ -175,6 +221,9 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     The name of `mixed` may hold its weights, `mixed=1/0.5/0` (see `weights`). parameters: alpha,
     beta, gamma for `mixed`; coefficients for `calibrated`. The criterion's own name is the one way
     to write it. Raises `UnknownName`, also for weights that cannot be used.
+
+        >>> find("mixed=1.0/.5/0").name
+        'mixed=1/0.5/0'
     """
     if isinstance(name, Criterion):
         return name
@@ -201,3 +250,34 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     if name.startswith(MINMAX):
         criterion = replace(criterion, name=MINMAX + criterion.name, maximum=True)
     return criterion
+
+
+def predicted() -> list[Criterion]:
+    """Return the criteria that `predict` sums, in the order in which they are shown."""
+    return [criterion for criterion in CRITERIA.values() if not criterion.parameters]
+
+
+FEATURES_KEPT = ("triangles", "area", "bbox_area", "expected_setups")
+"""Features that are no criterion by themselves, and that fits of a device's time need."""
+
+
+def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
+    """Sum every criterion over a triangulation.
+
+    points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: `FEATURES_KEPT`, then the
+    `column` of each criterion of `predicted`, in its unit where coordinates are pixels.
+
+        >>> square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
+        >>> sums = predict(square, np.array([(0, 1, 2), (0, 2, 3)]))
+        >>> sums["half_perimeter"], sums["overdraw"]
+        (8.0, 4.0)
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    sums = feature_sums(points, triangles)
+    found = {name: float(sums[FEATURES.index(name)]) for name in FEATURES_KEPT}
+    for criterion in predicted():
+        plain = criterion.function is None and not criterion.maximum
+        value = np.dot(criterion.weights, sums) if plain else criterion.total(points, triangles)
+        found[criterion.column] = float(value)
+    return found

@@ -29,6 +29,10 @@ def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> n
 
     vertices: (n, 2) float64, all rings' vertices, the exterior first; ring_end_indices: (r,)
     uint32, where each ring ends, the last one n. Raises what `mapbox_earcut` raises.
+
+        >>> square = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)])
+        >>> triangulate_float64(square, np.array([4], dtype=np.uint32)).shape
+        (6,)
     """
     raw = mapbox_earcut.triangulate_float64(vertices, ring_end_indices)
     points = np.ascontiguousarray(vertices, dtype=np.float64)

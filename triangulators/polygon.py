@@ -58,7 +58,7 @@ def check(polygon: shapely.Polygon) -> None:
         raise InvalidPolygon(f"the polygon is not valid: {shapely.is_valid_reason(polygon)}")
 
 
-def ragged(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
+def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
     """Return (vertices, ring ends): (n, 2) float64 and (h + 1,) uint32, as mapbox_earcut takes."""
     lengths = [shapely.get_num_points(polygon.exterior)] if polygon.interiors == () else None
     if lengths is None:
@@ -74,8 +74,11 @@ def vertices(polygon: shapely.Polygon) -> np.ndarray:
     """Return the polygon's vertices, (n, 2) float64: exterior ring, then the interiors in order.
 
     No ring's first vertex is repeated at its end. Triangulations index these rows.
+
+        >>> vertices(shapely.Polygon([(0, 0), (2, 0), (0, 1)])).tolist()
+        [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
     """
-    return ragged(polygon)[0]
+    return rings_of(polygon)[0]
 
 
 def sites(points: np.ndarray) -> np.ndarray:
@@ -98,7 +101,7 @@ def signed_area(ring: np.ndarray) -> float:
 
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
-    points, ends = ragged(polygon)
+    points, ends = rings_of(polygon)
     return boundary_of_rings(points, ends)
 
 
@@ -109,7 +112,7 @@ def as_polygon(outline: Boundary) -> shapely.Polygon:
 
 
 def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
-    """Return the `Boundary` of rings given as in `ragged`, the exterior first."""
+    """Return the `Boundary` of rings given as in `rings_of`, the exterior first."""
     site = sites(points)
     edges = []
     start = 0

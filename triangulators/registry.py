@@ -19,7 +19,6 @@ from triangulators.repair import insert_dropped_vertices
 from triangulators.starts import left_turning
 
 ENTRY_POINTS = "raster_harness.triangulators"
-DEFAULT_CRITERION = "overdraw"
 Function = Callable[..., np.ndarray]
 
 
@@ -28,8 +27,10 @@ class Entry:
     """One triangulator.
 
     `function` is `module:function`; built-in functions take (boundary, **parameters),
-    a third party's take the polygon. `criteria` says whether it is steered by a criterion;
-    `needs` is a module that must be importable, `install` the line that provides it.
+    a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
+    `default_criterion` where none is given; `conforms` whether its triangulations have no
+    T-junctions: a library's result is passed on as it is. `needs` is a module that must be
+    importable, `install` the line that provides it.
     """
 
     name: str
@@ -37,6 +38,8 @@ class Entry:
     function: str
     handles_holes: bool = True
     criteria: bool = False
+    default_criterion: str = "overdraw"
+    conforms: bool = True
     needs: str | None = None
     install: str | None = None
     builtin: bool = True
@@ -73,16 +76,23 @@ BUILTIN = {
             "triangulators.strip:triangulate",
             handles_holes=False,
         ),
-        Entry("ear-clipping", "mapbox_earcut", "triangulators.ear_clipping:triangulate"),
+        Entry(
+            "ear-clipping",
+            "mapbox_earcut",
+            "triangulators.ear_clipping:triangulate",
+            conforms=False,
+        ),
         Entry(
             "delaunay",
             "constrained Delaunay triangulation (GEOS, through shapely)",
             "triangulators.delaunay:triangulate",
+            conforms=False,
         ),
         Entry(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
             "triangulators.sweep:triangulate",
+            conforms=False,
             needs="triangulators.sweep:installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
@@ -90,6 +100,7 @@ BUILTIN = {
             "manifold",
             "manifold3d's ear clipping",
             "triangulators.manifold:triangulate",
+            conforms=False,
             needs="manifold3d",
             install="pip install manifold3d",
         ),
@@ -121,6 +132,7 @@ BUILTIN = {
             "one of all that the paper's method lists, by its number from the least A on; k=",
             "triangulators.exhaustive:triangulate_listed",
             handles_holes=False,
+            conforms=False,
         ),
         Entry(
             "exhaustive",
@@ -172,7 +184,11 @@ def _third_party() -> dict[str, EntryPoint]:
 
 
 def names(*, available_only: bool = False) -> list[str]:
-    """Return the names of all triangulators, built-in first, then those of entry points."""
+    """Return the names of all triangulators, built-in first, then those of entry points.
+
+    >>> names()[:3]
+    ['fan', 'strip', 'ear-clipping']
+    """
     everything = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
     if available_only:
         return [name for name in everything if find(name).available() is None]
@@ -180,7 +196,11 @@ def names(*, available_only: bool = False) -> list[str]:
 
 
 def find(name: str) -> Entry:
-    """Return the entry called `name` or given as `module:function`; raises `UnknownName`."""
+    """Return the entry called `name` or given as `module:function`; raises `UnknownName`.
+
+    >>> find("fan").handles_holes
+    False
+    """
     if name in BUILTIN:
         return BUILTIN[name]
     if name in _third_party():
@@ -208,7 +228,11 @@ def _user_function(reference: str) -> Entry:
 
 
 def parse(text: str) -> Choice:
-    """Read `name` or `name:criterion` (or `module:function`); raises `UnknownName`."""
+    """Read `name` or `name:criterion` (or `module:function`); raises `UnknownName`.
+
+    >>> parse("optimal").criterion
+    'overdraw'
+    """
     name, _, criterion = text.partition(":")
     if name not in BUILTIN:
         return Choice(find(text), None)
@@ -217,12 +241,15 @@ def parse(text: str) -> Choice:
         if criterion:
             raise UnknownName(f"triangulator {name!r} takes no criterion, got {criterion!r}")
         return Choice(entry, None)
-    return Choice(entry, criteria.find(criterion or DEFAULT_CRITERION).name)
+    return Choice(entry, criteria.find(criterion or entry.default_criterion).name)
 
 
 def full_name(text: str) -> str:
     """Return the full name: `optimal` is `optimal:overdraw`, `optimal:mixed=1.0/.5/0` is
     `optimal:mixed=1/0.5/0`; raises `UnknownName`.
+
+        >>> full_name("optimal")
+        'optimal:overdraw'
     """
     return parse(text).full_name
 
@@ -245,6 +272,9 @@ def triangulate(
     Raises `InvalidPolygon` for input that is not a valid polygon, `Skipped` where the triangulator
     does not do this polygon by design, `Unavailable` if a package is missing,
     `TriangulationError` if it failed, and `UnknownName`.
+
+        >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()
+        [[0, 1, 2]]
     """
     choice = parse(name)
     check(polygon)

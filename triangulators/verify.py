@@ -47,7 +47,14 @@ class Verification:
 
 
 def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
-    """Check triangles (m, 3), indices into `vertices(polygon)`, against a valid polygon."""
+    """Check triangles (m, 3), indices into `vertices(polygon)`, against a valid polygon.
+
+    >>> square = shapely.Polygon([(0, 0), (2, 0), (2, 2), (0, 2)])
+    >>> verify(square, np.array([(0, 1, 2), (0, 2, 3)])).conforming
+    True
+    >>> verify(square, np.array([(0, 1, 2)])).problems[0]
+    'gap or overlap along the edge between vertices 0 and 2'
+    """
     return verify_boundary(boundary(polygon), triangles)
 
 

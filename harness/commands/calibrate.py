@@ -1,4 +1,4 @@
-"""`harness calibrate`: what a device's time is made of."""
+"""`harness calibrate`: a model of what a device's draw time is made of."""
 
 from __future__ import annotations
 
@@ -10,46 +10,52 @@ from rich.console import Console
 from rich.table import Table
 
 from harness import rasterisers
-from harness.commands.options import Quiet, Seed
-from harness.commands.run import CALIBRATIONS
-from harness.measuring.processes import Bench, Target
-from harness.measuring.run import load_scene
-from harness.measuring.timing import Settings
+from harness.commands.options import CALIBRATIONS, Quiet, Seed
+from harness.measuring.loading import load_scene
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study import calibrate as study
-from harness.study import calibration
 
 
 def calibrate(
-    device: Annotated[str | None, typer.Option(help="The best one by default.")] = None,
-    rasteriser: Annotated[str, typer.Option(help="What draws.")] = "opengl",
-    scene: Annotated[str, typer.Option(help="Polygons the fit is tested on.")] = "city",
+    device: Annotated[
+        str | None, typer.Option(help="Device that draws; the best one by default.")
+    ] = None,
+    rasteriser: Annotated[str, typer.Option(help="Rasteriser that draws.")] = "opengl",
+    scene: Annotated[str, typer.Option(help="Scene or file whose polygons test the fit.")] = "city",
     resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
-    work: Annotated[int, typer.Option(min=0, help="Arithmetic a fragment.")] = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing a draw may cost.")] = 0.2,
+    work: Annotated[int, typer.Option(min=0, help="Iterations of arithmetic per fragment.")] = 0,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing per draw.")] = 0.2,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(help="results/calibration/<device>.json if absent.")
+        Path | None,
+        typer.Option(help="File to write; results/calibration/<device>.json if absent."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit what a draw's time is made of on designed draws, and test the fit on polygons.
+    """Fit a model of a device's draw time, and test it on polygons that it has not seen.
 
-    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R, of triangles, area,
-    half-perimeter, bounding-box area, shape deviation, expected quads, 4x4 blocks and set-ups.
+    time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R. T is the number of
+    triangles, S their area, H their half-perimeters, sum(w*h) the area of their bounding boxes, D
+    their shape deviation, Q and P the expected quads and 4x4 blocks, and R the expected number of
+    triangles with a pixel centre in their bounding box. optimal:calibrated minimises this time.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import calibrate as study
+    from harness.study import calibration
+
     reporter = Reporter(quiet=quiet)
-    target = Target(rasteriser, rasterisers.find_device(rasteriser, device))
+    backend = Backend(rasteriser, rasterisers.find_device(rasteriser, device))
     loaded = load_scene(scene, seed, reporter)
     bench = Bench(Worker, timeout_s=600)
     try:
         fit, validation = study.calibrate(
-            target,
+            backend,
             bench,
             loaded,
-            Settings(
+            TimingSettings(
                 precision=0.005, budget_s=budget, warm_up_s=0.05, min_batch_s=5e-3, paired=False
             ),
             Options(work=work, order="walk"),
@@ -57,19 +63,19 @@ def calibrate(
             reporter,
             seed,
         )
-        described = bench.describe()[target.label]
+        described = bench.describe()[backend.label]
     finally:
         bench.close()
-    file = out or CALIBRATIONS / f"{target.device.name}.json"
+    file = out or CALIBRATIONS / f"{backend.device.name}.json"
     facts = {
         "rasteriser": rasteriser,
-        "name": target.device.name,
+        "name": backend.device.name,
         "resolution": resolution,
         "work": work,
         **described,
     }
     study.write(fit, validation, facts, file)
-    table = Table(title=f"time of a draw: {target.label}", title_justify="left", box=None)
+    table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
     for heading in ("term", "coefficient", "95 % interval", "unit"):
         table.add_column(heading)
     for term, unit in zip(calibration.TERMS, calibration.UNITS, strict=True):

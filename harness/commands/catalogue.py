@@ -1,4 +1,4 @@
-"""`harness list`: what there is to choose from."""
+"""`harness list`: the names that other commands take."""
 
 from __future__ import annotations
 
@@ -48,20 +48,20 @@ def _rasterisers() -> Table:
 def _criteria() -> Table:
     from triangulators import criteria
 
-    table = _table("criterion", "description")
+    table = _table("criterion", "symbol", "unit", "description")
     for name in criteria.names():
-        table.add_row(name, criteria.CRITERIA[name].description)
+        each = criteria.CRITERIA[name]
+        table.add_row(name, each.symbol, each.unit, each.description)
     return table
 
 
 def _metrics() -> Table:
-    from harness.figures.registry import METRICS
+    from harness.figures.registry import figures
 
-    table = _table("metric", "unit", "better", "best case", "kind", "description")
-    for metric in METRICS.values():
-        best = "" if metric.best_case is None else f"{metric.best_case:g}"
-        kind = "exact" if metric.exact else "timed"
-        table.add_row(metric.name, metric.unit, metric.better, best, kind, metric.description)
+    table = _table("figure", "kind", "unit", "better", "best case", "description")
+    for each in figures().values():
+        best = "" if each.best_case is None else f"{each.best_case:g}"
+        table.add_row(each.name, each.kind, each.unit, each.better, best, each.description)
     return table
 
 

@@ -1,4 +1,4 @@
-"""`harness compare`: what changed between two runs, and whether it may be merged."""
+"""`harness compare`: what changed between two runs, and whether the change may be merged."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Format(StrEnum):
 
 
 class Normalise(StrEnum):
-    """What takes the machine out of times."""
+    """How times are corrected for the machine."""
 
     auto = "auto"
     reference = "reference"
@@ -39,18 +39,21 @@ class Normalise(StrEnum):
 
 def compare(
     base: Annotated[Path, typer.Argument(help="The run to compare with: a folder or cases.jsonl.")],
-    head: Annotated[Path, typer.Argument(help="The run that is judged.")],
+    head: Annotated[Path, typer.Argument(help="The run to judge: a folder or cases.jsonl.")],
     gate: Annotated[
         str | None,
-        typer.Option(help="What may fail: counters, time, or counters,time, which is the default."),
+        typer.Option(help="What can fail: counters, time, or counters,time, which is the default."),
     ] = None,
     threshold: Annotated[
         list[str] | None,
-        typer.Option(help="Growth to let pass, e.g. time=5% or quads=0%; repeatable."),
+        typer.Option(help="Growth that is allowed, e.g. time=5% or quads=0%; repeatable."),
     ] = None,
     normalise: Annotated[
         Normalise | None,
-        typer.Option(help="What takes the machine out of times: peers, else the reference draw."),
+        typer.Option(
+            help="How to correct times for the machine's speed: auto (by other cases of the same "
+            "rounds, else by the reference draw), reference, or none."
+        ),
     ] = None,
     across_devices: Annotated[
         bool, typer.Option("--across-devices", help="Compare runs of different devices.")
@@ -59,7 +62,7 @@ def compare(
         bool, typer.Option("--require-all", help="Fail if HEAD lacks or skipped a case of BASE.")
     ] = False,
     allow_inconclusive: Annotated[
-        bool, typer.Option("--allow-inconclusive", help="Exit with 0 where times are too noisy.")
+        bool, typer.Option("--allow-inconclusive", help="Exit with 0 if times are too noisy.")
     ] = False,
     allow_missing_baseline: Annotated[
         bool, typer.Option("--allow-missing-baseline", help="Exit with 0 if BASE is not there yet.")
@@ -74,11 +77,11 @@ def compare(
     ] = None,
     html: Annotated[Path | None, typer.Option(help="Write one HTML page to this file.")] = None,
 ) -> None:
-    """Say what changed from BASE to HEAD; exit with 1 where it became dearer.
+    """Say what changed from BASE to HEAD; exit with 1 if something became slower or costs more.
 
     Counters are exact: any difference is real. Times are statistical: regressed, improved,
-    unchanged, or inconclusive. Settings are also read from pyproject.toml,
-    table tool.raster-harness. The Markdown is added to the file that $GITHUB_STEP_SUMMARY names.
+    unchanged, or inconclusive. Settings are also read from pyproject.toml, table
+    tool.raster-harness. If $GITHUB_STEP_SUMMARY names a file, the Markdown is added to it.
 
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """

@@ -1,4 +1,4 @@
-"""`harness doctor`: what works here, and how to mend what does not."""
+"""`harness doctor`: what works on this machine, and how to repair what does not."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
 
 
 def doctor() -> None:
-    """Examine devices, drivers, extensions and timers; each line with its fix if it is missing."""
+    """Check devices, drivers, extensions and timers; say how to repair what does not work."""
     from harness.doctor import examine
 
     console = Console(highlight=False)

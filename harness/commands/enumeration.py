@@ -10,11 +10,10 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.commands.options import PolygonNumber
-from harness.commands.run import default_folder
+from harness.commands.results import default_folder
 from harness.errors import UsageError
 from harness.measuring.run import load_scene
 from harness.progress import Reporter
-from harness.study import enumeration
 from triangulators import Skipped, TriangulationError
 
 
@@ -23,7 +22,10 @@ def enumerate_(
     polygon: PolygonNumber = 0,
     mode: Annotated[
         str,
-        typer.Option(help="conforming, or paper: a vertex that became straight is dropped."),
+        typer.Option(
+            help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
+            "when its two edges have become one straight line."
+        ),
     ] = "conforming",
     out: Annotated[
         Path | None,
@@ -33,6 +35,9 @@ def enumerate_(
     ] = None,
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import enumeration
+
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
@@ -41,7 +46,7 @@ def enumerate_(
     kind: Literal["conforming", "paper"] = "paper" if mode == "paper" else "conforming"
     folder = out or default_folder(loaded.name, before="enumerate-")
     try:
-        table = enumeration.tabulate(loaded.polygons[polygon], kind)
+        table = enumeration.triangulation_table(loaded.polygons[polygon], kind)
         enumeration.write(table, loaded.polygons[polygon], folder)
     except (Skipped, TriangulationError) as reason:
         raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import typer
 
 PROGRAM = "python -m harness"
@@ -27,7 +29,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "enumerate": ("enumerate --scene paper --mode paper",),
     "inspect": ("inspect --scene city --polygon 3 --out polygon-3.png",),
-    "triangulate": ("triangulate buildings.geojson --criterion half-perimeter -o buildings.glb",),
+    "triangulate": ("triangulate buildings.geojson --criterion overdraw -o buildings.glb",),
     "pareto": (
         "pareto --scene paper",
         "pareto --scene city --polygons 4 --budget 0.2",
@@ -41,8 +43,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 
 def add_to(app: typer.Typer) -> None:
-    """Show its examples below the help of each command."""
+    """Show its examples below the help of each command, whose paragraphs wrap at any width."""
     for command in app.registered_commands:
+        paragraphs = (inspect.getdoc(command.callback) or "").split("\n\n")
+        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
         name = str(command.name or getattr(command.callback, "__name__", ""))
         lines = [f"{PROGRAM} {line}" for line in EXAMPLES.get(name, ())]
         if lines:

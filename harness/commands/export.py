@@ -1,4 +1,4 @@
-"""`harness triangulate` and `harness cache`: meshes from polygons, and what is kept of them."""
+"""`harness triangulate` and `harness cache`: meshes from polygons, and the model database."""
 
 from __future__ import annotations
 
@@ -11,31 +11,46 @@ from rich.console import Console
 from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.triangulating.database import Cache
+from harness.triangulating.database import ModelDatabase
 
 
 def triangulate(
     file: Annotated[str, typer.Argument(help="A file of polygons, or a scene's name.")],
     out: Annotated[
         Path,
-        typer.Option("--out", "-o", help="glb, gltf, obj, ply, stl, npz, geojson or parquet."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet.",
+        ),
     ],
-    triangulator: Annotated[str, typer.Option(help="See: harness list triangulators.")] = "optimal",
+    triangulator: Annotated[
+        str | None,
+        typer.Option(
+            help="name or name:criterion, by default optimal:half-perimeter; "
+            "optimal alone is optimal:overdraw. See: harness list triangulators."
+        ),
+    ] = None,
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="For optimal, half-perimeter by default, and worst, e.g. mixed=1/0.5/0; "
-            "see: list criteria."
+            help="The criterion, if it is not in the triangulator's name; alone it means optimal. "
+            "E.g. mixed=1/0.5/0; see: harness list criteria."
         ),
     ] = None,
     extrude: Annotated[
-        str | None, typer.Option(help="A height, or the attribute that holds it.")
+        str | None, typer.Option(help="Height of the blocks, or the attribute that holds it.")
     ] = None,
-    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
-    where: Annotated[str | None, typer.Option(help="Filter, as in SQL: height > 10.")] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Layer of the file to read.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Which polygons to read, as in SQL: height > 10.")
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Read at most this many polygons.")
+    ] = None,
     cached: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Use the model database.")
+        bool,
+        typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
     quiet: Quiet = False,
 ) -> None:
@@ -43,15 +58,13 @@ def triangulate(
     from harness.export.export import export_file
 
     reporter = Reporter(quiet=quiet)
-    if criterion is None and triangulator == "optimal":
-        criterion = "half-perimeter"
     height: str | float | None = extrude
     if extrude is not None:
         try:
             height = float(extrude)
         except ValueError:
             height = extrude
-    cache = Cache(say=reporter.warn) if cached else None
+    database = ModelDatabase(say=reporter.warn) if cached else None
     try:
         with reporter.counting(f"triangulating {file}") as counting:
             report = export_file(
@@ -63,12 +76,14 @@ def triangulate(
                 layer=layer,
                 where=where,
                 limit=limit,
-                cache=cache,
+                database=database,
                 progress=counting,
             )
     finally:
-        if cache is not None:
-            cache.close()
+        if database is not None:
+            database.close()
+    if report.notes:
+        reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
     Console().print(
@@ -81,13 +96,13 @@ def triangulate(
 
 
 def cache(
-    action: Annotated[str, typer.Argument(help="info or clear")],
+    action: Annotated[str, typer.Argument(help="info: what the database holds; clear: empty it.")],
 ) -> None:
     """Show or empty the model database of triangulations."""
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: say info or clear")
     console = Console(highlight=False)
-    with Cache(say=Reporter().warn) as database:
+    with ModelDatabase(say=Reporter().warn) as database:
         if action == "clear":
             count = database.clear()
             console.print(f"forgot {count:,} triangulations in {database.path}", markup=False)

@@ -1,34 +1,41 @@
-"""`harness gains`: what the choice of a triangulator buys, over several runs."""
+"""`harness gains`: what the choice of a triangulator gains, over several runs."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import pandas as pd
 import typer
 from rich.console import Console
 
-from harness.commands.run import split_names
+from harness.commands.options import split_names
 from harness.errors import NothingMeasured
-from harness.measuring.run import full_names
 from harness.stored.folder import read_run
-from harness.study import gains as study
+from harness.triangulating.names import parse_all
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
+"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
 
 MOST_SAID = 12
-"""Views in which another was faster that are named; all are in gains.csv."""
+"""How many views in which another was faster are named; gains.csv has them all."""
 
 
 def gains(
     runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
     out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
     bases: Annotated[
-        str, typer.Option(help="Triangulators that ratios are given over; comma-separated.")
-    ] = ",".join(study.BASES),
+        str, typer.Option(help="Triangulators to compare with; comma-separated.")
+    ] = ",".join(BASES),
 ) -> None:
-    """Set each triangulator's time against others', over all views, and say which one is beaten."""
-    wanted = full_names(split_names(bases))
-    table = study.tabulate([read_run(path).records for path in runs], wanted)
+    """Compare each triangulator's time with the bases', in all views; say which one was faster."""
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import gains as study
+
+    wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
+    table = study.gain_table([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")
@@ -42,13 +49,14 @@ def gains(
 
 
 def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
-    """Say in how many views `name` was shown to be slower than some other, and where."""
+    """Say in how many views another triangulator was shown to be faster than `name`."""
     if views.empty:
         return
     beaten = views[views["faster"] != ""]
     several = len(views[["rasteriser", "device"]].drop_duplicates()) > 1
     console.print(
-        f"{name}: no other shown faster in {len(views) - len(beaten)} of {len(views)} views",
+        f"{name}: no other was shown to be faster in {len(views) - len(beaten)} of "
+        f"{len(views)} views",
         markup=False,
         soft_wrap=True,
     )

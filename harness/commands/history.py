@@ -1,4 +1,4 @@
-"""`harness history`: every metric over many runs, with the places where it changed."""
+"""`harness history`: metrics over many runs, and where they changed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.run import split_names
+from harness.commands.options import split_names
 from harness.errors import NothingMeasured
 
 if TYPE_CHECKING:
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 def history(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Runs, or folders with runs in them.")
+        list[Path], typer.Argument(metavar="DIR...", help="Run folders, or folders that hold them.")
     ],
     metrics: Annotated[
-        str, typer.Option(help="Comma-separated: time, and those of: harness list metrics.")
+        str, typer.Option(help="Comma-separated: time, and names from: harness list metrics.")
     ] = "quads,helper_lanes,bbox_tests,time",
     out: Annotated[Path, typer.Option(help="Folder for the plots and history.csv.")] = Path(
         "results/history"
     ),
 ) -> None:
-    """Draw metrics over runs in the order they were made, and mark where they changed.
+    """Draw metrics over runs, in the order in which the runs were made, and mark changes.
 
-    Counters change wherever they differ. Times are taken beside those of the other cases of
-    their runs, and change where their level does for three runs or more.
+    A counter changes wherever it differs from the run before. A time is compared with the times of
+    the other cases of its run; it changes if its level changes for three runs or more.
     """
     from harness.history import find_runs, read_series
     from harness.history.figures import plot_history

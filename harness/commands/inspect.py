@@ -1,4 +1,4 @@
-"""`harness inspect`: see where a polygon's triangulations cost."""
+"""`harness inspect`: a picture of where a polygon's triangulations cost."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import PolygonNumber, Seed
-from harness.commands.run import split_names
+from harness.commands.options import PolygonNumber, Seed, split_names
 from harness.errors import UsageError
 from harness.frame import View, make_frame
-from harness.measuring.run import full_names, load_scene
+from harness.measuring.loading import load_scene
 from harness.progress import Reporter
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse_all
 
 
 def inspect(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")],
     polygon: PolygonNumber = 0,
     triangulator: Annotated[
-        str, typer.Option(help="Comma-separated: one column each.")
+        str, typer.Option(help="Comma-separated; each gets a column.")
     ] = "ear-clipping,optimal:half-perimeter",
     resolution: Annotated[
         int, typer.Option(help="Viewport in pixels, which the polygon fills.")
@@ -29,13 +29,13 @@ def inspect(
     rotation: Annotated[float, typer.Option(help="Degrees, counter-clockwise.")] = 0.0,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(help="The PNG; named after the polygon if absent.")
+        Path | None, typer.Option(help="PNG to write; named after the polygon if absent.")
     ] = None,
 ) -> None:
-    """Draw one polygon's overdraw and helper lanes, triangulation on top, side by side."""
+    """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
     from harness.heatmaps import draw_heatmaps
 
-    names = full_names(split_names(triangulator))
+    recipes = parse_all(split_names(triangulator), seed=seed)
     loaded = load_scene(scene, seed, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
@@ -44,13 +44,14 @@ def inspect(
         raise UsageError(f"polygon {polygon} of {scene}: {frame.dropped[0][1]}")
     drawn = {}
     console = Console(highlight=False)
-    for name in names:
-        result = triangulate_polygons(name, frame.polygons[:1], seed)
+    for recipe in recipes:
+        recipe.load()
+        result = triangulate_polygons(recipe, frame.polygons[:1])
         part = result.parts[0]
         if part is None:
-            console.print(f"{name}: {[*result.skipped, *result.failed][0][1]}", markup=False)
+            console.print(f"{recipe}: {[*result.skipped, *result.failed][0][1]}", markup=False)
         else:
-            drawn[name] = part
+            drawn[str(recipe)] = part
     if not drawn:
         raise UsageError(f"no triangulator given can do polygon {polygon} of {scene}")
     file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")

@@ -1,4 +1,4 @@
-"""`harness pareto`: what lies between the least A and the least D, and what of it is faster."""
+"""`harness pareto`: triangulations between the least A and the least D; which are faster."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed
-from harness.commands.run import folder_for, require_finished, split_names
+from harness.commands.options import Force, Quiet, Seed, Verbose, split_names
+from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.report import write_report
 from harness.stored.folder import read_run
-from harness.study import pareto as study
-from harness.study import pareto_answer, pareto_plot
+from harness.triangulating.names import parse_all
 from scenes import Scene
 
 POLYGONS = 6
@@ -30,7 +28,7 @@ BUDGET_S = 0.4
 def pareto(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
     polygons: Annotated[
-        int, typer.Option(min=0, help="Single polygons whose whole front is found and measured.")
+        int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
     ] = POLYGONS,
     rasterisers: Annotated[str, typer.Option(help="Comma-separated.")] = "opengl,bounding-box",
     device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
@@ -38,26 +36,39 @@ def pareto(
         int, typer.Option(help="Viewport in pixels, which the scene or the polygon fills.")
     ] = 512,
     seed: Seed = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = BUDGET_S,
-    out: Annotated[Path | None, typer.Option(help="Folder for the study.")] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing per case.")] = BUDGET_S,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the study; results/pareto-<scene>-<time> if absent."),
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help="Continue the study in this folder.")] = None,
     force: Force = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Measure the Pareto front of the paper's A and D, and the sweep of their weights."""
+    """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
+
+    A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
+    triangulations of a polygon that no other beats in both.
+    """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.report import write_report
+    from harness.study import pareto as study
+    from harness.study import pareto_answer, pareto_plot
+
     view = View(resolution)
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=(*study.SWEEP, study.WITH_C, *study.named()),
+        triangulators=parse_all((*study.SWEEP, study.WITH_C, *study.named())),
         rasterisers=split_names(rasterisers),
         devices=split_names(device),
         views=(view,),
-        timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+        timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
     folder = folder_for(scene, out, resume, before="pareto-")
-    reporter = Reporter(quiet=quiet)
-    fronts: dict[str, study.Front] = {}
+    reporter = Reporter(quiet=quiet, verbose=verbose)
+    fronts: dict[str, study.MeasuredFront] = {}
 
     def take_apart(label: str, whole: Scene) -> list[Part]:
         parts, found = study.take_apart(label, whole, polygons, view)
@@ -68,11 +79,11 @@ def pareto(
         plan, folder, reporter, resume=resume is not None, force=force, split=take_apart
     )
     console = Console(highlight=False)
-    require_finished(outcome, console, f"the same command with --resume {folder} goes on")
+    require_finished(outcome, console, f"continue with the same command and --resume {folder}")
     run = read_run(folder)
-    table = study.tabulate(run, fronts)
+    table = study.pareto_table(run, fronts)
     with reporter.stage("plotting", 1):
-        study.tabulate_fronts(fronts).to_csv(folder / "fronts.csv", index=False)
+        study.front_table(fronts).to_csv(folder / "fronts.csv", index=False)
         table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
         pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
         write_report(run)

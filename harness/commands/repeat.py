@@ -1,4 +1,4 @@
-"""`harness repeat`: does a second run say what the first one said?"""
+"""`harness repeat`: does a second run say the same as the first?"""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from rich.console import Console
 
 from harness.errors import UsageError
 from harness.stored.folder import read_run
-from harness.study.repeat import repeat as compare
 
 
 def repeat(
-    first: Annotated[Path, typer.Argument(help="Run folder.")],
-    second: Annotated[Path, typer.Argument(help="Run folder of the same plan.")],
+    first: Annotated[Path, typer.Argument(help="Folder of the first run.")],
+    second: Annotated[Path, typer.Argument(help="Folder of the second run, of the same plan.")],
 ) -> None:
-    """Check that two runs of one plan have equal counters, and how often verdicts agree.
+    """Check that two runs of one plan have equal counters, and say how often verdicts agree.
 
-    Every two triangulations of the same polygons that were timed together are a pair, with a
-    verdict in each run: faster, slower, or no difference shown, which says that they are too close
-    for the time spent. Exits with 1 if a counter differs.
+    Two triangulations of the same polygons that were timed together are a pair. Each run has a
+    verdict on the pair: faster, slower, or no difference shown, which means that the two are too
+    close for the time spent. Exits with 1 if a counter differs.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study.repeat import repeat as compare
+
     found = compare(read_run(first).records, read_run(second).records)
     if not found.cases:
         raise UsageError(f"{first} and {second} have no case in common: run the same plan twice")
@@ -37,10 +39,11 @@ def repeat(
         say(f"  differ: {key}")
     for verdicts in found.verdicts:
         where = f"{verdicts.rasteriser} on {verdicts.device}, {verdicts.pairs:,} pairs"
-        which = f"both runs say which is faster of {verdicts.decided:,}"
+        which = f"both runs say which is faster for {verdicts.decided:,}"
         if verdicts.decided:
-            which += f", and the same of {verdicts.agreeing / verdicts.decided:.2%} of these"
-        say(f"{where}: {which}; the same of three verdicts: {verdicts.same / verdicts.pairs:.1%}")
+            which += f", and agree on {verdicts.agreeing / verdicts.decided:.2%} of these"
+        alike = f"{verdicts.same / verdicts.pairs:.1%}"
+        say(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
     raise typer.Exit(1 if found.unequal else 0)
 
 

@@ -5,57 +5,55 @@ from __future__ import annotations
 import importlib
 import os
 import threading
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed, Work
-from harness.errors import NothingMeasured, UsageError
-from harness.frame import Fit, View
+from harness.commands.options import (
+    CALIBRATIONS,
+    Force,
+    Quiet,
+    Seed,
+    Verbose,
+    Work,
+    numbers,
+    split_names,
+)
+from harness.commands.results import folder_for, require_finished
+from harness.errors import UsageError
+from harness.frame import FitMode, View
 from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
-from harness.measuring.run import Outcome
+from harness.measuring.run import RunResult
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
-from harness.stored.folder import file_stem, read_run
+from harness.stored.folder import clear_errors, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
+from harness.triangulating.names import CALIBRATED, Recipe, parse_all
+from scenes.spec import joined
 
-CALIBRATIONS = Path("results") / "calibration"
-
-INTERRUPTED = 130
-"""Exit code of a process that Ctrl-C ended, as shells have it."""
-
-QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
-
-
-def split_names(text: str) -> tuple[str, ...]:
-    """Split a comma-separated option."""
-    return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
-
-
-def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
-    """Read a comma-separated option of numbers; raises UsageError naming `option`."""
-    try:
-        return [kind(part) for part in split_names(text)]
-    except ValueError:
-        raise UsageError(f"{option} {text}: give numbers, separated by commas") from None
 
 
 def run(
     scene: Annotated[
         str,
         typer.Option(
-            help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
-            "GeoPackage, Shapefile, SVG, WKT and more. See: harness list scenes.",
+            help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
+            "Shapefile, SVG, WKT and more), or module:function. See: harness list scenes.",
         ),
     ] = "",
+    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Filter by attributes, as in SQL: height > 10.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
     triangulators: Annotated[
         str, typer.Option(help="Comma-separated; see: harness list triangulators.")
     ] = ",".join(DEFAULT_TRIANGULATORS),
@@ -72,27 +70,28 @@ def run(
         str, typer.Option(help="Degrees, counter-clockwise; comma-separated.")
     ] = "0",
     fit: Annotated[
-        Fit, typer.Option(help="circle keeps the scale the same at every rotation.")
+        FitMode,
+        typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
     samples: Annotated[
-        str, typer.Option(help="Samples a pixel: 1, 4 or 8; comma-separated.")
+        str, typer.Option(help="Samples per pixel: 1, 4 or 8; comma-separated.")
     ] = "1",
     work: Work = "0",
     order: Annotated[
-        Order, typer.Option(help="In which triangles are submitted; native: as they were made.")
+        Order, typer.Option(help="Order of the triangles in a draw; native: as they were made.")
     ] = "native",
     seed: Seed = 0,
     precision: Annotated[
-        float, typer.Option(help="Wanted half-width of a median's 95 % interval, relative.")
-    ] = Settings.precision,
+        float, typer.Option(help="Wanted half-width of the 95 % interval over the median.")
+    ] = TimingSettings.precision,
     budget: Annotated[
-        float, typer.Option(help="Seconds of drawing a case may cost on average.")
-    ] = Settings.budget_s,
+        float, typer.Option(help="Seconds of drawing per case, on average.")
+    ] = TimingSettings.budget_s,
     timeout: Annotated[
         float | None,
         typer.Option(
-            help="Seconds after which a triangulator or device is given up; "
-            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick, unless given."
+            help="Seconds after which a triangulator or device is stopped; by default "
+            f"{Plan.timeout_s:g}, or {QUICK_TIMEOUT_S:g} with --quick."
         ),
     ] = None,
     out: Annotated[
@@ -100,32 +99,35 @@ def run(
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(help="Go on with the run in this folder; failed cases are tried again."),
+        typer.Option(help="Continue the run in this folder; failed cases are tried again."),
     ] = None,
     force: Force = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="What optimal:calibrated minimises; see: calibrate.")
+        Path | None, typer.Option(help="What optimal:calibrated minimises; see: harness calibrate.")
     ] = None,
     cached: Annotated[
-        bool, typer.Option("--cache/--no-cache", help="Use the model database.")
+        bool,
+        typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Short times, wide intervals: a look, not a result.")
+        bool,
+        typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Measure triangulators on a scene: counts exactly, times honestly, stores everything."""
-    timing = QUICK if quick else Settings(precision=precision, budget_s=budget)
+    """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
+    timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     plan = None
     if resume and not scene:
         plan = _stored_plan(resume)
     elif not scene:
-        raise UsageError("--scene is missing; try --scene city, or a file of yours")
+        raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         plan = Plan(
-            scene=scene,
+            scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
-            triangulators=split_names(triangulators),
+            triangulators=_recipes(triangulators, seed, calibration, device),
             rasterisers=split_names(rasterisers),
             devices=split_names(device),
             views=tuple(
@@ -140,11 +142,10 @@ def run(
             ),
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else Plan.timeout_s),
-            calibration=_coefficients(calibration, triangulators, device),
         )
     folder = folder_for(plan.scene, out, resume)
     _load_ahead()
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     outcome = carry_out(
         plan,
         folder,
@@ -156,16 +157,21 @@ def run(
     finish(outcome, Console(), reporter)
 
 
-def _coefficients(file: Path | None, triangulators: str, device: str) -> dict[str, float] | None:
-    """Read the calibration that optimal:calibrated needs, that of the device if none is given."""
-    if not any(name.endswith(":calibrated") for name in split_names(triangulators)):
-        return None
+def _recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:
+    """Read the triangulators, and the calibration that optimal:calibrated needs.
+
+    file : by default that of the device
+    """
+    recipes = parse_all(split_names(triangulators), seed=seed)
+    if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
+        return recipes
     from harness.study.calibrate import read_coefficients
 
     devices = split_names(device)
     if file is None and len(devices) != 1:
         raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
-    return read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
+    coefficients = read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
+    return parse_all(split_names(triangulators), seed=seed, calibration=coefficients)
 
 
 def _load_ahead() -> None:
@@ -186,32 +192,7 @@ def _stored_plan(folder: Path) -> Plan:
         raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
 
 
-def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = "") -> Path:
-    """Return the folder that --out or --resume names, or else a new one.
-
-    before : what the new one's name begins with; the scene's follows
-
-    Raises
-    ------
-    UsageError
-        if both are given
-    """
-    if out and resume:
-        raise UsageError("--out and --resume name two folders; --resume writes to its own")
-    return resume or out or default_folder(scene, before)
-
-
-def default_folder(scene: str, before: str = "") -> Path:
-    """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
-    name = before + file_stem(Path(scene).stem)
-    first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    folder, number = first, 2
-    while folder.exists():  # two short runs may begin within a second
-        folder, number = first.with_name(f"{first.name}-{number}"), number + 1
-    return folder
-
-
-def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
+def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     """Show and store what came out; ends the process with the exit code of the design.
 
     Raises
@@ -219,37 +200,23 @@ def finish(outcome: Outcome, console: Console, reporter: Reporter) -> None:
     NothingMeasured
         if no case was measured
     """
-    print_summary(outcome.records, console)
-    write_csv(outcome.records, outcome.path / "summary.csv")
+    where = os.path.relpath(outcome.path)
+    again = f"python -m harness report {where}"
     measured = [record for record in outcome.records if record["status"] == "ok"]
-    if measured:
+    with clear_errors(outcome.path, again):
+        write_csv(outcome.records, outcome.path / "summary.csv")
+    print_summary(outcome.records, console)
+    console.print(f"results: {where}", markup=False, soft_wrap=True)
+    if measured and not outcome.hurried:
         from harness.plots import plot_run
         from harness.report import write_report
 
-        with reporter.stage("plotting", 1):
+        with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
             stored = read_run(outcome.path)
             plot_run(stored)
             write_report(stored)
-    where = os.path.relpath(outcome.path)
-    console.print(f"results: {where}", markup=False, soft_wrap=True)
-    if measured:
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    require_finished(outcome, console, f"go on with: harness run --resume {outcome.path}")
-
-
-def require_finished(outcome: Outcome, console: Console, how: str) -> None:
-    """Raise `NothingMeasured` if no case was measured.
-
-    If the run was stopped, say how to go on instead, and end the process with `INTERRUPTED`.
-    """
-    if outcome.interrupted:
-        console.print(f"stopped early; {how}", markup=False, soft_wrap=True)
-        raise typer.Exit(INTERRUPTED)
-    if not any(record["status"] == "ok" for record in outcome.records):
-        where = os.path.relpath(outcome.path)
-        raise NothingMeasured(
-            f"nothing was measured: every case was skipped or failed (reasons: {where}/cases.jsonl)"
-        )
+    require_finished(outcome, console, f"continue with: harness run --resume {outcome.path}")
 
 
 def add_to(app: typer.Typer) -> None:

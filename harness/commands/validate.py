@@ -8,19 +8,18 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed, Work
-from harness.commands.run import folder_for, numbers, require_finished, split_names
+from harness.commands.options import Force, Quiet, Seed, Verbose, Work, numbers, split_names
+from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.report import write_report
 from harness.stored.folder import read_run
-from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
+from harness.triangulating.names import parse_all
 
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
@@ -37,7 +36,7 @@ def validate(
         str, typer.Option(help="Comma-separated devices; the best one by default.")
     ] = "",
     resolution: Annotated[
-        str, typer.Option(help="Viewport in pixels, which each polygon fills; comma-separated.")
+        str, typer.Option(help="Viewport in pixels; each polygon fills it; comma-separated.")
     ] = "128",
     work: Work = "0,8",
     polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = Design.polygons,
@@ -45,34 +44,43 @@ def validate(
         int, typer.Option(min=0, help="Random triangulations of each polygon.")
     ] = Design.random,
     seed: Seed = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing a case may cost.")] = 0.1,
+    budget: Annotated[float, typer.Option(help="Seconds of drawing per case.")] = 0.1,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the study; results/validate-<scene>-<time> if absent."),
     ] = None,
-    resume: Annotated[Path | None, typer.Option(help="Go on with the study in here.")] = None,
+    resume: Annotated[Path | None, typer.Option(help="Continue the study in this folder.")] = None,
     force: Force = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Six polygons and short times: a look, not a result.")
+        bool, typer.Option("--quick", help="Six polygons, short times: a look, not a result.")
     ] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Set predicted against measured, within polygons, and say how well each criterion does."""
+    """Say how well each criterion predicts the measured cost, within single polygons.
+
+    Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
+    ranks the triangulations of one polygon as the measured cost does.
+    """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.report import write_report
+    from harness.study import analysis, extremes, matrix
+
     design = QUICK if quick else Design(polygons=polygons, random=random)
     named = dict.fromkeys([*split_names(rasterisers), *COUNTED_ON_THE_CPU])
     plan = Plan(
         scene=scene,
         seed=seed,
-        triangulators=("optimal",),  # each polygon has its own, below
+        triangulators=parse_all(["optimal"]),  # each polygon has its own, below
         rasterisers=tuple(named),
         devices=split_names(device),
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
         # In one kind of order, so that nothing but the diagonals differs.
         options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
-        timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
+        timing=TimingSettings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
     folder = folder_for(scene, out, resume, before="validate-")
-    reporter = Reporter(quiet=quiet)
+    reporter = Reporter(quiet=quiet, verbose=verbose)
     outcome = carry_out(
         plan,
         folder,
@@ -85,13 +93,13 @@ def validate(
         ],
     )
     console = Console()
-    require_finished(outcome, console, f"the same command with --resume {folder} goes on")
+    require_finished(outcome, console, f"continue with the same command and --resume {folder}")
     with reporter.stage("correlating", 1):
-        table = analysis.tabulate(outcome.records)
+        table = analysis.measure_table(outcome.records)
         correlations, sizes = analysis.write(table, folder)
         matrix.plot_study(correlations, table, folder)
         matrix.plot_sizes(sizes, folder)
-        ends = extremes.tabulate(outcome.records)
+        ends = extremes.extremes_table(outcome.records)
         ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
         if ends["scene"].nunique() == 1:
             extremes.plot_polygon(outcome.records, folder / "plots")

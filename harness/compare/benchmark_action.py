@@ -7,7 +7,7 @@ from typing import Any
 from harness.compare.counters import exact_figures
 from harness.compare.matching import case_name
 from harness.compare.settings import is_gated
-from harness.figures.registry import METRICS
+from harness.figures.registry import find
 from harness.stored.folder import Record, Run
 
 
@@ -27,11 +27,11 @@ def to_benchmark_action(run: Run) -> list[dict[str, Any]]:
 
 def _entries(case: str, record: Record) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = [
-        {"name": f"{case}: {metric}", "unit": METRICS[metric].unit or "count", "value": value}
+        {"name": f"{case}: {metric}", "unit": find(metric).unit, "value": value}
         for metric, value in exact_figures(record).items()
-        if is_gated(metric, {}) and METRICS[metric].better == "lower"
+        if is_gated(metric, {}) and find(metric).better == "lower"
     ]
-    milliseconds = METRICS["draw_ms"](record)
+    milliseconds = find("draw_ms")(record)
     if milliseconds is not None:
         entry = {"name": f"{case}: draw", "unit": "ms", "value": milliseconds}
         low, high = (record.get("time") or {}).get("ci95_s") or (None, None)

@@ -21,7 +21,7 @@ from harness.compare.model import (
     Verdict,
 )
 from harness.compare.settings import Settings
-from harness.figures.registry import METRICS
+from harness.figures.registry import find
 from harness.stored.folder import Record, Run
 
 
@@ -145,8 +145,8 @@ def _timed(
 
 
 def _same_work(counters: Sequence[CounterChange]) -> bool:
-    """Whether all that was counted is equal; predictions, which are not counted, have a unit."""
-    counted = [c for c in counters if c.metric in METRICS and METRICS[c.metric].unit == ""]
+    """Whether all that was counted is equal."""
+    counted = [c for c in counters if find(c.metric).kind in ("counter", "count")]
     return bool(counted) and all(change.exact == "equal" for change in counted)
 
 

@@ -8,25 +8,16 @@ from collections.abc import Sequence
 
 from harness.compare.model import CounterChange, Exact, Total
 from harness.compare.settings import Settings
-from harness.figures.registry import METRICS
+from harness.figures.registry import PREDICTED, figures_of, find
 from harness.stored.folder import Record
 
 
 def exact_figures(record: Record) -> dict[str, float]:
-    """Return the record's exact figures: the registered ones, then all other counters it has."""
-    figures = {}
-    for name, metric in METRICS.items():
-        value = metric(record) if metric.exact else None
-        if value is not None:
-            figures[name] = value
-    raw = {**(record.get("counters") or {}), **_predictions(record)}
-    return figures | {name: value for name, value in raw.items() if name not in figures}
-
-
-def _predictions(record: Record) -> dict[str, float]:
-    """Return what the criteria predict, in the names of the registry or as `predicted_...`."""
-    predicted = record.get("predicted") or {}
-    return {f"predicted_{name}": value for name, value in predicted.items() if name not in METRICS}
+    """Return all exact figures that the record holds, by name: whatever any rasteriser counted."""
+    figures = {name: f for name, f in figures_of([record]).items() if f.exact}
+    features = {PREDICTED + name for name in record.get("predicted") or () if name not in figures}
+    figures |= {name: find(name) for name in sorted(features)}
+    return {name: v for name, figure in figures.items() if (v := figure(record)) is not None}
 
 
 def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
@@ -38,7 +29,7 @@ def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[Co
 
 
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
-    better = METRICS[name].better if name in METRICS else "none"
+    better = find(name).better
     exact: Exact = "equal"
     if not _equal(base, head):
         worse_up = {"lower": True, "higher": False}.get(better)
@@ -70,7 +61,7 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
     columns = defaultdict(list)
     for changes in cases:
         for change in changes:
-            if change.metric not in METRICS or METRICS[change.metric].unit != "x":
+            if find(change.metric).adds_up:
                 columns[change.metric].append(change)
     return tuple(_total(name, changes) for name, changes in columns.items())
 
@@ -80,7 +71,7 @@ def _total(name: str, changes: Sequence[CounterChange]) -> Total:
     kinds = [change.exact for change in changes]
     return Total(
         metric=name,
-        unit=METRICS[name].unit if name in METRICS else "",
+        unit=find(name).unit,
         cases=len(changes),
         affected=len(kinds) - kinds.count("equal"),
         better=kinds.count("better"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from harness.compare.model import CaseChange, Comparison
 from harness.compare.rows import ORDER, kind
 from harness.compare.wording import FIRST
-from harness.plots import COLOURS, MARKERS, STYLE
+from harness.looks import COLOURS, MARKERS, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from harness.errors import UsageError, unknown
-from harness.figures.registry import METRICS
+from harness.figures.registry import figures, find
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
@@ -70,10 +70,10 @@ def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
     Ratios of counters say nothing that the counters do not, and predictions are not
     measurements; both are gated only where a threshold names them.
     """
-    metric = METRICS.get(counter)
-    if metric is None or metric.better == "none":
+    figure = find(counter)
+    if figure.better == "none":
         return False
-    return counter in thresholds or (metric.exact and metric.unit == "")
+    return counter in thresholds or figure.kind in ("counter", "count")
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -105,10 +105,10 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    known = ["time", "counters", *(name for name, metric in METRICS.items() if metric.exact)]
+    known = ["time", "counters", *(name for name, each in figures().items() if each.exact)]
     if name not in known:
         raise unknown("threshold", name, known)
-    if name in METRICS and METRICS[name].better == "none":
+    if find(name).better == "none":
         raise UsageError(f"threshold '{text}': neither more nor fewer {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")

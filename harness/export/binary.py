@@ -58,9 +58,9 @@ class PlyWriter:
 
 
 class StlWriter:
-    """Binary STL, single precision about the first batch's middle, which the header names.
+    """Binary STL, single precision around the first batch's middle, which the header names.
 
-    Attributes go to a CSV file beside; the triangles of polygon k are not marked, STL cannot.
+    Attributes go to a CSV file beside it. STL cannot say which polygon a triangle belongs to.
     """
 
     def __init__(self, output: Output, about: About) -> None:  # noqa: ARG002 - STL has no room

@@ -1,4 +1,4 @@
-"""glTF 2.0, as .glb or as .gltf with its .bin: one mesh a batch."""
+"""glTF 2.0, as .glb or as .gltf with its .bin: one mesh per batch."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from harness.export.writer import About, Output, append, plain
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STEPS = 2**24
-"""Steps of the grid from a mesh's middle to its edge: single precision holds all of them."""
+"""Steps of the grid from a mesh's middle to its edge; single precision holds each of them."""
 
 _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
-"""Column-major turn that makes our z (up) glTF's y."""
+"""Column-major rotation that turns our z axis (up) into glTF's y axis."""
 
 
 class GltfWriter:
-    """Writes batches as meshes; attributes go to each mesh's `extras`, one list a column.
+    """Writes batches as meshes; attributes go to each mesh's `extras`, one list per column.
 
-    glTF holds single precision only. So positions are whole numbers of a fine grid about each
-    batch's own middle, and the node's matrix, which readers hold in double precision, maps them
-    back; it also takes up what rounding does to the batch's plan area, less than one step of the
-    grid at its edge, so that areas stay exact. `_FEATURE_ID_0` is the polygon of each vertex,
+    glTF holds single precision only. So positions are whole numbers on a fine grid around the
+    middle of each batch. The node's matrix maps them back; readers hold it in double precision.
+    Rounding changes the plan area of a batch, by less than one step of the grid at its edge; the
+    matrix corrects this too, so areas stay exact. `_FEATURE_ID_0` is the polygon of each vertex,
     counted within its mesh, as in EXT_mesh_features.
     """
 
@@ -86,7 +86,7 @@ class GltfWriter:
         if not self._binary:
             buffer["uri"] = self._output.target.name + ".bin"
         children = list(range(1, len(self._nodes) + 1))
-        # node 0 stands the map up; the nodes of the batches hang below it
+        # node 0 rotates the map upright; the nodes of the batches are its children
         document: dict[str, Any] = {
             "asset": {
                 "version": "2.0",
@@ -150,7 +150,7 @@ class GltfWriter:
             "count": len(values),
             "type": shape,
         }
-        if bounded:  # glTF asks for the bounds of positions
+        if bounded:  # glTF requires the bounds of positions
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._accessors.append(accessor)
         return len(self._accessors) - 1

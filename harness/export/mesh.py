@@ -21,7 +21,7 @@ class Mesh:
 
     vertices : (n, 2) or (n, 3) float64; triangles : (m, 3) int64 indices into them;
     vertex_starts, triangle_starts : (p + 1,), where each polygon's begin;
-    attributes : one row a polygon (no columns if the source has no attributes).
+    attributes : one row per polygon (no columns if the source has no attributes).
     """
 
     vertices: NDArray[np.float64]
@@ -113,7 +113,7 @@ def extruded(mesh: Mesh, batch: Batch, tops: NDArray[np.float64]) -> Mesh:
     every = np.concatenate([triangles + n, triangles[below][:, ::-1], walls[whole]])
     owner = np.concatenate([owners, owners[below], wall_owners[whole]])
     order = np.argsort(owner, kind="stable")
-    # vertices go by polygon too: floor, then roof, of one polygon after another
+    # vertices are ordered by polygon, too: its floor, then its roof
     place = np.argsort(np.r_[mesh.vertex_owners, mesh.vertex_owners], kind="stable")
     moved = np.empty_like(place)
     moved[place] = np.arange(2 * n)
@@ -141,7 +141,7 @@ def _walls(mesh: Mesh, batch: Batch, n: int) -> tuple[NDArray[np.int64], NDArray
 
 
 def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
-    """The mesh less some polygons, (p,) flags, with their vertices and attributes."""
+    """The mesh without some polygons, (p,) flags, their vertices and their attributes."""
     if not gone.any():
         return mesh
     keep_vertex = ~gone[mesh.vertex_owners]

@@ -12,8 +12,8 @@ from harness.export.writer import About, AttributeTable, Output
 class ObjWriter:
     """Groups are called feature_0, feature_1, ...; attributes go to a CSV file beside.
 
-    Coordinates are such that single precision, which most viewers keep, holds them exactly. Where
-    it is too coarse, because the polygons lie far from their origin, they are the source's own.
+    Single precision, which most viewers use, holds the coordinates exactly. If it is too coarse,
+    because the polygons lie far from their origin, the coordinates are the source's own.
     """
 
     def __init__(self, output: Output, about: About) -> None:

@@ -1,9 +1,9 @@
 """Positions that single precision holds exactly, so that every viewer sees the same mesh.
 
-Nearly all viewers keep 32-bit floats and round what a text file says. Rounded here, a file says
-the same to those that keep doubles. Rounding alone would change the area by some 1e-8 of it, as it
-moves every vertex by up to half a step; so a few vertices are rounded the other way, by less than a
-step, and make up for it.
+Nearly all viewers keep 32-bit floats and round the numbers of a text file. If the file holds
+rounded numbers, viewers that keep doubles read the same. Rounding moves every vertex by up to half
+a step, which would change the area by some 1e-8 of it. So a few vertices are rounded the other way,
+by less than a step, to keep the area.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from harness.export.mesh import Mesh, plan_area
 
 STEPS = 2**18
 """Fewest steps of single precision across a mesh: four millimetres in a kilometre, finer than
-footprints are surveyed. Coordinates far from the origin, as of a national grid, have fewer."""
+surveys of footprints. Coordinates far from the origin, as in a national grid, have fewer."""
 
 Points = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def _level(exact: Points, rounded: Points, triangles: NDArray[np.int64]) -> Poin
 
 
 def _slope(points: Points, triangles: NDArray[np.int64]) -> Points:
-    """(n, 2), what the area of counter-clockwise triangles gains as a coordinate grows."""
+    """(n, 2), how much the area of counter-clockwise triangles grows with each coordinate."""
     slope = np.zeros_like(points)
     for corner in range(3):
         before, after = points[triangles[:, corner - 1]], points[triangles[:, corner - 2]]

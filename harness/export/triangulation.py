@@ -13,11 +13,11 @@ from triangulators import full_name, parse, triangulate_many
 from triangulators.batch import Ragged, ragged
 
 COMPILED = 64
-"""Vertices up to which an optimum without holes is computed as quickly as it is read.
+"""With at most this many vertices, an optimum without holes is computed as fast as it is read.
 
-Measured on 20,000 footprints, microseconds a polygon: reading 8 (and 9 once for writing); computing
-the optimum of 25..64 vertices 21, of 65..500 vertices 350, with holes 60..770, and 120..400 for
-ear-clipping and Delaunay, which go one polygon at a time.
+Measured on 20,000 footprints, microseconds per polygon: reading 8 (and 9 once for writing);
+computing the optimum of 25..64 vertices 21, of 65..500 vertices 350, with holes 60..770, and
+120..400 for ear-clipping and Delaunay, which go one polygon at a time.
 """
 
 
@@ -41,7 +41,7 @@ def triangulate_batch(
     polygons: NDArray[Any],
     name: str,
     parameters: dict[str, Any],
-    database: model.Cache | None = None,
+    database: model.ModelDatabase | None = None,
 ) -> Batch:
     """Triangulate valid polygons; what fails is named in `failed` and has no triangles.
 
@@ -74,7 +74,7 @@ def triangulate_batch(
 
 
 def _keys(arrays: Ragged, name: str, parameters: dict[str, Any]) -> dict[int, bytes]:
-    """Keys of those polygons that are worth a look into the model database."""
+    """Keys of those polygons for which reading the model database can be faster."""
     if not parse(name).entry.builtin:
         return {}  # a user's function may change without its name doing so
     rings = np.r_[0, arrays.ring_ends].astype(np.int64)

@@ -119,7 +119,7 @@ def append(target: IO[bytes], spool: IO[bytes]) -> None:
 
 
 class AttributeTable:
-    """Attributes beside a format that holds none: NAME.attributes.csv, one row a polygon."""
+    """Attributes beside a format that holds none: NAME.attributes.csv, one row per polygon."""
 
     def __init__(self, output: Output) -> None:
         self._output = output

@@ -8,48 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.registry import PREDICTED
 from harness.stored.folder import Record, Run, read_arrays
 
 Columns = dict[str, NDArray[np.float64]]
-
-PREDICTED = "predicted_"
-"""Prefix of a column that holds a criterion; the other columns are counters."""
-
-MEASURES = {
-    "helper_lanes": "helper lanes",
-    "bbox_tests": "bounding-box tests",
-    "rows": "rows walked",
-    "tiles_16": "tiles of 16 px",
-    "quads": "quads",
-    "blocks": "4x4 blocks",
-}
-"""Counters worth predicting by name; of those a rasteriser has, the first is shown first."""
-
-SAME_FOR_ALL = ("fragments", "hits", "samples_passed")
-"""Counters that every triangulation of a polygon shares."""
-
-CRITERIA = {
-    "overdraw": "the paper's A",
-    "half_perimeter": "half-perimeter H",
-    "expected_quads": "expected quads Q",
-    "expected_blocks": "expected 4x4 blocks P",
-    "edge_length": "edge length E",
-    "rotation_averaged_overdraw": "rotation-averaged A",
-    "shape": "the paper's D",
-    "complexity": "the paper's C",
-}
-"""Criteria by the name of their column, in the order in which they are shown."""
-
-
-def measures_in(columns: Columns) -> list[str]:
-    """Return the counters among `columns` that a triangulation can change, the main one first."""
-    counted = [
-        name
-        for name in columns
-        if not name.startswith((PREDICTED, "driver_")) and name not in SAME_FOR_ALL
-    ]
-    known = [name for name in MEASURES if name in counted]
-    return known + [name for name in counted if name not in MEASURES]
 
 
 def columns_of(run: Run, record: Record) -> Columns | None:

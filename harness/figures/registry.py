@@ -1,43 +1,85 @@
-"""Every figure derived from a record, by name: what it is, its unit, and which way is better.
+"""Every figure there is, by name: what it is, its unit, which way is better, how to compute it.
 
-Records hold raw samples and counters only; tables, plots and comparisons compute what they show
-through this registry, so that one name means one thing everywhere.
+A record holds raw samples and counters only. Tables, plots, comparisons, studies and reports
+choose from this registry and compute through it, so that one name means one thing everywhere:
+
+- what a rasteriser counts is a figure, declared in `harness.rasterisers.counters` or by a third
+  party's rasteriser; a counter that nobody declared is one too;
+- what `triangulators.criteria` predicts is a figure;
+- what is derived from both, and from times, is in `METRICS` below.
 """
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
+from harness.rasterisers import counters
 from harness.stored.folder import Record
+from triangulators import criteria
+
+Kind = Literal["counter", "ratio", "prediction", "time", "count"]
+Read = Callable[[Record], float | None]
+
+PREDICTED = "predicted_"
+"""Prefix of a prediction's column where counters stand beside it."""
 
 
 @dataclass(frozen=True)
-class Metric:
-    """One derived figure of a record.
+class Figure:
+    """One figure of a record.
 
+    name : its key and its column in files
+    label, symbol, unit : how tables and plots show it; a ratio's unit is "x"
+    kind : "counter", "ratio" of exact figures, "prediction", "time", or "count" of something else
     better : "lower" or "higher" is better, or "none" where neither is
     best_case : the value no triangulation can beat, None where it depends on the scene
-    exact : True for what is counted, False for what is timed
     function : record -> value, or None where the record has no such figure
+    heading : its heading in the terminal's table; "" leaves it out
+    form : how the table writes it
     """
 
     name: str
-    description: str
+    label: str
     unit: str
+    kind: Kind
     better: Literal["lower", "higher", "none"]
     best_case: float | None
-    exact: bool
-    function: Callable[[Record], float | None]
+    function: Read
+    symbol: str = ""
+    description: str = ""
+    heading: str = ""
+    form: str = "{:,.0f}"
 
     def __call__(self, record: Record) -> float | None:
         """Return the figure for `record`."""
         return self.function(record)
 
+    @property
+    def title(self) -> str:
+        """Label and symbol, e.g. half-perimeter H."""
+        return f"{self.label} {self.symbol}".strip()
 
-def _field(*path: str, scale: float = 1.0) -> Callable[[Record], float | None]:
+    @property
+    def written(self) -> str:
+        """The name as on the command line; a criterion's has hyphens."""
+        return self.name.replace("_", "-") if self.kind == "prediction" else self.name
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is the same at every run: everything but times."""
+        return self.kind != "time"
+
+    @property
+    def adds_up(self) -> bool:
+        """Whether the sum over cases means something: not that of ratios."""
+        return self.unit != "x"
+
+
+def _field(*path: str, scale: float = 1.0) -> Read:
     def read(record: Record) -> float | None:
         value: Any = record
         for name in path:
@@ -47,9 +89,7 @@ def _field(*path: str, scale: float = 1.0) -> Callable[[Record], float | None]:
     return read
 
 
-def _ratio(
-    top: Callable[[Record], float | None], bottom: Callable[[Record], float | None]
-) -> Callable[[Record], float | None]:
+def _ratio(top: Read, bottom: Read) -> Read:
     def divide(record: Record) -> float | None:
         numerator, denominator = top(record), bottom(record)
         if numerator is None or not denominator:
@@ -59,130 +99,206 @@ def _ratio(
     return divide
 
 
-def _counter(name: str) -> Callable[[Record], float | None]:
+def _counter(name: str) -> Read:
     return _field("counters", name)
 
 
-def _overshading(record: Record) -> float | None:
-    quads, fragments = _counter("quads")(record), _counter("fragments")(record)
-    return 4 * quads / fragments if quads is not None and fragments else None
+def _shaded_lanes(record: Record) -> float | None:
+    quads = _counter("quads")(record)
+    return None if quads is None else 4 * quads
 
 
-_SECONDS = _field("time", "median_s")
-
-
-def _normalised(record: Record) -> float | None:
-    seconds = _SECONDS(record)
+def _reference_s(record: Record) -> float | None:
     reference = (record.get("time") or {}).get("reference_s")
-    if seconds is None or not reference:
-        return None
-    return seconds / statistics.median(reference)
+    return statistics.median(reference) if reference else None
 
 
 METRICS = {
-    metric.name: metric
-    for metric in (
-        Metric("triangles", "triangles drawn", "", "lower", None, True, _field("triangles")),
-        Metric("fragments", "covered pixels", "", "none", None, True, _counter("fragments")),
-        Metric("quads", "2x2 quads shaded", "", "lower", None, True, _counter("quads")),
-        Metric(
-            "helper_lanes",
-            "lanes of those quads that cover nothing",
-            "",
-            "lower",
-            0.0,
-            True,
-            _counter("helper_lanes"),
-        ),
-        Metric(
+    figure.name: figure
+    for figure in (
+        Figure(
             "overshading",
-            "lanes shaded for each pixel covered",
+            "lanes shaded a pixel",
             "x",
+            "ratio",
             "lower",
             1.0,
-            True,
-            _overshading,
+            _ratio(_shaded_lanes, _counter("fragments")),
+            description="lanes shaded for each pixel covered",
+            heading="lanes/px",
+            form="{:.3f}",
         ),
-        Metric(
-            "bbox_tests",
-            "pixel centres tested in bounding boxes",
-            "",
-            "lower",
-            None,
-            True,
-            _counter("bbox_tests"),
-        ),
-        Metric(
+        Figure(
             "bbox_overdraw",
-            "pixel centres tested for each pixel covered",
+            "tests a pixel",
             "x",
+            "ratio",
             "lower",
             1.0,
-            True,
             _ratio(_counter("bbox_tests"), _counter("fragments")),
+            description="pixel centres tested for each pixel covered",
         ),
-        Metric(
+        Figure(
             "draw_ms",
-            "median time of one draw",
+            "draw time",
             "ms",
+            "time",
             "lower",
             0.0,
-            False,
             _field("time", "median_s", scale=1e3),
+            description="median time of one draw",
+            heading="draw ms",
+            form="{:.3f}",
         ),
-        Metric(
+        Figure(
             "draw_of_reference",
-            "median draw over the same run's reference triangle",
+            "draw time over the reference's",
             "x",
+            "time",
             "lower",
             0.0,
-            False,
-            _normalised,
+            _ratio(_field("time", "median_s"), _reference_s),
+            description="median draw over the same run's reference triangle",
         ),
-        Metric(
+        Figure(
             "triangulate_ms",
-            "time to triangulate the scene",
+            "time to triangulate",
             "ms",
+            "time",
             "lower",
             0.0,
-            False,
             _field("triangulate_s", scale=1e3),
+            description="time to triangulate the scene",
         ),
-        Metric(
-            "coverage_error",
-            "pixels covered too often or not at all",
-            "",
-            "lower",
-            0.0,
-            True,
-            _field("coverage_error"),
-        ),
-        Metric(
-            "t_junctions",
-            "vertices inside a triangle's edge",
-            "",
-            "lower",
-            0.0,
-            True,
-            _field("t_junctions"),
-        ),
-        Metric(
-            "overdraw",
-            "predicted: the paper's A",
-            "px^2",
-            "lower",
-            0.0,
-            True,
-            _field("predicted", "overdraw"),
-        ),
-        Metric(
-            "half_perimeter",
-            "predicted: H, sum of bounding-box width + height",
-            "px",
+        Figure(
+            "triangles",
+            "triangles",
+            "triangles",
+            "count",
             "lower",
             None,
-            True,
-            _field("predicted", "half_perimeter"),
+            _field("triangles"),
+            description="triangles drawn",
+        ),
+        Figure(
+            "coverage_error",
+            "coverage error",
+            "pixels",
+            "count",
+            "lower",
+            0.0,
+            _field("coverage_error"),
+            description="pixels covered too often or not at all: a defect of the triangulation",
+        ),
+        Figure(
+            "t_junctions",
+            "T-junctions",
+            "vertices",
+            "count",
+            "lower",
+            0.0,
+            _field("t_junctions"),
+            description="vertices inside a triangle's edge, where cracks can show",
         ),
     )
 }
+"""Figures derived from records; one added here is in every table, plot, comparison and report."""
+
+
+@cache
+def _of_counter(counter: counters.Counter) -> Figure:
+    return Figure(
+        counter.name,
+        counter.label,
+        counter.unit,
+        "counter",
+        counter.better,
+        counter.best_case,
+        _counter(counter.name),
+        description=counter.description or counter.label,
+        heading=counter.heading,
+    )
+
+
+@cache
+def _of_criterion(criterion: criteria.Criterion) -> Figure:
+    return Figure(
+        criterion.column,
+        criterion.label or criterion.name,
+        criterion.unit,
+        "prediction",
+        "lower",
+        None,
+        _field("predicted", criterion.column),
+        symbol=criterion.symbol,
+        description=f"predicted: {criterion.description}",
+    )
+
+
+@cache
+def _of_feature(column: str) -> Figure:
+    """Return a prediction that is no criterion: a term of fits, or of a criterion since removed."""
+    read = _field("predicted", column)
+    label = column.replace("_", " ")
+    return Figure(PREDICTED + column, label, "1", "prediction", "none", None, read)
+
+
+def predictions() -> dict[str, Figure]:
+    """Return the figure of each criterion by its column, in the order in which they are shown."""
+    return {each.column: _of_criterion(each) for each in criteria.predicted()}
+
+
+def find(name: str) -> Figure:
+    """Return the figure called `name`; a name that is nothing else is taken for a counter.
+
+    Criteria may be written as on the command line (half-perimeter), as their column
+    (half_perimeter) or as the column beside counters (predicted_half_perimeter).
+    """
+    if name in METRICS:
+        return METRICS[name]
+    column = name.removeprefix(PREDICTED).replace("-", "_")
+    known = predictions()
+    if column in known:
+        return known[column]
+    if name.startswith(PREDICTED):
+        return _of_feature(column)
+    return _of_counter(counters.describe(name))
+
+
+def figures() -> dict[str, Figure]:
+    """Return all figures that are known before anything is measured, by name."""
+    counted = {name: _of_counter(each) for name, each in counters.COUNTERS.items()}
+    return counted | METRICS | predictions()
+
+
+def figures_of(records: Iterable[Record]) -> dict[str, Figure]:
+    """Return every figure that at least one record has: counters, metrics, predictions."""
+    records = list(records)
+    counted = {name for record in records for name in record.get("counters") or ()}
+    found = {name: _of_counter(counters.describe(name)) for name in in_order(counted)}
+    rest = {**METRICS, **predictions()}
+    return found | {
+        name: figure
+        for name, figure in rest.items()
+        if name not in found and any(figure(record) is not None for record in records)
+    }
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return names of counters in the order in which they are shown."""
+    return sorted(names, key=counters.place)
+
+
+def measures(names: Iterable[str]) -> list[str]:
+    """Return those of `names` that are counters a triangulation can change, the main one first."""
+    found = (name for name in names if not name.startswith(PREDICTED))
+    return [
+        name
+        for name in in_order(found)
+        if (figure := find(name)).kind == "counter" and figure.better == "lower"
+    ]
+
+
+def value_of(record: Record, names: Sequence[str]) -> float | None:
+    """Return the first of the named figures that `record` has."""
+    return next((v for name in names if (v := find(name)(record)) is not None), None)

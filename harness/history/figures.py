@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.figures.registry import METRICS
+from harness.figures.registry import find
 from harness.history.series import TIME, TOGETHER, Series
-from harness.plots import COLOURS, MARKERS, STYLE, save
+from harness.looks import COLOURS, MARKERS, STYLE, save
 from harness.stored.folder import Run
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ def label(metric: str) -> str:
     """Return what a metric's axis is called."""
     if metric == TIME:
         return "time, relative"
-    unit = METRICS[metric].unit
-    return metric.replace("_", " ") + (f", {unit}" if unit else "")
+    figure = find(metric)
+    return f"{figure.title}, {figure.unit}"
 
 
 def _line(panel: Axes, entry: Series, number: int) -> None:

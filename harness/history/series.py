@@ -15,7 +15,7 @@ from harness.compare.matching import case_name
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
-from harness.figures.registry import METRICS
+from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
 from harness.stored.folder import Record, Run, read_run
 
@@ -75,9 +75,10 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[S
     UsageError
         if a metric is unknown
     """
+    known = figures() | figures_of(record for run in runs for record in run.records)
     for metric in metrics:
-        if metric != TIME and metric not in METRICS:
-            raise unknown("metric", metric, [TIME, *METRICS])
+        if metric != TIME and metric not in known:
+            raise unknown("metric", metric, [TIME, *known])
     cases = _cases(runs)
     found = []
     for metric in metrics:
@@ -101,9 +102,9 @@ def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
 def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:
     if metric == MEASURED_ONCE:
         records = [None if (record or {}).get("polygons_cached") else record for record in records]
-    figures = [METRICS[metric](record) if record else None for record in records]
+    figures = [find(metric)(record) if record else None for record in records]
     values = np.array([np.nan if value is None else value for value in figures], np.float64)
-    return _with_changes(name, metric, METRICS[metric].exact, values, _contents(records))
+    return _with_changes(name, metric, find(metric).exact, values, _contents(records))
 
 
 def _times(cases: dict[CaseName, list[Record | None]]) -> list[Series]:

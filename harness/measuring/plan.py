@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from harness.frame import View
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Options
+from harness.triangulating.names import Recipe, parse_all
 
 DEFAULT_TRIANGULATORS = (
     "fan",
@@ -28,37 +29,50 @@ class Plan:
 
     devices : () lets every rasteriser choose its best device
     timeout_s : longest that one triangulation, count or timing task may take
-    calibration : a device's coefficients, which optimal:calibrated minimises
     """
 
     scene: str
     seed: int = 0
-    triangulators: tuple[str, ...] = DEFAULT_TRIANGULATORS
+    triangulators: tuple[Recipe, ...] = field(
+        default_factory=lambda: parse_all(DEFAULT_TRIANGULATORS)
+    )
     rasterisers: tuple[str, ...] = DEFAULT_RASTERISERS
     devices: tuple[str, ...] = ()
     views: tuple[View, ...] = (View(),)
     options: tuple[Options, ...] = (Options(),)
-    timing: Settings = field(default_factory=Settings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
     timeout_s: float = 600.0
-    calibration: Mapping[str, float] | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values."""
-        return json.loads(json.dumps(asdict(self)))
+        """Return the plan as JSON-ready values: triangulators by name, calibration apart."""
+        calibrations = [recipe.calibration for recipe in self.triangulators]
+        calibration = next((terms for terms in calibrations if terms is not None), None)
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        values |= {
+            "triangulators": [str(recipe) for recipe in self.triangulators],
+            "views": [asdict(view) for view in self.views],
+            "options": [asdict(options) for options in self.options],
+            "timing": asdict(self.timing),
+            "calibration": None if calibration is None else dict(calibration),
+        }
+        return json.loads(json.dumps(values))
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Plan:
         """Build the plan that `to_json` gave."""
         parts = dict(values)
+        calibration = parts.pop("calibration", None)
         return cls(
             **{
                 **parts,
-                "triangulators": tuple(parts["triangulators"]),
+                "triangulators": parse_all(
+                    parts["triangulators"], seed=parts.get("seed", 0), calibration=calibration
+                ),
                 "rasterisers": tuple(parts["rasterisers"]),
                 "devices": tuple(parts["devices"]),
                 "views": tuple(View(**view) for view in parts["views"]),
                 "options": tuple(Options(**options) for options in parts["options"]),
-                "timing": Settings(**parts["timing"]),
+                "timing": TimingSettings(**parts["timing"]),
             }
         )
 

@@ -9,36 +9,30 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import psutil
 from shapely import Polygon
 
 from harness.frame import Frame
 from harness.measuring import tasks
-from harness.measuring.timing import Settings, Times
-from harness.measuring.worker import Executor, TaskFailed
+from harness.measuring.timing import Times, TimingSettings
+from harness.measuring.worker import Executor, OpenWorker, TaskFailed, TaskTimedOut
 from harness.rasterisers.base import Counters, Device, Options, Triangles
-from harness.triangulating.frames import FrameTriangulation, is_builtin, triangulate_polygons
+from harness.triangulating.frames import FrameTriangulation, triangulate_polygons, warm_up
+from harness.triangulating.names import Recipe
 
 T = TypeVar("T")
 
 MEMORY_SHARE = 0.75
 """Of the memory that is free, what a triangulator that others wrote may take."""
 
-
-class OpenWorker(Protocol):
-    """Makes the processes of a run."""
-
-    def __call__(
-        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
-    ) -> Executor:
-        """Return an executor called `name`; see `harness.measuring.worker.Worker`."""
-        ...
+COMPILE_S = 900.0
+"""Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
 
 
 @dataclass(frozen=True)
-class Target:
+class Backend:
     """A rasteriser on a device."""
 
     rasteriser: str
@@ -72,29 +66,80 @@ class Bench:
         self.stopping = False
         self._background = ThreadPoolExecutor(max_workers=1)
         self._opening: dict[str, Future[tasks.Opened]] = {}
+        self._compiled: set[str] = set()
 
-    def triangulate(
-        self,
-        name: str,
-        polygons: Sequence[Polygon],
-        seed: int,
-        calibration: Mapping[str, float] | None = None,
-    ) -> FrameTriangulation:
-        """Run a triangulator over polygons in px.
+    def load(self, recipe: Recipe) -> None:
+        """Import a third party's triangulator, in its own process.
+
+        Raises
+        ------
+        UsageError
+            if there is no such function, or it cannot be imported
+        TaskFailed
+            if its process died, hung or was ended by what it imports
+        """
+        self._triangulating(recipe, recipe.load)
+
+    def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
+        """Have what a triangulator needs compiled, or loaded; done once.
 
         Raises
         ------
         TaskFailed
             if its process crashed, hung or ran out of memory
         """
-        own = is_builtin(name)
-        label = "triangulators" if own else f"triangulator {name}"
-        limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
-        with self.clocked("triangulate"):
-            arguments = (name, polygons, seed, calibration, self._database)
-            return self._call(label, {}, limit, triangulate_polygons, *arguments)
+        if recipe.base not in self._compiled:
+            timeout_s = max(COMPILE_S, self._timeout_s) if recipe.builtin else self._timeout_s
+            try:
+                with self.clocked("compile"):
+                    self._triangulating(recipe, warm_up, recipe, timeout_s=timeout_s, tick=tick)
+            except TaskTimedOut as error:
+                if not recipe.builtin:
+                    raise
+                raise TaskTimedOut(
+                    f"compiling it took more than {timeout_s:g} s; close other programs, "
+                    "and --resume"
+                ) from error
+            self._compiled.add(recipe.base)
 
-    def open(self, target: Target) -> tasks.Opened:
+    def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
+        """Run a triangulator over polygons in px, compiled first if that was not done.
+
+        Raises
+        ------
+        TaskFailed
+            if its process crashed, hung or ran out of memory
+        """
+        self.compile(recipe)
+        with self.clocked("triangulate"):
+            try:
+                return self._triangulating(
+                    recipe, triangulate_polygons, recipe, polygons, self._database
+                )
+            except TaskTimedOut as error:
+                if not recipe.builtin:
+                    raise
+                raise TaskTimedOut(
+                    f"triangulating took more than {self._timeout_s:g} s; give it longer with "
+                    "--timeout, or a smaller scene (limit=)"
+                ) from error
+
+    def ask(self, label: str, function: Callable[..., T], *arguments: Any) -> T:
+        """Run a function of somebody else's, in a process of its own called `label`.
+
+        Raises
+        ------
+        TaskFailed
+            if its process crashed or hung, or the function raised
+        """
+        return self._call(label, {}, None, function, *arguments)
+
+    def hand_over(self, label: str, to: str) -> None:
+        """Let the process called `label`, if there is one, do what that called `to` would do."""
+        if label in self._workers:
+            self._workers[to] = self._workers.pop(label)
+
+    def open(self, backend: Backend) -> tasks.Opened:
         """Open the device, test its timer, and return what it is; done once.
 
         Raises
@@ -102,23 +147,25 @@ class Bench:
         HarnessError
             if it cannot be opened
         """
-        if target.label not in self._opened:
-            opening = self._opening.pop(target.label, None)
+        if backend.label not in self._opened:
+            opening = self._opening.pop(backend.label, None)
             with self.clocked("open"):
-                self._opened[target.label] = (
-                    opening.result() if opening else self._on(target, tasks.open_device)
+                self._opened[backend.label] = (
+                    opening.result() if opening else self._on(backend, tasks.open_device)
                 )
-        return self._opened[target.label]
+        return self._opened[backend.label]
 
-    def open_soon(self, target: Target) -> None:
+    def open_soon(self, backend: Backend) -> None:
         """Begin to open a device, in its own process, while this one does something else."""
-        if target.label not in self._opened and target.label not in self._opening:
-            self._opening[target.label] = self._background.submit(
-                self._on, target, tasks.open_device
+        if backend.label not in self._opened and backend.label not in self._opening:
+            # A process ends with the thread that started it, so this one does.
+            self._worker(backend.label, backend.device.environment, None)
+            self._opening[backend.label] = self._background.submit(
+                self._on, backend, tasks.open_device
             )
 
     def count(
-        self, target: Target, frame: Frame, triangles: Triangles, options: Options
+        self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
         """Count what drawing `triangles` costs.
 
@@ -128,15 +175,15 @@ class Bench:
             if the device cannot do it, or fails
         """
         with self.clocked("count"):
-            counters: Counters = self._on(target, tasks.count, frame, triangles, options)
+            counters: Counters = self._on(backend, tasks.count, frame, triangles, options)
             return counters
 
     def time(
         self,
-        target: Target,
+        backend: Backend,
         candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
-        settings: Settings,
+        settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
@@ -147,13 +194,13 @@ class Bench:
 
         Returns ({candidate: its group's times by name}, {candidate: why it failed}).
         """
-        test = self.open(target).timer
+        test = self.open(backend).timer
         timeout_s = self._timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
         arguments = (dict(candidates), options, settings, test, seed)
         try:
             with self.clocked("time"):
                 group = self._on(
-                    target, tasks.time_group, *arguments, timeout_s=timeout_s, tick=tick
+                    backend, tasks.time_group, *arguments, timeout_s=timeout_s, tick=tick
                 )
         except TaskFailed as error:
             if len(candidates) == 1:
@@ -162,7 +209,7 @@ class Bench:
             failures: dict[str, str] = {}
             for name, candidate in candidates.items():
                 alone = {name: candidate}
-                more, failed = self.time(target, alone, options, settings, seed, tick)
+                more, failed = self.time(backend, alone, options, settings, seed, tick)
                 groups |= more
                 failures |= failed
             return groups, failures
@@ -178,11 +225,11 @@ class Bench:
             for label, opened in self._opened.items()
         }
 
-    def close(self) -> None:
-        """End all processes."""
-        self._background.shutdown(wait=True, cancel_futures=True)
+    def close(self, *, at_once: bool = False) -> None:
+        """End all processes; `at_once`: whatever they are doing."""
+        self._background.shutdown(wait=not at_once, cancel_futures=True)
         for worker in self._workers.values():
-            worker.close()
+            worker.close(at_once=at_once)
         self._workers.clear()
 
     @contextmanager
@@ -194,21 +241,35 @@ class Bench:
         finally:
             self.seconds[stage] += time.perf_counter() - start
 
+    def _triangulating(
+        self,
+        recipe: Recipe,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> T:
+        """Run a function where the recipe's triangulator runs."""
+        own = recipe.builtin
+        label = "triangulators" if own else f"triangulator {recipe}"
+        limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
+        return self._call(label, {}, limit, function, *arguments, timeout_s=timeout_s, tick=tick)
+
     def _on(
         self,
-        target: Target,
+        backend: Backend,
         function: Callable[..., T],
         *arguments: Any,
         timeout_s: float | None = None,
         tick: Callable[[float], None] | None = None,
     ) -> T:
         return self._call(
-            target.label,
-            target.device.environment,
+            backend.label,
+            backend.device.environment,
             None,
             function,
-            target.rasteriser,
-            target.device,
+            backend.rasteriser,
+            backend.device,
             *arguments,
             timeout_s=timeout_s,
             tick=tick,
@@ -224,13 +285,21 @@ class Bench:
         timeout_s: float | None = None,
         tick: Callable[[float], None] | None = None,
     ) -> T:
-        if label not in self._workers:
-            self._workers[label] = self._open_worker(label, environment, memory_bytes)
+        worker = self._worker(label, environment, memory_bytes)
         try:
-            return self._workers[label].call(
+            return worker.call(
                 function, *arguments, timeout_s=timeout_s or self._timeout_s, tick=tick
             )
         except TaskFailed:
             # A context that was lost stays lost: what comes next gets a fresh process.
             self._workers.pop(label).close()
+            if label == "triangulators":
+                self._compiled.clear()
             raise
+
+    def _worker(
+        self, label: str, environment: Mapping[str, str], memory_bytes: int | None
+    ) -> Executor:
+        if label not in self._workers:
+            self._workers[label] = self._open_worker(label, environment, memory_bytes)
+        return self._workers[label]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.measuring.plan import Case
-from harness.measuring.timing import EMPTY, REFERENCE, Settings, TimerTest, Times
+from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.rasterisers.base import Counters
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
@@ -31,6 +31,33 @@ class Prediction:
 
     columns: dict[str, NDArray[np.float64]]
     totals: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What each polygon covers on a device, however it is triangulated.
+
+    fragments : (p,) exact counts of the baseline
+    known : (p,) whether the baseline drew the polygon; elsewhere `fragments` says nothing
+    """
+
+    fragments: NDArray[np.int64]
+    known: NDArray[np.bool_]
+
+    def error(self, fragments: NDArray[np.int64], drawn: NDArray[np.bool_]) -> int | None:
+        """Return by how many (p,) `fragments` of the polygons that are `drawn` are wrong.
+
+        None where no polygon was drawn by both.
+        """
+        compared = drawn & self.known
+        if not compared.any():
+            return None
+        return int(np.abs(fragments - self.fragments)[compared].sum())
+
+
+def drawn_polygons(parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.bool_]:
+    """Return (p,) which polygons of a frame a triangulator gave triangles for."""
+    return np.array([part is not None for part in parts], np.bool_)
 
 
 def predict_frame(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> Prediction:
@@ -56,13 +83,9 @@ def measured(
     triangulation: FrameTriangulation,
     prediction: Prediction,
     counters: Counters,
-    expected_fragments: NDArray[np.int64] | None,
-    timing: Mapping[str, Any] | None,
+    coverage: Coverage | None,
 ) -> Record:
-    """Return the record of a case that was counted, and timed unless `timing` is None.
-
-    expected_fragments : (p,) what each polygon covers on this device however it is triangulated
-    """
+    """Return the record of a case that was counted; its time is not in it yet."""
     done = [part for part in triangulation.parts if part is not None]
     record: Record = {
         **case.identity(),
@@ -81,12 +104,9 @@ def measured(
         "t_junctions": sum(triangulation.t_junctions),
         "coverage_error": None,
     }
-    if expected_fragments is not None and "fragments" in counters:
-        drawn = np.array([part is not None for part in triangulation.parts])
-        errors = np.abs(counters["fragments"] - expected_fragments)[drawn]
-        record["coverage_error"] = int(errors.sum())
-    if timing is not None:
-        record["time"] = dict(timing)
+    if coverage is not None and "fragments" in counters:
+        drawn = drawn_polygons(triangulation.parts)
+        record["coverage_error"] = coverage.error(counters["fragments"], drawn)
     return record
 
 
@@ -102,7 +122,7 @@ def incomplete(triangulation: FrameTriangulation) -> str | None:
 
 
 def time_fields(
-    group: Mapping[str, Times], key: str, test: TimerTest, settings: Settings
+    group: Mapping[str, Times], key: str, test: TimerTest, settings: TimingSettings
 ) -> dict[str, Any]:
     """Return a record's `time` for the drawing `key` of a group timed together.
 

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness import environment, rasterisers
-from harness.errors import UsageError
-from harness.measuring.cases import Runner
+from harness import environment
+from harness.measuring.backends import find_backends
+from harness.measuring.cases import Job, measure_scene
+from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
+from harness.measuring.loading import load_scene
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Bench, OpenWorker, Target
-from harness.measuring.worker import Worker
+from harness.measuring.processes import Bench
+from harness.measuring.resuming import open_store
+from harness.measuring.signals import stopped_in_order
+from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
-from harness.stored.folder import Record, Store, read_run
-from harness.triangulating.frames import BEFORE_TURNING, NUMBERED, SEED_MARK, is_builtin
-from scenes import Scene, SceneError, load
-from triangulators import UnknownName, full_name
+from harness.stored import drawings
+from harness.stored.folder import Record, Store, read_counted
+from harness.triangulating.names import Recipe
+from scenes import Scene
+from scenes.spec import label as scene_label
 
 
 class Part(NamedTuple):
@@ -34,20 +36,27 @@ class Part(NamedTuple):
 
     label: str
     scene: Scene
-    triangulators: tuple[str, ...] = ()
+    triangulators: tuple[Recipe, ...] = ()
 
 
 Split = Callable[[str, Scene], list[Part]]
 """(label, scene) -> the parts that a study takes it into."""
 
 
-@dataclass
-class Outcome:
-    """What became of a run: its folder, its records in the order written, and how it ended."""
+@dataclass(frozen=True)
+class RunResult:
+    """What became of a run.
+
+    path : its folder
+    records : of finished cases, in the order written
+    interrupted : whether it was stopped before all were done
+    hurried : whether whoever stopped it does not wait
+    """
 
     path: Path
     records: list[Record]
     interrupted: bool
+    hurried: bool = False
 
 
 def run(
@@ -60,7 +69,7 @@ def run(
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
     database: Path | None = None,
-) -> Outcome:
+) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
     resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
@@ -75,142 +84,126 @@ def run(
         if nothing can be measured as asked, or the folder cannot be written
     """
     began = time.perf_counter()
-    plan = replace(plan, triangulators=full_names(plan.triangulators))
-    scene = load_scene(plan.scene, plan.seed, reporter)
-    targets = find_targets(plan)
+    scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
+    bench = Bench(open_worker, plan.timeout_s, database)
+    try:
+        return _run(plan, scene, out, reporter, bench, began, resume, force, split)
+    finally:
+        bench.close(at_once=bench.stopping)
+
+
+def _run(
+    plan: Plan,
+    scene: Scene,
+    out: Path,
+    reporter: Reporter,
+    bench: Bench,
+    began: float,
+    resume: bool,
+    force: bool,
+    split: Split | None,
+) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
-    label = Path(plan.scene).name
+    label = scene_label(plan.scene)
     parts = split(label, scene) if split else [Part(label, scene)]
     plans = [_plan_of(part, plan) for part in parts]
     plan = replace(plan, triangulators=_union(plans))
+    usable = find_backends(plan, bench, reporter)
+    broken = find_broken(plan.triangulators, bench)
     facts = _facts(plan, scene)
-    store, done = _open_store(out, facts, resume=resume, force=force)
+    store, records = open_store(out, facts, resume=resume, force=force)
+    counted = {} if force else read_counted(out)
+    bench.seconds["prepare"] = time.perf_counter() - began
+    hurried = False
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        bench = Bench(open_worker, plan.timeout_s, database)
-        frames: list[dict[str, Any]] = []
-        bench.seconds["prepare"] = time.perf_counter() - began
         store.write_facts(facts)
+        frames: list[dict[str, Any]] = []
         try:
-            with stop_on_interrupt(bench, reporter):
+            with stopped_in_order(bench, reporter):
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
-                    runner = Runner(
-                        own, part.label, part.scene, targets, store, reporter, bench, done, frames
-                    )
-                    runner.go(keep_geometry=split is None)
+                    job = Job(own, part.label, part.scene, usable, broken, bench, reporter)
+                    for finding in measure_scene(job, records, counted):
+                        _keep(finding, store, records, frames, reporter, drawings_too=not split)
+        except KeyboardInterrupt:
+            hurried = bench.stopping = True
         finally:
-            bench.close()
             facts["frames"] = frames or facts["frames"]
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
             store.write_facts(facts)
-    return Outcome(out, list(done.values()), bench.stopping)
+        if not bench.stopping:
+            store.drop_counted()
+    return RunResult(out, list(records.values()), bench.stopping, hurried)
+
+
+def _keep(
+    finding: Finding,
+    store: Store,
+    records: dict[str, Record],
+    frames: list[dict[str, Any]],
+    reporter: Reporter,
+    *,
+    drawings_too: bool,
+) -> None:
+    """Store what was found, and add it to the run's records and frames."""
+    match finding:
+        case Framed():
+            frames.append(finding.facts())
+        case Triangulated(frame, triangles) if drawings_too:
+            drawings.write(store, frame, triangles)
+        case Counted(record, columns):
+            if columns is not None:
+                store.write_arrays(record["key"], columns)
+            store.append_counted({**record, "status": "counted"})
+        case Finished(record, columns):
+            if columns is not None:
+                store.write_arrays(record["key"], columns)
+            store.append(record)
+            records[record["key"]] = record
+            reporter.detail(_in_short(record))
+            if record["status"] == "failed":
+                reporter.warn(
+                    f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
+                )
+
+
+def _in_short(record: Record) -> str:
+    view = f"{record['resolution']} px, {record['rotation']:g} degrees"
+    where = f"{record['scene']}, {view}: {record['triangulator']}, {record['rasteriser']}"
+    time = record.get("time")
+    result = f"{time['median_s'] * 1e3:.4g} ms" if time else record["reason"] or "counted"
+    return f"{where} on {record['device']}: {record['status']}, {result}"
+
+
+def find_broken(recipes: Iterable[Recipe], bench: Bench) -> dict[Recipe, str]:
+    """Load every third party's triangulator; return those that die of it, and how.
+
+    Raises
+    ------
+    UsageError
+        if one is not there, or cannot be imported: nothing is measured then
+    """
+    broken = {}
+    for recipe in recipes:
+        if not recipe.builtin:
+            try:
+                bench.load(recipe)
+            except TaskFailed as error:
+                broken[recipe] = str(error)
+    return broken
 
 
 def _plan_of(part: Part, plan: Plan) -> Plan:
-    own = full_names(part.triangulators) if part.triangulators else plan.triangulators
-    return replace(plan, triangulators=own)
+    return replace(plan, triangulators=part.triangulators or plan.triangulators)
 
 
-def _union(plans: Sequence[Plan]) -> tuple[str, ...]:
+def _union(plans: Sequence[Plan]) -> tuple[Recipe, ...]:
     return tuple(dict.fromkeys(chain.from_iterable(plan.triangulators for plan in plans)))
-
-
-def full_names(triangulators: Sequence[str]) -> tuple[str, ...]:
-    """Return each triangulator's full name once, e.g. optimal:overdraw for optimal.
-
-    Raises
-    ------
-    UsageError
-        if a name is unknown, or there is none
-    """
-    try:
-        names = tuple(_full_name(name) for name in triangulators)
-    except UnknownName as error:
-        raise UsageError(str(error)) from error
-    if not names:
-        raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
-    return tuple(dict.fromkeys(names))
-
-
-def _full_name(name: str) -> str:
-    if name.endswith(f"{BEFORE_TURNING}0"):
-        return _full_name(name[:-2]) + f"{BEFORE_TURNING}0"
-    base, mark, number = name.partition(SEED_MARK)
-    if mark and not (base in NUMBERED and number.isdecimal()):
-        raise UsageError(
-            f"triangulator '{name}': a seed is written random{SEED_MARK}7, "
-            f"a point of the Pareto front pareto{SEED_MARK}3"
-        )
-    if _is_foreign(name):
-        return name
-    if base == "pareto" and not mark:
-        mark, number = SEED_MARK, "0"
-    return full_name(base) + (f"{mark}{int(number)}" if mark else "")
-
-
-def _is_foreign(name: str) -> bool:
-    """Whether `name` is "module:function" of an existing module, which only a worker imports."""
-    module, colon, _ = name.partition(":")
-    try:
-        return bool(colon) and not is_builtin(name) and find_spec(module) is not None
-    except (ImportError, ValueError):
-        return False
-
-
-def load_scene(name: str, seed: int, reporter: Reporter) -> Scene:
-    """Load a scene and say what it left out.
-
-    Raises
-    ------
-    UsageError
-        if it cannot be loaded
-    """
-    try:
-        scene = load(name, seed=seed)
-    except SceneError as error:
-        raise UsageError(str(error)) from error
-    for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
-        if notes:
-            which, reason = notes[0]
-            more = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-            reporter.warn(f"{scene.name}: {verb} {which}: {reason}{more}")
-    return scene
-
-
-def find_targets(plan: Plan) -> list[Target]:
-    """Pair each rasteriser with each of the plan's devices that it knows.
-
-    One that knows none of them, such as the CPU reference, runs on its own best device.
-
-    Raises
-    ------
-    UsageError, NoRasteriser
-        if a name is unknown, or a device that was asked for is not here
-    """
-    targets = []
-    known: set[str] = set()
-    for name in plan.rasterisers:
-        kind = rasterisers.get(name)
-        if not any(kind.supports(options) for options in plan.options):
-            raise UsageError(
-                f"{name} has neither multisampling nor fragment work: use opengl for "
-                "--samples and --work, or add the plain case, e.g. --work 0,8"
-            )
-        wanted: list[str | None] = [device for device in plan.devices if kind.knows(device)]
-        known.update(device for device in plan.devices if kind.knows(device))
-        targets += [
-            Target(name, rasterisers.find_device(name, device)) for device in wanted or [None]
-        ]
-    strange = [device for device in plan.devices if device not in known]
-    if strange:
-        rasterisers.find_device(plan.rasterisers[0], strange[0])  # raises, naming the nearest
-        raise UsageError(f"no rasteriser of this run has a device '{strange[0]}'")
-    return targets
 
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
@@ -230,63 +223,10 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
             "dropped": [list(note) for note in scene.dropped],
             "repaired": [list(note) for note in scene.repaired],
+            "notes": list(scene.notes),
         },
         "environment": machine,
         "warnings": environment.warnings(machine),
         "frames": [],
         "devices": {},
     }
-
-
-def _open_store(
-    out: Path, facts: dict[str, Any], *, resume: bool, force: bool
-) -> tuple[Store, dict[str, Record]]:
-    """Return the folder to write to and the records that it has, by key."""
-    if not resume:
-        return Store.create(out), {}
-    store = Store.resume(out)
-    before = read_run(out)
-    if not force:
-        _refuse_other(before.facts, facts, out)
-    facts["frames"] = before.facts.get("frames", [])
-    facts["devices"] = before.facts.get("devices", {})
-    facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
-    facts["created"] = before.facts.get("created", facts["created"])
-    return store, {record["key"]: record for record in before.records}
-
-
-def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:
-    """Refuse to mix two experiments in one folder."""
-    differences = [
-        f"plan ({key}: {before['plan'].get(key)} then, {value} now)"
-        for key, value in now["plan"].items()
-        if before.get("plan", {}).get(key) != value
-    ]
-    if before.get("scene", {}).get("hash") != now["scene"]["hash"]:
-        differences.append("the scene's content")
-    if before.get("environment", {}).get("code") != now["environment"]["code"]:
-        differences.append("the code")
-    if before.get("environment", {}).get("cpu") != now["environment"]["cpu"]:
-        differences.append("the machine")
-    if differences:
-        raise UsageError(
-            f"cannot resume {out}: {', '.join(differences)} differ; "
-            "start a new run, or add --force to mix them"
-        )
-
-
-@contextmanager
-def stop_on_interrupt(bench: Bench, reporter: Reporter) -> Iterator[None]:
-    """Let the first Ctrl-C finish the case in flight; the second one ends at once."""
-
-    def stop(*_: object) -> None:
-        if bench.stopping:
-            raise KeyboardInterrupt
-        bench.stopping = True
-        reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
-
-    before: Callable[..., Any] | int | None = signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -6,7 +6,7 @@ These functions run inside the worker; the parent calls them through `harness.me
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,9 @@ from harness.frame import SUBPIXEL, Frame, View
 from harness.measuring.timing import (
     EMPTY,
     REFERENCE,
-    Settings,
     TimerTest,
     Times,
+    TimingSettings,
     self_test,
     time_together,
 )
@@ -42,6 +42,32 @@ class Opened:
 
     details: dict[str, Any]
     timer: TimerTest | None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a rasteriser can do here of what a plan wants.
+
+    options : those that it can draw with
+    devices : what to run it on: the wanted ones that it knows, or its best
+    known : the wanted devices that it knows
+    """
+
+    options: tuple[Options, ...]
+    devices: tuple[Device, ...]
+    known: tuple[str, ...]
+
+
+def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
+    """Ask the rasteriser `name` what it can do; raises as `rasterisers.find_device` does."""
+    kind = rasterisers.get(name)
+    known = tuple(device for device in devices if kind.knows(device))
+    wanted = known or (None,)
+    return Survey(
+        tuple(filter(kind.supports, options)),
+        tuple(rasterisers.find_device(name, device) for device in wanted),
+        known,
+    )
 
 
 _open: dict[tuple[str, str], Rasteriser] = {}
@@ -75,7 +101,7 @@ def time_group(
     device: Device,
     candidates: Mapping[str, tuple[Frame, Triangles]],
     options: Options,
-    settings: Settings,
+    settings: TimingSettings,
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
@@ -101,17 +127,19 @@ def time_group(
 
 
 def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
-    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one."""
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one,
+    none of which has a hole.
+    """
     offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
     return Frame(
         width=resolution,
         height=resolution,
         scale=1.0,
         view=View(resolution),
-        polygons=(),
         source=np.arange(len(offsets) - 1, dtype=np.int64),
         points=points,
         offsets=offsets,
+        ring_ends=offsets[1:],
     )
 
 

@@ -2,43 +2,45 @@
 
 One `Worker` is one process, started anew after it died. Tasks are plain module-level functions;
 what they need more than once (an open device) they keep in a module global of that process.
+
+A task may be anybody's code, so nothing here trusts it: it may exit, be killed, fork, or raise what
+is no `Exception`. Whether the process lives is asked of the system, not of a pipe, for a process
+that was forked off would keep a pipe open; and its whole process group ends with it.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import os
-import resource
 import signal
-import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import TimeoutError as FutureTimeoutError
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
-
-from pebble import ProcessExpired, ProcessPool
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from harness.errors import HarnessError
+from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
+
+__all__ = ["Executor", "Inline", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
 
 T = TypeVar("T")
 
-STDERR_LINES = 5
-"""How many of the last lines on standard error a failure's reason quotes."""
+OUTPUT_LINES = 5
+"""How many of the last lines that a process printed a failure's reason quotes."""
 
 POLL_S = 0.1
 """How often a waiting caller is told how long it has waited."""
 
+START_S = 120.0
+"""Longest that a process may take to start; its imports take seconds, more on a busy machine."""
 
-class TaskFailed(HarnessError):  # noqa: N818 - says what happened
-    """A task crashed, hung or raised; the message says which and quotes its last output."""
-
-
-class TaskTimedOut(TaskFailed):
-    """A task ran past its time and was stopped."""
+END_S = 2.0
+"""Longest that a process may take to end when asked to."""
 
 
 class Executor(Protocol):
@@ -54,8 +56,18 @@ class Executor(Protocol):
         """Return `function(*arguments)`; raise TaskFailed where it crashes or hangs."""
         ...
 
-    def close(self) -> None:
-        """End the process, if there is one."""
+    def close(self, *, at_once: bool = False) -> None:
+        """End the process, if there is one; `at_once`: whatever it is doing."""
+        ...
+
+
+class OpenWorker(Protocol):
+    """Makes the processes of a run."""
+
+    def __call__(
+        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+    ) -> Executor:
+        """Return an executor called `name`; see `Worker`."""
         ...
 
 
@@ -72,12 +84,12 @@ class Inline:
         """Return `function(*arguments)`; errors other than HarnessError become TaskFailed."""
         try:
             return function(*arguments)
-        except HarnessError:
+        except (HarnessError, KeyboardInterrupt):
             raise
-        except Exception as error:
-            raise TaskFailed(_one_line(error)) from error
+        except BaseException as error:
+            raise failure(error) from error
 
-    def close(self) -> None:
+    def close(self, *, at_once: bool = False) -> None:
         """Nothing to end."""
 
 
@@ -89,6 +101,8 @@ class Worker:
     name : shown in messages
     environment : variables set in the process before any task runs
     memory_bytes : what the process may allocate, so that a greedy one cannot starve the machine
+
+    The process ends with the thread that made the worker, if that dies.
     """
 
     def __init__(
@@ -98,14 +112,12 @@ class Worker:
         memory_bytes: int | None = None,
     ) -> None:
         self.name = name
-        with tempfile.NamedTemporaryFile(prefix="harness-stderr-", delete=False) as file:
-            self._stderr = Path(file.name)
-        self._pool = ProcessPool(
-            max_workers=1,
-            context=multiprocessing.get_context("spawn"),
-            initializer=_start,
-            initargs=(os.getpid(), str(self._stderr), dict(environment or {}), memory_bytes),
-        )
+        with tempfile.NamedTemporaryFile(prefix="harness-output-", delete=False) as file:
+            self._output = Path(file.name)
+        self._settings = (os.getpid(), str(self._output), dict(environment or {}), memory_bytes)
+        self._process: SpawnProcess | None = None
+        self._connection: Connection
+        self._start()
 
     def call(
         self,
@@ -116,50 +128,102 @@ class Worker:
     ) -> T:
         """Run `function(*arguments)` in the process and return its result.
 
-        `tick` is called every tenth of a second with the seconds waited.
+        `tick` is called every tenth of a second with the seconds waited. The time that the process
+        takes to start does not count.
 
         Raises
         ------
         TaskFailed
-            if the process dies or the function raises
+            if the process dies, at once, or the function raises
         TaskTimedOut
             if it runs past `timeout_s`; it is killed
         HarnessError
             as the function raised it
         """
-        written = self._stderr.stat().st_size
-        future = self._pool.schedule(function, args=arguments, timeout=timeout_s)
-        waited = 0.0
-        while True:
-            try:
-                return future.result(timeout=POLL_S)
-            except FutureTimeoutError as error:
-                if future.done():
-                    reason = f"{self.name} ran past {timeout_s:g} s and was stopped"
-                    raise TaskTimedOut(self._quote(reason, written)) from error
-                waited += POLL_S
-                if tick:
-                    tick(waited)
-            except ProcessExpired as error:
-                reason = f"{self.name} died: {_explain_exit(error.exitcode)}"
-                raise TaskFailed(self._quote(reason, written)) from error
-            except HarnessError:
-                raise
-            except MemoryError as error:
-                raise TaskFailed(f"{self.name} ran out of memory") from error
-            except Exception as error:
-                raise TaskFailed(_one_line(error)) from error
+        if self._process is None:
+            self._start()
+        written = self._output.stat().st_size
+        self._receive(written, START_S, None)
+        try:
+            self._connection.send((function, arguments))
+        except OSError:
+            self._died(written)
+        # What the task needs of the harness is imported first, which is not the task's time.
+        answer = self._receive(written, START_S, None)
+        if answer is None:
+            answer = self._receive(written, timeout_s, tick)
+        done, result = answer
+        if done:
+            value: T = result
+            return value
+        raise result
 
-    def close(self) -> None:
-        """End the process."""
-        self._pool.stop()
-        self._pool.join()
-        self._stderr.unlink(missing_ok=True)
+    def close(self, *, at_once: bool = False) -> None:
+        """End the process and whatever it started."""
+        self._end(at_once=at_once)
+        self._output.unlink(missing_ok=True)
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        arguments = (theirs, *self._settings)
+        self._process = context.Process(target=serve, args=arguments, daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def _receive(
+        self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
+    ) -> Any:
+        """Wait for what the process sends next."""
+        assert self._process is not None
+        start = time.monotonic()
+        while not self._connection.poll(POLL_S):
+            waited = time.monotonic() - start
+            # It may have answered and died since: then there is something to read.
+            if self._process.exitcode is not None and not self._connection.poll(0):
+                self._died(written)
+            if timeout_s is not None and waited > timeout_s:
+                self._end(at_once=True)
+                reason = f"{self.name} ran past {timeout_s:g} s and was stopped"
+                raise TaskTimedOut(self._quote(reason, written))
+            if tick:
+                tick(waited)
+        try:
+            return self._connection.recv()
+        except (EOFError, OSError):
+            self._died(written)
+        except Exception as error:
+            raise TaskFailed(
+                f"{self.name}: its result cannot be read: {one_line(error)}"
+            ) from error
+
+    def _died(self, written: int) -> NoReturn:
+        assert self._process is not None
+        self._process.join(END_S)
+        code = self._process.exitcode
+        self._end(at_once=True)
+        raise TaskFailed(self._quote(f"{self.name} died: {_explain_exit(code)}", written))
+
+    def _end(self, *, at_once: bool = False) -> None:
+        """End the process, and every process that it started and left."""
+        process, self._process = self._process, None
+        if process is None or process.pid is None:
+            return
+        if not at_once:
+            with contextlib.suppress(OSError):
+                self._connection.send(None)
+            process.join(END_S)
+        # The group's number is the process's, which made it; it may have died before it did.
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.kill()
+        process.join()
+        self._connection.close()
 
     def _quote(self, reason: str, written: int) -> str:
-        with contextlib.suppress(OSError), self._stderr.open("rb") as file:
+        with contextlib.suppress(OSError), self._output.open("rb") as file:
             file.seek(written)
-            lines = file.read().decode(errors="replace").strip().splitlines()[-STDERR_LINES:]
+            lines = file.read().decode(errors="replace").strip().splitlines()[-OUTPUT_LINES:]
             if lines:
                 return f"{reason}; last output: {' | '.join(line.strip() for line in lines)}"
         return reason
@@ -176,39 +240,9 @@ class Worker:
         self.close()
 
 
-def _start(
-    parent: int, stderr: str, environment: Mapping[str, str], memory_bytes: int | None
-) -> None:
-    """Prepare a fresh process before its first task."""
-    os.environ.update(environment)
-    if memory_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    # Ctrl-C goes to the whole group; only the parent decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _die_with(parent)
-    descriptor = os.open(stderr, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    os.dup2(descriptor, sys.__stderr__.fileno() if sys.__stderr__ else 2)
-    os.close(descriptor)
-
-
-def _die_with(parent: int) -> None:
-    """Have the kernel end this process when its parent is killed; Linux only."""
-    if sys.platform != "linux":
-        return
-    pr_set_pdeathsig = 1
-    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    if os.getppid() != parent:  # it died before the call above
-        os._exit(1)
-
-
 def _explain_exit(code: int | None) -> str:
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         hint = " (perhaps out of memory)" if -code == signal.SIGKILL else ""
         return f"{name}{hint}"
     return f"exit code {code}"
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__

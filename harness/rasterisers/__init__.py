@@ -18,8 +18,10 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
+from harness.rasterisers.counters import Counter, learn
 
 __all__ = [
+    "Counter",
     "Counters",
     "Device",
     "Drawing",
@@ -81,6 +83,7 @@ def get(name: str) -> type[Rasteriser]:
         raise unknown("rasteriser", name, names())
     if not (isinstance(found, type) and issubclass(found, Rasteriser)):
         raise UsageError(f"rasteriser '{name}' is not a harness.rasterisers.Rasteriser class")
+    learn(found.new_counters)
     return found
 
 

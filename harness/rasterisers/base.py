@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
 from harness.frame import Frame
+from harness.rasterisers.counters import Counter
 from harness.rasterisers.order import ORDERS, Order, submission
 
 Triangles = NDArray[np.int32]
@@ -103,9 +104,10 @@ class Drawing(ABC):
 class Rasteriser(ABC):
     """Turns triangles into pixels on one device.
 
-    Class attributes say what it can do: `name`; `counters`, the names `count` returns; `timed`,
-    whether `prepare` works; `pictured`, whether `image` works. Construct it only inside a worker
-    process whose environment has been set to the device's.
+    Class attributes say what it can do: `name`; `counters`, the names `count` returns;
+    `new_counters`, how those are shown that no built-in rasteriser has; `timed`, whether `prepare`
+    works; `pictured`, whether `image` works. Construct it only inside a worker process whose
+    environment has been set to the device's.
 
     An implementation fills in `_count` and, where it can, `_prepare` and `_image`; they get the
     triangles checked and in the order of submission.
@@ -113,6 +115,7 @@ class Rasteriser(ABC):
 
     name: ClassVar[str]
     counters: ClassVar[tuple[str, ...]] = ()
+    new_counters: ClassVar[tuple[Counter, ...]] = ()
     timed: ClassVar[bool] = True
     pictured: ClassVar[bool] = True
 

@@ -55,17 +55,7 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
 
 
 def next_in_ring(frame: Frame) -> NDArray[np.int64]:
-    """Return (n,) for each of the frame's points the next one in its ring.
-
-    A frame made without polygons has one ring for each of them.
-    """
-    if frame.polygons:
-        rings = [
-            ring for polygon in frame.polygons for ring in (polygon.exterior, *polygon.interiors)
-        ]
-        starts = np.cumsum([0, *(len(ring.coords) - 1 for ring in rings)])
-    else:
-        starts = frame.offsets
+    """Return (n,) for each of the frame's points the next one in its ring."""
     following = np.arange(1, len(frame.points) + 1, dtype=np.int64)
-    following[starts[1:] - 1] = starts[:-1]
+    following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
     return following

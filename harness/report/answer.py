@@ -1,4 +1,4 @@
-"""The answer of a report, in one sentence: what was cheapest to draw, and what foretold it."""
+"""The answer of a report, in one sentence: what was cheapest to draw, and what predicted it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from harness.figures.groups import BASE, time_ratio
-from harness.figures.polygons import CRITERIA, MEASURES
 from harness.figures.ratios import SLOWER, UNDECIDED, Ratio
-from harness.figures.registry import METRICS
+from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
+from harness.study.analysis import TIME
+from harness.study.analysis import column as column_of
 
 Correlations = Mapping[str, Mapping[str, float | None]]
 """measure -> criterion -> rank correlation of ratios."""
@@ -30,9 +31,9 @@ def answer(members: Sequence[Record], measure: str | None, correlations: Correla
         f"On {first['device']} ({first['rasteriser']}, {first['resolution']} px), "
         f"{first['scene']} is "
     )
-    told = _foretold(measure, correlations)
+    predicted = _predicted(measure, correlations)
     cost = _by_time(whole) or _by_counter(whole, measure) or _alone(first)
-    return f"{place}{cost}{told}."
+    return f"{place}{cost}{predicted}."
 
 
 def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
@@ -44,12 +45,12 @@ def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
         return None
     matrix = matrices[0]
     columns = [column["measure"] for column in matrix["columns"]]
-    wanted = [name for name in MEASURES if name in columns] + columns
+    wanted = [*measures(name for name in columns if not name.startswith(TIME)), *columns]
     place = columns.index(wanted[0])
     known = {
         row["title"]: cells[place]
         for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
-        if row["name"] in CRITERIA and cells[place] and cells[place][0] is not None
+        if column_of(row["name"]) in predictions() and cells[place] and cells[place][0] is not None
     }
     if not known:
         return None
@@ -58,19 +59,19 @@ def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     interval = "" if low is None else f", 95 % interval {low:.2f} to {high:.2f}"
     column = matrix["columns"][place]
     where = f"{column['rasteriser']} on {column['device']}"
-    words = f"{best} foretells the {column['title']} of {where} best "
+    words = f"{best} predicts the {column['title']} of {where} best "
     words += f"({matrix['title']} {value:.2f}{interval})"
-    paper = CRITERIA["overdraw"]
+    paper = find("overdraw").title
     if best != paper and paper in known:
         words += f"; {paper} reaches {known[paper][0]:.2f}"
     return f"{words[0].upper()}{words[1:]}."
 
 
 def _by_time(records: Sequence[Record]) -> str | None:
-    timed = [record for record in records if METRICS["draw_ms"](record) is not None]
+    timed = [record for record in records if find("draw_ms")(record) is not None]
     if len(timed) < 2:
         return None
-    ranked = sorted(timed, key=lambda record: METRICS["draw_ms"](record) or 0.0)
+    ranked = sorted(timed, key=lambda record: find("draw_ms")(record) or 0.0)
     leader = ranked[0]
     equals = [r["triangulator"] for r in ranked[1:] if not _is_slower(time_ratio(r, leader))]
     beside = ""
@@ -78,15 +79,15 @@ def _by_time(records: Sequence[Record]) -> str | None:
         beside = f" (no difference shown to {_listed(equals)})"
     base = next((record for record in timed if record["triangulator"] == BASE), None)
     if base is leader:
-        return f"drawn fastest as {BASE} cuts it{beside}"
+        return f"drawn fastest when triangulated by {BASE}{beside}"
     ratio = time_ratio(leader, base)
     if ratio is None:
-        return f"drawn fastest as {leader['triangulator']} cuts it{beside}"
+        return f"drawn fastest when triangulated by {leader['triangulator']}{beside}"
     if ratio.verdict == UNDECIDED:
-        return f"drawn as fast however it is cut: no difference to {BASE} is shown"
+        return f"drawn as fast by {leader['triangulator']} as by {BASE}: no difference is shown"
     return (
-        f"drawn fastest as {leader['triangulator']} cuts it{beside}: in {ratio.value:.3f} of "
-        f"{BASE}'s time (95 % interval {ratio.low:.3f} to {ratio.high:.3f})"
+        f"drawn fastest when triangulated by {leader['triangulator']}{beside}: "
+        f"in {ratio.value:.3f} of {BASE}'s time (95 % interval {ratio.low:.3f} to {ratio.high:.3f})"
     )
 
 
@@ -100,31 +101,30 @@ def _by_counter(records: Sequence[Record], measure: str | None) -> str | None:
         return None
     best = min(counted, key=lambda record: record["counters"][measure])
     base = next((record for record in counted if record["triangulator"] == BASE), None)
-    words = f"cheapest as {best['triangulator']} cuts it: {best['counters'][measure]:,} "
-    words += MEASURES.get(measure, measure.replace("_", " "))
+    words = f"cheapest when triangulated by {best['triangulator']}: "
+    words += f"{best['counters'][measure]:,} {find(measure).label}"
     if base is not None and base is not best:
         words += f", {best['counters'][measure] / base['counters'][measure]:.3f} of {BASE}'s"
     return words
 
 
 def _alone(record: Record) -> str:
-    return f"measured as {record['triangulator']} cuts it, with nothing to compare it to"
+    return f"triangulated by {record['triangulator']} alone, so there is nothing to compare it with"
 
 
-def _foretold(measure: str | None, correlations: Correlations) -> str:
+def _predicted(measure: str | None, correlations: Correlations) -> str:
     known = {
         name: value
         for name, value in correlations.get(measure or "", {}).items()
-        if value is not None and name in CRITERIA
+        if value is not None and name in predictions()
     }
     if not known:
         return ""
     best = max(known, key=lambda name: known[name])
-    title = MEASURES.get(measure or "", (measure or "").replace("_", " "))
-    words = f"; of the criteria, {CRITERIA[best]} foretells {title} best "
+    words = f"; of the criteria, {find(best).title} predicts {find(measure or '').label} best "
     words += f"(rank correlation {known[best]:.2f}"
     if best != "overdraw" and "overdraw" in known:
-        words += f"; {CRITERIA['overdraw']} {known['overdraw']:.2f}"
+        words += f"; {find('overdraw').title} {known['overdraw']:.2f}"
     return f"{words})"
 
 

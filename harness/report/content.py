@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from harness.figures.groups import base_of, groups
-from harness.figures.polygons import (
-    CRITERIA,
-    MEASURES,
-    PREDICTED,
-    Columns,
-    columns_of,
-    correlation_of_ratios,
-    measures_in,
-)
-from harness.figures.registry import METRICS
+from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
+from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
 from harness.frame import View
+from harness.looks import looks
 from harness.report import facts, matrix, packing
 from harness.report.answer import answer, answer_of_study
 from harness.stored import drawings
@@ -42,12 +36,15 @@ def content_of(run: Run) -> Content:
     place = {record["key"]: number for number, record in enumerate(run.records)}
     found.sort(key=lambda members: (_interest(members), min(place[r["key"]] for r in members)))
     columns = _Polygons(run, found)
+    names = _triangulators(run)
+    shown = figures_of(run.records)
     content: Content = {
         "name": run.facts.get("scene", {}).get("name") or _scene(run.records) or run.path.name,
-        "metrics": [_metric(name) for name in METRICS],
-        "measures": MEASURES,
-        "criteria": CRITERIA,
-        "triangulators": _triangulators(run),
+        "figures": {name: _described(figure) for name, figure in shown.items()},
+        "criteria": [name for name, figure in shown.items() if figure.kind == "prediction"],
+        "measures": measures(shown),
+        "triangulators": names,
+        "looks": {name: asdict(each) for name, each in looks(names).items()},
         "groups": [],
         "cases": [],
         "views": columns.views,
@@ -115,7 +112,7 @@ class _Polygons:
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""
         chosen = self._chosen[drawings.name_of(view_of(record))]
-        return {name: columns[name][chosen].astype(int).tolist() for name in measures_in(columns)}
+        return {name: columns[name][chosen].astype(int).tolist() for name in measures(columns)}
 
 
 def _group(
@@ -130,20 +127,19 @@ def _group(
     first = members[0]
     base = base_of(members)
     base_name = base["triangulator"] if base is not None else next(iter(columns), None)
-    measures = measures_in(columns[base_name]) if base_name in columns else []
+    counted = measures(columns[base_name]) if base_name in columns else []
     correlations = {
         measure: {
             criterion: _rounded(correlation_of_ratios(columns, base_name, criterion, measure))
-            for criterion in CRITERIA
+            for criterion in predictions()
             if base_name and f"{PREDICTED}{criterion}" in columns[base_name]
         }
-        for measure in measures
+        for measure in counted
         if base_name is not None
     }
-    main = measures[0] if measures else None
-    if main is None:
-        counted = (base or first).get("counters") or {}
-        main = next((name for name in MEASURES if name in counted), None)
+    # One polygon has no columns of its own: its record's totals are its counters.
+    totals = measures((base or first).get("counters") or ())
+    main = next(iter([*counted, *totals]), None)
     options = first.get("options") or {}
     return {
         "scene": first["scene"],
@@ -152,7 +148,7 @@ def _group(
         "view": drawings.name_of(view_of(first)),
         "condition": _condition(first, options),
         "base": base_name,
-        "measures": measures,
+        "measures": counted,
         "main": main,
         "correlations": correlations,
         "answer": answer(members, main, correlations),
@@ -199,14 +195,14 @@ def _interest(members: Sequence[Record]) -> tuple[bool, bool, bool]:
     return not (gpu and timed), not (main and timed), not timed
 
 
-def _metric(name: str) -> Content:
-    metric = METRICS[name]
+def _described(figure: Figure) -> Content:
     return {
-        "name": name,
-        "description": metric.description,
-        "unit": metric.unit,
-        "better": metric.better,
-        "exact": metric.exact,
+        "title": figure.title,
+        "label": figure.label,
+        "unit": figure.unit,
+        "kind": figure.kind,
+        "better": figure.better,
+        "description": figure.description,
     }
 
 

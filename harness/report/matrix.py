@@ -1,4 +1,4 @@
-"""The matrix of a report: how well each criterion foretells each measurement.
+"""The matrix of a report: how well each criterion predicts each measurement.
 
 A study (`harness validate`) leaves `correlations.csv` beside its run, with intervals; a plain run
 has the rank correlation of its polygons' ratios.
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.figures.polygons import CRITERIA, MEASURES
+from harness.study.analysis import column, label, predictors
 
 FILE = "correlations.csv"
 COLUMNS = ("rasteriser", "device", "criterion", "measure", "statistic", "value")
@@ -31,7 +31,7 @@ Matrix = dict[str, Any]
 
 
 def from_study(folder: Path) -> list[Matrix]:
-    """Return one matrix a statistic of the study in `folder`, [] where there is none.
+    """Return one matrix per statistic of the study in `folder`, [] where there is none.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _matrix(
                 "rasteriser": rasteriser,
                 "device": device,
                 "measure": measure,
-                "title": MEASURES.get(measure, measure.replace("_", " ")),
+                "title": label(measure),
             }
             for rasteriser, device, measure in columns
         ],
@@ -96,13 +96,13 @@ def _matrix(
 
 
 def _place(criterion: str) -> tuple[int, str]:
-    names = list(CRITERIA)
-    plain = criterion.replace("-", "_")
-    return (names.index(plain) if plain in names else len(names), criterion)
+    names = list(predictors())
+    name = column(criterion)
+    return (names.index(name) if name in names else len(names), criterion)
 
 
 def _title(criterion: str) -> str:
-    return CRITERIA.get(criterion.replace("-", "_"), criterion.replace("_", " "))
+    return predictors().get(column(criterion), criterion.replace("_", " "))
 
 
 def _number(text: str | None) -> float | None:

@@ -63,7 +63,7 @@ def name_of(view: View) -> str:
 
 def _read(run: Run, key: str) -> Geometry | None:
     arrays = read_arrays(run, key, FOLDER)
-    if arrays is None or "points" not in arrays:
+    if arrays is None or not {"points", "offsets", "source"} <= set(arrays):
         return None
     triangles = {
         name.removeprefix(_TRIANGLES): rows

@@ -3,16 +3,21 @@
 `run.json` holds environment and plan, `cases.jsonl` one record a line. A record is written in one
 append and forced to the disk before the next case starts, so a kill loses at most the case in
 flight; a last line that was torn by one is ignored on reading and cut off before more is added.
+
+While cases are timed, which takes long, `counted.jsonl` holds the records of those that are counted
+but not finished: what a resumed run need not count again. It goes when the run is complete.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,8 +30,15 @@ from harness.errors import UsageError
 
 SCHEMA_VERSION = 1
 
+CASES = "cases.jsonl"
+COUNTED = "counted.jsonl"
+"""Records of finished cases, and of those that are counted but not finished."""
+
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
+
+UNREADABLE = (OSError, EOFError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""What numpy and zipfile raise for damaged files: empty, cut off, or with bytes changed."""
 
 Record = dict[str, Any]
 
@@ -47,13 +59,53 @@ class Run:
     problems: list[str] = field(default_factory=list)
 
 
+class _Lines:
+    """A file of records that only grows: one a line, each whole or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor = -1
+
+    def open(self) -> None:
+        """Open it for more records, cutting off a torn last line."""
+        if self.path.exists():
+            content = self.path.read_bytes()
+            whole = content.rfind(b"\n") + 1
+            if whole < len(content):
+                os.truncate(self.path, whole)
+        self._descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+
+    def append(self, record: Record, *, forced: bool) -> None:
+        """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
+        line = (json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        size = os.fstat(self._descriptor).st_size
+        try:
+            while line:
+                line = line[os.write(self._descriptor, line) :]
+            if forced:
+                os.fsync(self._descriptor)
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, size)
+            raise
+
+    @property
+    def is_open(self) -> bool:
+        return self._descriptor >= 0
+
+    def close(self) -> None:
+        if self.is_open:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
 class Store:
     """The folder of a run that is being written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._cases = path / "cases.jsonl"
-        self._descriptor = -1
+        self._cases = _Lines(path / CASES)
+        self._counted = _Lines(path / COUNTED)
 
     @classmethod
     def create(cls, path: Path) -> Store:
@@ -65,11 +117,11 @@ class Store:
             if it cannot be written or already holds a run
         """
         store = cls(path)
-        with _clear_errors(path):
+        with clear_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            if store._cases.exists() or (path / "run.json").exists():
+            if store._cases.path.exists() or (path / "run.json").exists():
                 raise UsageError(f"{path} already holds a run; give another --out, or --resume it")
-            store._open()
+            store._cases.open()
         return store
 
     @classmethod
@@ -84,18 +136,9 @@ class Store:
         if not (path / "run.json").is_file():
             raise UsageError(f"{path} holds no run to resume (no run.json in it)")
         store = cls(path)
-        with _clear_errors(path):
-            if store._cases.exists():
-                content = store._cases.read_bytes()
-                whole = content.rfind(b"\n") + 1
-                if whole < len(content):
-                    os.truncate(store._cases, whole)
-            store._open()
+        with clear_errors(path):
+            store._cases.open()
         return store
-
-    def _open(self) -> None:
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
-        self._descriptor = os.open(self._cases, flags, 0o644)
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:
         """Replace `run.json`, whole or not at all."""
@@ -107,11 +150,11 @@ class Store:
         self, key: str, arrays: Mapping[str, NDArray[Any]], folder: str = POLYGONS
     ) -> None:
         """Store arrays as `<folder>/<key>.npz`; by default a case's columns, each (p,)."""
-        with _clear_errors(self.path):
-            place = self.path / folder
-            place.mkdir(exist_ok=True)
-            with (place / f"{key}.npz").open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **arrays)
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, **arrays)
+        with clear_errors(self.path):
+            (self.path / folder).mkdir(exist_ok=True)
+        self._replace(f"{folder}/{key}.npz", content.getvalue(), forced=False)
 
     def append(self, record: Record) -> None:
         """Add one record and force it to the disk.
@@ -121,23 +164,26 @@ class Store:
         UsageError
             if the disk is full or gone; what was written before stays readable
         """
-        line = (json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n").encode()
-        size = os.fstat(self._descriptor).st_size
-        with _clear_errors(self.path):
-            try:
-                while line:
-                    line = line[os.write(self._descriptor, line) :]
-                os.fsync(self._descriptor)
-            except OSError:
-                with contextlib.suppress(OSError):
-                    os.ftruncate(self._descriptor, size)
-                raise
+        with clear_errors(self.path):
+            self._cases.append(record, forced=True)
+
+    def append_counted(self, record: Record) -> None:
+        """Add the record of a case that is counted but not finished; raises as `append` does."""
+        with clear_errors(self.path):
+            if not self._counted.is_open:
+                self._counted.open()
+            self._counted.append(record, forced=False)
+
+    def drop_counted(self) -> None:
+        """Remove what `append_counted` kept: every case is finished."""
+        self._counted.close()
+        with clear_errors(self.path):
+            self._counted.path.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Close the file of records."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        """Close the files of records."""
+        self._cases.close()
+        self._counted.close()
 
     def __enter__(self) -> Store:
         return self
@@ -145,16 +191,19 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _replace(self, name: str, content: bytes) -> None:
-        with _clear_errors(self.path):
-            descriptor, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}.")
+    def _replace(self, name: str, content: bytes, *, forced: bool = True) -> None:
+        """Write a file, whole or not at all; `forced`: it outlives a power cut, too."""
+        with clear_errors(self.path):
+            place = self.path / name
+            descriptor, temporary = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
             try:
                 with os.fdopen(descriptor, "wb") as file:
                     file.write(content)
                     file.flush()
-                    os.fsync(file.fileno())
+                    if forced:
+                        os.fsync(file.fileno())
                 Path(temporary).chmod(0o644)
-                Path(temporary).replace(self.path / name)
+                Path(temporary).replace(place)
             except OSError:
                 Path(temporary).unlink(missing_ok=True)
                 raise
@@ -169,14 +218,14 @@ def read_run(path: Path) -> Run:
         if nothing is there, or it was written by a newer schema
     """
     if path.is_dir():
-        cases, facts_file = path / "cases.jsonl", path / "run.json"
+        cases, facts_file = path / CASES, path / "run.json"
     else:
         cases, facts_file = path, path.with_name("run.json")
     if not cases.exists() and not facts_file.exists():
         raise UsageError(f"{path} holds no run (neither run.json nor cases.jsonl)")
     problems: list[str] = []
     facts: dict[str, Any] = {}
-    with _clear_errors(path):
+    with clear_errors(path):
         if facts_file.exists():
             try:
                 found = json.loads(facts_file.read_bytes())
@@ -196,6 +245,14 @@ def read_run(path: Path) -> Run:
     return Run(path, facts, records, problems)
 
 
+def read_counted(path: Path) -> dict[str, Record]:
+    """Return by key what the unfinished run at `path` had counted; see `Store.append_counted`."""
+    file = path / COUNTED
+    with clear_errors(path):
+        content = file.read_bytes() if file.exists() else b""
+    return {record["key"]: record for record in _parse_lines(content, file, [])}
+
+
 def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record]:
     whole = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
@@ -213,13 +270,13 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
 
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
-    """Return the per-polygon columns of the case `key`, or None if they were not kept."""
+    """Return the per-polygon columns of the case `key`, or None if they were not kept whole."""
     place = run.path if run.path.is_dir() else run.path.parent
     file = place / folder / f"{key}.npz"
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except UNREADABLE:
         return None
 
 
@@ -231,11 +288,15 @@ def file_stem(text: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in text)
 
 
-class _clear_errors(contextlib.AbstractContextManager[None]):  # noqa: N801 - used as a function
-    """Turn an OSError about the folder into one clear line."""
+class clear_errors(contextlib.AbstractContextManager[None]):  # noqa: N801 - used as a function
+    """Turn an OSError about the folder into one clear line.
 
-    def __init__(self, path: Path) -> None:
+    advice : how to go on once there is space on a disk that is full; by default by --resume
+    """
+
+    def __init__(self, path: Path, advice: str = "") -> None:
         self._path = path
+        self._advice = advice
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if not isinstance(error, OSError):
@@ -243,6 +304,6 @@ class _clear_errors(contextlib.AbstractContextManager[None]):  # noqa: N801 - us
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise UsageError(
                 f"the disk of {self._path} is full; what was measured so far is safe: "
-                f"free some space, then --resume {self._path}"
+                f"free some space, then {self._advice or f'--resume {self._path}'}"
             ) from error
         raise UsageError(f"cannot use {self._path}: {error.strerror}") from error

@@ -1,1 +1,1 @@
-"""Studies: does a criterion predict what was measured, and what does a better choice buy?"""
+"""Studies: does a criterion predict the measured cost, and what does a better choice gain?"""

@@ -5,27 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
+from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
 from harness.study.statistics import Estimate, pooled, within
-
-CRITERIA = {
-    "overdraw": "A, bounding-box overdraw",
-    "shape": "D, shape deviation",
-    "complexity": "C, complexity",
-    "half_perimeter": "H, half-perimeter",
-    "expected_quads": "Q, expected quads",
-    "expected_blocks": "P, expected 4x4 blocks",
-    "edge_length": "E, edge length",
-    "rotation_averaged_overdraw": "A averaged over rotation",
-    "exact_quads": "quads, exactly",
-    "exact_tiles_16": "tiles of 16 px, exactly",
-    "exact_tiles_32": "tiles of 32 px, exactly",
-    "exact_tiles_64": "tiles of 64 px, exactly",
-}
-"""What is predicted: the criteria, and what the CPU counts exactly before anything is drawn."""
+from triangulators.criteria import FEATURES_KEPT
 
 EXACT = {
     "exact_quads": ("reference", "quads"),
@@ -33,17 +18,50 @@ EXACT = {
     "exact_tiles_32": ("binning", "tiles_32"),
     "exact_tiles_64": ("binning", "tiles_64"),
 }
-"""Predictions that are counters of a rasteriser without a device."""
+"""What the CPU counts exactly before anything is drawn, as predictions: rasteriser and counter."""
 
 SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
 """Criteria that, when they are all equal, show two names for one triangulation."""
 
-MEASURES = ("helper_lanes", "quads", "bbox_tests", "rows", "tiles_16", "tiles_32", "tiles_64")
-"""Counters worth predicting; times are added to them as time_work_<N>."""
+TIME = "time_work_"
+"""Prefix of the columns of times, by the work a fragment does."""
+
+KEYS = ("polygon", "resolution", "rotation", "samples", "rasteriser", "device", "triangulator")
 
 
-def tabulate(records: Sequence[Record]) -> pd.DataFrame:
-    """Return one row a polygon, triangulation, rasteriser, device and view, measures as columns.
+def predictors() -> dict[str, str]:
+    """Return what predicts, column -> title: the criteria, and what the CPU counts exactly."""
+    exact = {name: f"{find(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
+    return {name: figure.title for name, figure in predictions().items()} | exact
+
+
+def written(predictor: str) -> str:
+    """Return a predictor's name as on the command line, which is how files have it."""
+    return predictor.replace("_", "-")
+
+
+def column(criterion: str) -> str:
+    """Return the column of a predictor as files have it, or had it: with underscores."""
+    return criterion.replace("-", "_")
+
+
+def label(measure: str) -> str:
+    """Return the title of a measure: a counter's name or a time's column."""
+    if measure.startswith(TIME):
+        return f"draw time, work {measure.removeprefix(TIME)}"
+    return find(measure).label
+
+
+def measures_of(table: pd.DataFrame) -> list[str]:
+    """Return the columns of `table` that were measured: counters, the main one first, and times."""
+    others = {*KEYS, *predictors(), *FEATURES_KEPT}
+    counted = measures(name for name in table.columns if name not in others)
+    counted = [name for name in counted if not name.startswith(TIME)]
+    return counted + [name for name in table.columns if name.startswith(TIME)]
+
+
+def measure_table(records: Sequence[Record]) -> pd.DataFrame:
+    """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
     Triangulators that give a polygon the same triangulation, as their criteria show, stand for
     one row: a triangulation must not count twice for having two names. Those with T-junctions
@@ -63,26 +81,25 @@ def tabulate(records: Sequence[Record]) -> pd.DataFrame:
             record["triangulator"],
         )
         row = rows.setdefault(key, _predictions(record))
-        row |= {name: record["counters"].get(name, np.nan) for name in MEASURES}
+        counted = record["counters"]
+        row |= {name: counted[name] for name in measures(counted)}
         if record.get("time"):
-            row[f"time_work_{options['work']}"] = record["time"]["median_s"]
-    names = ["polygon", "resolution", "rotation", "samples", "rasteriser", "device", "triangulator"]
+            row[f"{TIME}{options['work']}"] = record["time"]["median_s"]
     table = pd.DataFrame(
-        [{**dict(zip(names, key, strict=True)), **row} for key, row in rows.items()]
+        [{**dict(zip(KEYS, key, strict=True)), **row} for key, row in rows.items()]
     )
     if table.empty:
         return table
-    return _with_exact(_without_twins(table, names))
+    return _with_exact(_without_twins(table))
 
 
 def _predictions(record: Record) -> dict[str, object]:
     predicted = record["predicted"]
-    names = [*CRITERIA, "triangles", "area", "bbox_area"]
-    return {name: predicted[name] for name in names if name in predicted}
+    return {name: predicted[name] for name in [*predictors(), *FEATURES_KEPT] if name in predicted}
 
 
-def _without_twins(table: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    same = [name for name in names if name != "triangulator"]
+def _without_twins(table: pd.DataFrame) -> pd.DataFrame:
+    same = [name for name in KEYS if name != "triangulator"]
     rounded = table[list(SAME)].round(6)
     return table[~pd.concat([table[same], rounded], axis=1).duplicated()].reset_index(drop=True)
 
@@ -91,6 +108,8 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
     """Add what the CPU predicts exactly, from the rows of the rasterisers that count it."""
     where = ["polygon", "resolution", "rotation", "triangulator"]
     for name, (rasteriser, counter) in EXACT.items():
+        if counter not in table.columns:
+            continue
         source = table[(table["rasteriser"] == rasteriser) & (table["samples"] == 1)]
         values = source[[*where, counter]].rename(columns={counter: name})
         table = table.merge(values.drop_duplicates(where), on=where, how="left")
@@ -98,7 +117,7 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def without_twins(records: Sequence[Record]) -> list[Record]:
-    """Return the records of one polygon and view, the first of those that are the same cut."""
+    """Return the records of one polygon and view, the first of each triangulation."""
     seen: dict[tuple[float, ...], Record] = {}
     for record in records:
         seen.setdefault(tuple(round(record["predicted"][name], 6) for name in SAME), record)
@@ -108,18 +127,18 @@ def without_twins(records: Sequence[Record]) -> list[Record]:
 def correlate(table: pd.DataFrame) -> pd.DataFrame:
     """Return the contents of correlations.csv: every criterion against every measure."""
     rows = []
+    known = [name for name in predictors() if name in table.columns]
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
-        times = [name for name in part.columns if name.startswith("time_work_")]
-        for measure in [*MEASURES, *times]:
+        for measure in measures_of(part):
             if part[measure].notna().sum() == 0:
                 continue
-            for criterion in CRITERIA:
+            for criterion in known:
                 estimates = _estimates(part, criterion, measure)
                 rows += [
                     {
                         "rasteriser": rasteriser,
                         "device": device,
-                        "criterion": criterion,
+                        "criterion": written(criterion),
                         "measure": measure,
                         "statistic": estimate.statistic,
                         "value": estimate.value,
@@ -142,7 +161,7 @@ def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimat
 
 
 def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write what `tabulate` gave, and what `correlate` and `by_resolution` make of it.
+    """Write what `measure_table` gave, and what `correlate` and `by_resolution` make of it.
 
     Returns the latter two; correlations_by_resolution.csv is written where there are several.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ from shapely import Polygon
 from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
-from harness.measuring.processes import Bench, Target
-from harness.measuring.tasks import bare_frame
-from harness.measuring.timing import REFERENCE, Settings
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.timing import REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration
 from harness.study.design import Design, choose_polygons
+from harness.triangulating.names import parse
 from scenes import Scene
 from triangulators.criteria import predict
 
@@ -49,19 +49,19 @@ class Validation:
 
 
 def calibrate(
-    target: Target,
+    backend: Backend,
     bench: Bench,
     scene: Scene,
-    settings: Settings,
+    settings: TimingSettings,
     options: Options,
     resolution: int,
     reporter: Reporter,
     seed: int = 0,
 ) -> tuple[calibration.Fit, Validation]:
-    """Fit the model on designed draws of `target` and test it on polygons of `scene`."""
+    """Fit the model on designed draws of `backend` and test it on polygons of `scene`."""
     designed, sets = designed_draws(bench, resolution, seed)
     held_out, polygons = held_out_draws(bench, scene, resolution, seed)
-    time_all = partial(time_draws, target, bench, settings, options, reporter)
+    time_all = partial(time_draws, backend, bench, settings, options, reporter)
     ratios, reference_s = time_all(designed, "designed draws")
     held_out_ratios, more_s = time_all(held_out, "polygons")
     second = float(np.median([*reference_s, *more_s]))
@@ -78,13 +78,13 @@ def calibrate(
 
 
 def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw], list[int]]:
-    """Return draws of the designed polygons, cut in several ways, and each one's set of them."""
+    """Return draws of the designed polygons by several triangulators, and each draw's set."""
     draws: list[Draw] = []
     sets: list[int] = []
     for number, polygons in enumerate(calibration.designed_polygons(resolution, seed)):
         frame = _frame_as_it_is(polygons, resolution)
         for name in calibration.CUTS:
-            triangles = frame.join(bench.triangulate(name, polygons, seed).parts)
+            triangles = frame.join(bench.triangulate(parse(name, seed=seed), polygons).parts)
             if len(triangles) > 0:
                 draws.append((frame, triangles))
                 sets.append(number)
@@ -93,9 +93,9 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw]
 
 def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
     """Return a frame of polygons that are in px and on the grid already."""
-    points, offsets = on_grid(polygons)
+    points, offsets, ring_ends = on_grid(polygons)
     source = np.arange(len(polygons), dtype=np.int64)
-    return replace(bare_frame(resolution, points), source=source, offsets=offsets)
+    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
 
 
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
@@ -111,24 +111,24 @@ def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
 def held_out_draws(
     bench: Bench, scene: Scene, resolution: int, seed: int
 ) -> tuple[list[Draw], list[int]]:
-    """Return draws of polygons cut in several ways, and the number of each one's polygon."""
+    """Return draws of polygons by several triangulators, and the number of each draw's polygon."""
     draws: list[Draw] = []
     polygons: list[int] = []
     design = Design(polygons=24, random=RANDOM)
     for number, alone in choose_polygons(scene, design):
         frame = make_frame(alone.polygons, View(resolution))
         for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
-            parts = bench.triangulate(name, frame.polygons, seed).parts
+            parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
             if all(part is not None for part in parts):
-                draws.append((replace(frame, polygons=()), frame.join(parts)))
+                draws.append((frame, frame.join(parts)))
                 polygons.append(number)
     return draws, polygons
 
 
 def time_draws(
-    target: Target,
+    backend: Backend,
     bench: Bench,
-    settings: Settings,
+    settings: TimingSettings,
     options: Options,
     reporter: Reporter,
     draws: Sequence[Draw],
@@ -136,9 +136,9 @@ def time_draws(
 ) -> tuple[NDArray[np.float64], list[float]]:
     """Time draws in groups, each together with the reference draw.
 
-    Returns (k,) times of the draws over the reference's in the same rounds, so that a machine that
-    is slower in one minute than in another does not bend them, and the reference's median seconds
-    in each group.
+    Returns the (k,) times of the draws in ratio to the reference draw of the same rounds, and the
+    reference's median seconds in each group. The ratio removes the machine's speed, which may
+    change from minute to minute.
 
     Raises
     ------
@@ -149,13 +149,13 @@ def time_draws(
     seconds: list[float] = []
     # Small and large draws share a group, so that a slow minute touches all kinds alike.
     order = np.random.default_rng(0).permutation(len(draws))
-    with reporter.stage(f"timing {title}: {target.label}", len(draws)) as stage:
+    with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
         for start in range(0, len(draws), GROUP):
             members = order[start : start + GROUP].tolist()
             candidates = {str(member): draws[member] for member in members}
-            groups, failures = bench.time(target, candidates, options, settings, start)
+            groups, failures = bench.time(backend, candidates, options, settings, start)
             if failures:
-                raise NothingMeasured(f"{target.label}: {next(iter(failures.values()))}")
+                raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
             group = next(iter(groups.values()))
             reference = group[REFERENCE]
             seconds.append(reference.median_s)
@@ -193,7 +193,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
     """
     try:
         stored = json.loads(file.read_text())["coefficients"]
-        # A file from before there were D, Q, P and R weighs them with nothing.
+        # A file that is older than D, Q, P and R gives them no weight.
         since = dict.fromkeys(calibration.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:

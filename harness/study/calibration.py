@@ -1,16 +1,19 @@
-"""Fits what a device's time is made of, on draws designed to tell the parts apart.
+"""Fits a model of a device's draw time, on draws designed to tell its terms apart.
 
     time = c0 + cT*T + cS*S + cH*H + cB*sum(w*h) + cD*D + cQ*Q + cP*P + cR*R
 
-with T triangles, S their area, H the half-perimeters, w*h the areas of their bounding boxes, D the
-angles' deviation from 60 degrees, Q and P the expected quads and 4x4 blocks, which unlike H are
-small for slivers that cover nothing, and R the expected number of triangles whose bounding box
-holds a pixel centre: others are dropped early. D stands for what a processor fails to foresee:
-which corner of a triangle is its lowest, or its leftmost, changes least from one to the next where
-the triangles are well shaped, and where they are smaller than a pixel this is what is left.
-The fit is non-negative, because no part can make a draw faster, and robust, because a draw that
-something else disturbed must not bend it. It stays a sum over triangles, so `optimal:calibrated`
-minimises it exactly.
+T is the number of triangles, S their area, H their half-perimeters, w*h the areas of their bounding
+boxes, and D the deviation of their angles from 60 degrees. Q and P are the expected quads and 4x4
+blocks; unlike H, they are small for slivers that cover nothing. R is the expected number of
+triangles whose bounding box holds a pixel centre; a device can drop the others early.
+
+D stands for mispredicted branches. Which corner of a triangle is its lowest, or its leftmost,
+changes least from one triangle to the next if the triangles are well shaped. For triangles smaller
+than a pixel, this is the difference that remains.
+
+The fit is non-negative, because no term can make a draw faster. It is robust, because a draw that
+another program disturbed must not change it much. It stays a sum over triangles, so
+`optimal:calibrated` minimises it exactly.
 """
 
 from __future__ import annotations
@@ -37,15 +40,15 @@ EXTENTS = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5, 0.95)
 """Sizes of the designed polygons as shares of the viewport."""
 
 ALONE = 0.2
-"""Share of the viewport from which on a designed polygon is drawn alone."""
+"""A designed polygon of this share of the viewport or more is drawn alone."""
 
 CROWD = (1000, 4000)
-"""Least and most triangles of a draw of small polygons."""
+"""Smallest and largest number of triangles in a draw of small polygons."""
 
 SHAPES = ((0.35, 1.0), (0.35, 0.05), (0.97, 1.0), None)
-"""Least radius of a star, as a share of its greatest, and how far it is squeezed; None is a stroke.
-The squeezed and the nearly round are cut into slivers, which tell what is covered from what is only
-bounded; strokes are what letters and roads are made of."""
+"""Smallest radius of a star, as a share of its largest, and how far it is squeezed; None: a stroke.
+Squeezed and nearly round polygons have slivers as triangles. Slivers separate the cost of covered
+pixels from the cost of bounding boxes. Letters and roads are made of strokes."""
 
 CUTS = (
     "delaunay",
@@ -54,13 +57,14 @@ CUTS = (
     "optimal:overdraw",
     "optimal:edge-length",
 )
-"""How designed polygons are cut: well, each in a way of its own, as the model is to choose among
-what is good. The slivers of the worst cost less than H says; a fit to them would miss the rest."""
+"""Triangulators of the designed polygons. All are good ones, because the model must choose among
+good triangulations. The slivers of the worst cost less than H predicts; a fit to them would be
+wrong for the others."""
 
 BETWEEN = 0.3
-"""Weight of what sets of polygons differ in beside what triangulations of one differ in."""
+"""Weight of the differences between sets of polygons; those within a set have weight 1."""
 
-Design = NDArray[np.float64]
+DesignMatrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,10 +90,11 @@ class Fit:
 def designed_polygons(resolution: int, seed: int = 0) -> list[list[Polygon]]:
     """Return the polygons of each draw, in a viewport of `resolution` px: T, S, H and w*h vary.
 
-    Stars of random radii and strokes, turned, of all `VERTICES`, `EXTENTS` and `SHAPES`.
-    One alone where it is large. Of small ones as many as `CROWD` triangles take or as fit side by
-    side, all different: so a draw's own cost can be told from theirs, and a processor cannot learn
-    them by heart, which it does with a few hundred triangles drawn over and over.
+    They are stars of random radii and strokes, rotated, of all `VERTICES`, `EXTENTS` and `SHAPES`.
+    A large polygon is alone in its draw. Small ones share a draw: as many as `CROWD` triangles
+    take, or as fit side by side. So the cost of the draw itself can be told from theirs. All are
+    different, because a processor learns the branches of a few hundred triangles that are drawn
+    again and again.
     """
     random = np.random.default_rng(seed)
     found = []
@@ -104,7 +109,7 @@ def designed_polygons(resolution: int, seed: int = 0) -> list[list[Polygon]]:
                     room = resolution - size - 4
                     places = resolution / 2 + random.uniform(-0.5, 0.5, (1, 2)) * room
                 found.append([_polygon(random, shape, number, size, place) for place in places])
-    # Rounding to the grid makes edges of the thinnest cross.
+    # Rounding to the grid makes edges of the thinnest polygons cross.
     valid = [[polygon for polygon in polygons if polygon.is_valid] for polygons in found]
     return [polygons for polygons in valid if polygons]
 
@@ -156,7 +161,7 @@ def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 def fit(
-    design: Design,
+    design: DesignMatrix,
     seconds: NDArray[np.float64],
     groups: Sequence[int],
     seed: int = 0,
@@ -164,10 +169,10 @@ def fit(
 ) -> Fit:
     """Fit non-negative coefficients to (k, 9) rows of `TERMS` and (k,) times.
 
-    groups : (k,) which draws have the same polygons, cut in several ways
+    groups : (k,) which draws have the same polygons, with different triangulations
 
-    Errors are relative, so that short draws count as much as long ones. The intervals come from
-    drawing groups anew.
+    Errors are relative, so that short draws count as much as long ones. The intervals are a
+    bootstrap over groups.
     """
     labels = np.unique(groups, return_inverse=True)[1]
     coefficients = _solve(design, seconds, labels)
@@ -196,13 +201,14 @@ def fit(
 
 
 def _solve(
-    design: Design, seconds: NDArray[np.float64], labels: NDArray[np.int64]
+    design: DesignMatrix, seconds: NDArray[np.float64], labels: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Non-negative least squares of relative errors with a soft L1 loss.
 
-    What the draws of one set of polygons have in common, some misfit for its size or kind, varies
-    more than what tells them apart, and choosing a triangulation needs the latter: the former's
-    weight is `BETWEEN`, as in a model with a random effect for each set.
+    The draws of one set of polygons share a misfit that depends on the polygons' size and kind.
+    It varies more than the differences within a set, but choosing a triangulation needs the
+    differences. So the weight of what a set shares is `BETWEEN`, as in a model with a random
+    effect for each set.
     """
     weighted = design / seconds[:, None]
     scale = np.abs(weighted).max(axis=0)
@@ -229,7 +235,7 @@ def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np
     return np.asarray(np.bincount(labels, values) / np.bincount(labels))
 
 
-def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
+def predict(fitted: Mapping[str, float], design: DesignMatrix) -> NDArray[np.float64]:
     """Return the (k,) seconds that coefficients predict for (k, 9) rows of `TERMS`."""
     return design @ np.array([fitted[name] for name in TERMS])
 
@@ -243,7 +249,7 @@ def r_squared(measured: NDArray[np.float64], predicted: NDArray[np.float64]) -> 
 def r_squared_within(
     measured: NDArray[np.float64], predicted: NDArray[np.float64], polygons: Sequence[Any]
 ) -> float:
-    """Return R2 of what is left when each polygon's own mean (of logs) is taken from both."""
+    """Return R2 after each polygon's own mean (of logs) is subtracted from both."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
     logs = [np.log(measured), np.log(predicted)]
     centred = [x - _means(x, labels)[labels] for x in logs]

@@ -1,8 +1,8 @@
 """Which polygons and which triangulations a validation study measures.
 
 A criterion is judged within a polygon, so each polygon is a scene of its own that fills the
-viewport, and each is cut in many ways: as programs do it, as well and as badly as each criterion
-can be made, and at random, uniformly over all of its triangulations.
+viewport. Each is triangulated in many ways: as programs do it, with the least and the most of each
+criterion, and at random, uniformly over all of its triangulations.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
+from harness.triangulating.names import Recipe, parse_all
 from scenes import Scene
 from triangulators import registry
 from triangulators.exhaustive import count_triangulations, enumerate_triangulations
@@ -37,8 +38,8 @@ class Design:
     polygons : how many are drawn from the scene
     random : random triangulations of each
     most_vertices : larger polygons are left out, because their optima take long
-    all_below : a polygon with fewer triangulations is cut in all ways, instead of at random; those
-        with T-junctions that the paper's method makes are among them
+    all_below : a polygon with fewer triangulations than this has all of them measured instead of
+        random ones, among them those with T-junctions that the paper's method makes
     """
 
     polygons: int = 24
@@ -85,8 +86,8 @@ def _alone(scene: Scene, number: int) -> Scene:
     return replace(scene, polygons=polygons, attributes=attributes, dropped=[], repaired=[])
 
 
-def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
-    """Return the names of all triangulations to measure of a polygon without holes."""
+def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]:
+    """Return all triangulations to measure of a polygon without holes."""
     named = [
         name
         for name, entry in registry.BUILTIN.items()
@@ -95,5 +96,5 @@ def choose_triangulators(design: Design, polygon: Polygon) -> tuple[str, ...]:
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
     if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
-        return (*named, *steered, *(f"listed#{k}" for k in range(count)))
-    return (*named, *steered, *(f"random#{seed}" for seed in range(design.random)))
+        return parse_all([*named, *steered, *(f"listed#{k}" for k in range(count))])
+    return parse_all([*named, *steered, *(f"random#{seed}" for seed in range(design.random))])

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from shapely import Polygon
 
-from harness.plots import COLOURS, STYLE, save
+from harness.looks import COLOURS, STYLE, save
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.exhaustive import enumerate_triangulations
@@ -18,8 +18,8 @@ from triangulators.pareto import pareto_front
 COLUMNS = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 
 
-def tabulate(polygon: Polygon, mode: Literal["conforming", "paper"]) -> pd.DataFrame:
-    """Return one row a triangulation, least overdraw first: `COLUMNS`, conforming, diagonals.
+def triangulation_table(polygon: Polygon, mode: Literal["conforming", "paper"]) -> pd.DataFrame:
+    """Return one row per triangulation, least overdraw first: `COLUMNS`, conforming, diagonals.
 
     Diagonals are written as pairs of vertex numbers, "1-3 3-5".
 

@@ -1,8 +1,8 @@
-"""The best triangulation against the worst, by a criterion: what it promises and what comes of it.
+"""The best triangulation against the worst, by a criterion: the predicted and the measured ratio.
 
-A correlation says whether a criterion sorts triangulations rightly; this says how much is at
-stake. The paper's own claim is of this kind: among the triangulations that it lists of its
-polygon, the one with the least A has 2.96 times less than the one with the most.
+A correlation says whether a criterion sorts triangulations correctly; this says how large the
+difference is. The paper's own claim is of this kind: of the triangulations that it lists for its
+polygon, the one with the least A has 2.96 times less A than the one with the most.
 """
 
 from __future__ import annotations
@@ -16,17 +16,14 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.figures.groups import groups, time_ratio
-from harness.plots import COLOURS, STYLE, save
+from harness.figures.registry import find, measures, predictions
+from harness.looks import COLOURS, STYLE, save
 from harness.stored.folder import Record
-from harness.study.analysis import MEASURES, without_twins
-from harness.study.matrix import label
+from harness.study.analysis import label, without_twins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-CRITERIA = ("overdraw", "shape", "half_perimeter", "expected_quads")
-"""Criteria whose best and worst triangulations are compared."""
 
 COLUMNS = (
     *("scene", "rasteriser", "device", "resolution", "samples", "criterion", "among"),
@@ -34,17 +31,18 @@ COLUMNS = (
 )
 
 
-def tabulate(records: Sequence[Record]) -> pd.DataFrame:
-    """Return `COLUMNS`: worst over best of each polygon, by each criterion, in each measure.
+def extremes_table(records: Sequence[Record]) -> pd.DataFrame:
+    """Return `COLUMNS`: worst in ratio to best of each polygon, by each criterion and measure.
 
-    among : "conforming", or "all" where T-junctions are let in and change which is best or worst
+    among : "conforming", or "all" if allowing T-junctions changes which is best or worst
     ratio_low, ratio_high : the 95 % interval of a time's ratio; counters are exact
     """
     rows = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok" and record["polygons"]]
-        for criterion in CRITERIA:
-            rows += _rows(good, criterion)
+        for criterion in predictions():
+            known = [record for record in good if criterion in record["predicted"]]
+            rows += _rows(known, criterion)
     table = pd.DataFrame(rows, columns=COLUMNS)
     # Counters do not depend on the work a fragment does: one row for all of them.
     counted = ~table["measure"].str.startswith("time")
@@ -64,13 +62,13 @@ def _rows(good: Sequence[Record], criterion: str) -> list[dict[str, Any]]:
         shared = {
             **{name: best[name] for name in ("scene", "rasteriser", "device", "resolution")},
             "samples": best["options"]["samples"],
-            "criterion": criterion,
+            "criterion": find(criterion).written,
             "among": among,
             "best": best["triangulator"],
             "worst": worst["triangulator"],
             "predicted_ratio": _over(worst, best, "predicted", criterion),
         }
-        for measure in MEASURES:
+        for measure in measures(best["counters"]):
             ratio = _over(worst, best, "counters", measure)
             if ratio is not None:
                 rows.append({**shared, "measure": measure, "ratio": ratio})
@@ -89,7 +87,7 @@ def _rows(good: Sequence[Record], criterion: str) -> list[dict[str, Any]]:
 
 
 def _ends(records: Sequence[Record], criterion: str) -> tuple[Record, Record] | None:
-    """Return the records with the least and the most of a criterion; the first, where several."""
+    """Return the records with the least and the most of a criterion; the first of several."""
     if len(records) < 2:
         return None
     ordered = sorted(records, key=lambda record: record["predicted"][criterion])
@@ -103,13 +101,14 @@ def _over(worst: Record, best: Record, part: str, name: str) -> float | None:
 
 
 def print_claim(table: pd.DataFrame, criterion: str, console: Console) -> None:
-    """Print what the worst triangulation by `criterion` costs over the best, as was measured."""
+    """Print the measured cost of the worst triangulation by `criterion` in ratio to the best."""
     part = table[table["criterion"] == criterion]
     for among, rows in part.groupby("among", sort=False):
         predicted = rows.drop_duplicates("scene")["predicted_ratio"].median()
-        word = " with T-junctions let in" if among == "all" else ""
+        word = ", with T-junctions," if among == "all" else ""
         console.print(
-            f"worst over best by {criterion}{word}: {predicted:.2f} predicted, measured:",
+            f"worst triangulation by {criterion}{word} in ratio to the best: predicted "
+            f"{predicted:.2f}, measured:",
             style="italic",
             highlight=False,
         )
@@ -124,7 +123,7 @@ def print_claim(table: pd.DataFrame, criterion: str, console: Console) -> None:
 
 
 def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
-    """Draw A of each triangulation of one polygon against what it cost, a figure a device.
+    """Draw the cost of each triangulation of one polygon against its A, one figure per device.
 
     Triangulations with T-junctions are marked: they leave cracks, and have fewer triangles.
     """

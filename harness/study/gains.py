@@ -1,4 +1,4 @@
-"""What a triangulator buys: its time over another's, as the view and the shading change."""
+"""What a triangulator gains: its time in ratio to another's, for each view and shading."""
 
 from __future__ import annotations
 
@@ -10,35 +10,32 @@ import pandas as pd
 
 from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.ratios import FASTER
-from harness.figures.registry import METRICS
-from harness.plots import COLOURS, STYLE, marker, save
+from harness.figures.registry import find
+from harness.looks import STYLE, looks, save
 from harness.stored.folder import Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""What ratios are given over: what programs use today, and the best that the harness knows."""
-
 AXES = {
     "resolution": "viewport (px)",
     "rotation": "rotation of the view (degrees)",
-    "work": "work a fragment (iterations)",
-    "samples": "samples a pixel",
+    "work": "work per fragment (iterations)",
+    "samples": "samples per pixel",
 }
-"""What varies in a study of gains, each with its axis label."""
+"""What can vary in a study of gains, with the axis label."""
 
 KEYS = (*AXES, "fit", "order")
-"""What rows that belong together share, besides the scene and the device."""
+"""What rows of one view share, besides the scene and the device."""
 
 
-def tabulate(runs: Sequence[Sequence[Record]], bases: Sequence[str] = BASES) -> pd.DataFrame:
-    """Return one row a case and base: the paired ratio of times and of helper lanes.
+def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.DataFrame:
+    """Return one row per case and base: the paired ratio of times and of helper lanes.
 
-    runs : records of each run; a view that several runs have is the first one's, since times of
-        different runs are no pairs
+    runs : records of each run; if several runs have a view, the first run's is used, because times
+        of different runs are not paired
 
-    Cases that left polygons out have no ratio: their times are of less work.
+    Cases that left polygons out have no ratio, because they drew less.
     """
     rows = []
     seen: set[tuple[object, ...]] = set()
@@ -57,7 +54,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
     ratio = time_ratio(record, base)
     if ratio is None or base is None:
         return None
-    lanes = [METRICS["helper_lanes"](entry) for entry in (record, base)]
+    lanes = [find("helper_lanes")(entry) for entry in (record, base)]
     return {
         "scene": record["scene"],
         "rasteriser": record["rasteriser"],
@@ -81,7 +78,7 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
 
 
 def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return how `name` did against all others, one row a scene, device, view and shading.
+    """Return how `name` compares with all others, one row per scene, device, view and shading.
 
     rivals : triangulators timed beside it on the same polygons; faster : those that the 95 %
     interval shows to be faster than it, and by how much
@@ -100,7 +97,7 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw the time ratios over whatever varies, one figure a scene, device and base."""
+    """Draw the time ratios over whatever varies, one figure per scene, device and base."""
     import matplotlib
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -122,18 +119,19 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
 
     figure = Figure(figsize=(4.6, 3.6))
     axes = figure.subplots()
-    # Only what varies on this axis: all else as it was where this varies most.
+    # Only this axis varies; all else is fixed where this axis has most values.
     others = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(others), key=lambda group: group[1][axis].nunique())
-    for index, (name, line) in enumerate(fixed.groupby("triangulator", sort=False)):
+    shown = looks(list(fixed["triangulator"]))
+    for name, line in fixed.groupby("triangulator", sort=False):
         if name == base:
             continue
         line = line.sort_values(axis)
         axes.plot(
             line[axis],
             line["time_ratio"],
-            color=COLOURS[index % len(COLOURS)],
-            marker=marker(index),
+            color=shown[str(name)].colour,
+            marker=shown[str(name)].marker,
             markersize=3,
             label=str(name),
         )
@@ -141,7 +139,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
             line[axis],
             line["time_ratio_low"],
             line["time_ratio_high"],
-            color=COLOURS[index % len(COLOURS)],
+            color=shown[str(name)].colour,
             alpha=0.2,
             linewidth=0,
         )
@@ -150,7 +148,7 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
         axes.set_xscale("log", base=2)
         axes.xaxis.set_major_formatter("{x:g}")
     axes.set_xlabel(AXES[axis])
-    axes.set_ylabel(f"time over {base}'s")
+    axes.set_ylabel(f"time in ratio to {base}")
     axes.set_title(title, fontsize=8)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -10,39 +10,17 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.plots import COLOURS, STYLE, marker, save
-from harness.study.analysis import CRITERIA
+from harness.looks import STYLE, look_of, looks, save
+from harness.study.analysis import TIME, column, label, predictors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LABELS = {
-    "helper_lanes": "helper lanes",
-    "quads": "quads",
-    "bbox_tests": "box tests",
-    "rows": "rows",
-    "tiles_16": "tiles 16",
-    "tiles_32": "tiles 32",
-    "tiles_64": "tiles 64",
-}
-
-MATCHING = {
-    "helper_lanes": "half_perimeter",
-    "quads": "expected_quads",
-    "bbox_tests": "bbox_area",
-    "time_work_0": "expected_blocks",
-}
-"""Measure -> the prediction of the same thing, for the scatter plots' ideal line."""
-
+PAPER = "overdraw"
 
 OVER_RESOLUTION = ("expected_quads", "half_perimeter", "edge_length", "overdraw", "shape")
-"""Criteria whose correlations are drawn over the resolution."""
-
-
-def label(measure: str) -> str:
-    """Return a measure's name as a reader wants it."""
-    return LABELS.get(measure, measure.replace("time_work_", "time, work "))
+"""Criteria whose correlations are drawn over the resolution; more would hide each other."""
 
 
 def select(correlations: pd.DataFrame, statistic: str) -> dict[tuple[str, str], pd.DataFrame]:
@@ -55,7 +33,7 @@ def select(correlations: pd.DataFrame, statistic: str) -> dict[tuple[str, str], 
 
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
-    """Print Spearman's rank correlation within polygons, one table a device."""
+    """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         measures = list(dict.fromkeys(part["measure"]))
         table = Table(
@@ -68,7 +46,7 @@ def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
         table.add_column("criterion", no_wrap=True)
         for measure in measures:
             table.add_column(label(measure), justify="right")
-        for criterion in CRITERIA:
+        for criterion in dict.fromkeys(part["criterion"]):
             row = part[part["criterion"] == criterion].set_index("measure")["value"]
             cells = [row.get(measure, np.nan) for measure in measures]
             table.add_row(criterion, *("-" if np.isnan(c) else f"{c:.3f}" for c in cells))
@@ -87,7 +65,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
         with matplotlib.rc_context(STYLE):
             figures = {
                 "matrix": _heatmap(part, f"{rasteriser} on {device}"),
-                "predicted-vs-measured": _scatter(rows, f"{rasteriser} on {device}"),
+                "predicted-vs-measured": _scatter(rows, part, f"{rasteriser} on {device}"),
             }
         for kind, figure in figures.items():
             if figure is not None:
@@ -96,7 +74,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
 
 
 def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw how the criteria's rank correlations depend on the resolution, a figure a device.
+    """Draw how the criteria's rank correlations depend on the resolution, one figure per device.
 
     sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
     """
@@ -106,8 +84,7 @@ def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
     if sizes.empty:
         return files
     for (rasteriser, device), part in select(sizes, "spearman_within").items():
-        # Quads are ranked as helper lanes are: all triangulations have the same fragments.
-        wanted = [m for m in dict.fromkeys(part["measure"]) if m in MATCHING and m != "quads"]
+        wanted = _main(list(dict.fromkeys(part["measure"])))
         with matplotlib.rc_context(STYLE):
             figure = _lines(part, wanted, f"{rasteriser} on {device}")
         if figure is not None:
@@ -125,19 +102,20 @@ def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None
     row = figure.subplots(1, len(measures), squeeze=False)[0]
     for axes, measure in zip(row, measures, strict=True):
         for index, criterion in enumerate(OVER_RESOLUTION):
-            line = part[(part["criterion"] == criterion) & (part["measure"] == measure)]
+            known = part["criterion"].map(column) == criterion
+            line = part[known & (part["measure"] == measure)]
             # Beside each other, so that intervals can be told apart.
             aside = 1 + 0.03 * (index - len(OVER_RESOLUTION) // 2)
             axes.errorbar(
                 line["resolution"] * aside,
                 line["value"],
                 yerr=[line["value"] - line["ci_low"], line["ci_high"] - line["value"]],
-                color=COLOURS[index % len(COLOURS)],
-                marker=marker(index),
+                color=look_of(index).colour,
+                marker=look_of(index).marker,
                 markersize=4,
                 linewidth=1,
                 elinewidth=0.7,
-                label=CRITERIA[criterion],
+                label=predictors()[criterion],
             )
         axes.set_xscale("log", base=2)
         axes.xaxis.set_major_formatter("{x:g}")
@@ -149,22 +127,30 @@ def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None
     return figure
 
 
+def _main(measures: list[str]) -> list[str]:
+    """Return the measures that get a panel: the main counter, and the time of the least work."""
+    times = [name for name in measures if name.startswith(TIME)]
+    # Quads are ranked as helper lanes are: all triangulations have the same fragments.
+    return [name for name in measures if name not in times][:1] + times[:1]
+
+
 def _heatmap(part: pd.DataFrame, title: str) -> Figure:
     from matplotlib.figure import Figure
 
     measures = list(dict.fromkeys(part["measure"]))
+    criteria = list(dict.fromkeys(part["criterion"]))
     cells = part.set_index(["criterion", "measure"])
-    figure = Figure(figsize=(2.4 + 0.9 * len(measures), 0.45 * len(CRITERIA) + 1.0))
+    figure = Figure(figsize=(2.4 + 0.9 * len(measures), 0.45 * len(criteria) + 1.0))
     axes = figure.subplots()
-    values = np.array([[cells["value"].get((c, m), np.nan) for m in measures] for c in CRITERIA])
+    values = np.array([[cells["value"].get((c, m), np.nan) for m in measures] for c in criteria])
     axes.imshow(np.abs(values), cmap="cividis", vmin=0, vmax=1, aspect="auto")
-    for row, criterion in enumerate(CRITERIA):
-        for column, measure in enumerate(measures):
-            _annotate(axes, row, column, cells.loc[(criterion, measure)])
+    for row, criterion in enumerate(criteria):
+        for place, measure in enumerate(measures):
+            _annotate(axes, row, place, cells.loc[(criterion, measure)])
     axes.set_xticks(range(len(measures)), [label(m) for m in measures], rotation=20, ha="right")
-    axes.set_yticks(range(len(CRITERIA)), list(CRITERIA.values()))
+    axes.set_yticks(range(len(criteria)), [predictors()[column(name)] for name in criteria])
     axes.grid(visible=False)
-    axes.set_title(f"rank correlation within a polygon: {title}", fontsize=8)
+    axes.set_title(f"Which criterion predicts what? {title}: rank correlation", fontsize=8)
     return figure
 
 
@@ -186,43 +172,58 @@ def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
     )
 
 
-def _scatter(rows: pd.DataFrame, title: str) -> Figure | None:
-    """Draw predictions against measures, each over its polygon's median: size taken out."""
+def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | None:
+    """Draw measures against predictions, both over the polygon's median, to remove its size.
+
+    One row for the paper's criterion, one for the criterion that ranks best; a column per measure.
+    """
     from matplotlib.figure import Figure
 
-    known = [m for m in MATCHING if m in rows and rows[m].notna().any()]
-    if not known:
+    measures = _main([m for m in dict.fromkeys(part["measure"]) if rows[m].notna().any()])
+    if not measures:
         return None
-    figure = Figure(figsize=(3.5 * len(known), 3.6))
-    panels = np.atleast_1d(figure.subplots(1, len(known)))
-    kinds = rows["triangulator"].str.replace(r"[:#].*", "", regex=True)
-    names = [*(kind for kind in kinds.unique() if kind != "random"), "random"]
-    by_polygon = rows.groupby(["polygon", "resolution"])
-    for panel, measure in zip(panels, known, strict=True):
-        criterion = MATCHING[measure]
-        x = rows[criterion] / by_polygon[criterion].transform("median")
-        y = rows[measure] / by_polygon[measure].transform("median")
-        for index, name in reversed(list(enumerate(names))):
-            own = kinds == name
-            panel.scatter(
-                x[own],
-                y[own],
-                s=6,
-                linewidths=0,
-                alpha=0.6,
-                color="#BBBBBB" if name == "random" else COLOURS[index % len(COLOURS)],
-                marker=marker(index),
-                label=name,
-                rasterized=True,
-            )
-        ends = [float(np.nanmin(x)), float(np.nanmax(x))]
-        panel.plot(ends, ends, color="black", linewidth=0.8, linestyle="--")
-        panel.set_xlabel(f"predicted {criterion.replace('_', ' ')}, over median")
-        panel.set_ylabel(f"measured {label(measure)}, over median")
-    handles, labels = panels[0].get_legend_handles_labels()
+    ranks = part.set_index([part["criterion"].map(column), "measure"])["value"]
+    figure = Figure(figsize=(0.8 + 3.2 * len(measures), 6.4))
+    grid = figure.subplots(2, len(measures), squeeze=False, sharex="col", sharey="col")
+    for across, measure in enumerate(measures):
+        known = ranks.xs(measure, level="measure").dropna().drop(PAPER, errors="ignore")
+        chosen = [PAPER, str(known.idxmax())] if len(known) else [PAPER]
+        for panel, criterion in zip(grid[:, across], chosen, strict=False):
+            _marks(panel, rows, criterion, measure)
+            rank = ranks.get((criterion, measure), np.nan)
+            panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
+            panel.set_xlabel(f"predicted {predictors()[criterion]}, over median")
+            panel.set_ylabel(f"measured {label(measure)}, over median")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=5, markerscale=2)
     figure.suptitle(
-        f"{title}: one mark a triangulation, over its polygon's median, dashed where as predicted",
+        f"How well do the paper's A and the best criterion predict? {title}\n"
+        "one mark a triangulation, over its polygon's median; dashed where as predicted",
         fontsize=9,
     )
     return figure
+
+
+def _marks(panel: Axes, rows: pd.DataFrame, criterion: str, measure: str) -> None:
+    """Draw one panel's marks, random triangulations below all others."""
+    kinds = rows["triangulator"].str.replace("#.*", "", regex=True)
+    names = [*(kind for kind in kinds.unique() if kind != "random"), "random"]
+    by_polygon = rows.groupby(["polygon", "resolution"])
+    x = rows[criterion] / by_polygon[criterion].transform("median")
+    y = rows[measure] / by_polygon[measure].transform("median")
+    shown = looks(names)
+    for name in reversed(names):
+        own = kinds == name
+        panel.scatter(
+            x[own],
+            y[own],
+            s=6,
+            linewidths=0,
+            alpha=0.6,
+            color=shown[name].colour,
+            marker=shown[name].marker,
+            label=name,
+            rasterized=True,
+        )
+    ends = [float(np.nanmin(x)), float(np.nanmax(x))]
+    panel.plot(ends, ends, color="black", linewidth=0.8, linestyle="--")

@@ -1,9 +1,10 @@
-"""The paper's many-criteria question: what lies between the least A and the least D, and what of
-it is faster.
+"""The paper's question of several criteria: which triangulations lie between the least A and the
+least D, and which of them are faster.
 
-Of single polygons the whole Pareto front of A and D is known. Over a scene the mixture of both is
-swept, which gives the corners of its front's convex hull: exactly so in the means over polygons of
-A over the polygon's area and of D a triangle, which is what the mixture weighs.
+For a single polygon, the whole Pareto front of A and D is computed. For a scene, the weights of the
+mixture are swept. This gives the corners of the convex hull of the scene's front, exactly, in the
+two measures that the mixture weighs: the means over polygons of A over the polygon's area, and of D
+per triangle.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.stored.folder import Record, Run
 from harness.study.design import Design, choose_polygons
+from harness.triangulating.names import parse_all
 from scenes import Scene
 from triangulators import criteria, exhaustive, registry
 from triangulators.counting import count_triangulations
@@ -39,25 +41,25 @@ NAMED = (
     "optimal:half-perimeter",
     "optimal:edge-length",
 )
-"""What is set beside the front; those that are not installed are left out."""
+"""Triangulators that are compared with the front; those that are not installed are left out."""
 
 STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 """beta over alpha between the two ends of the sweep, A alone and D alone."""
 
 MOST_POINTS = 15
-"""Points of one front that are measured; of a longer one, at even steps and with both ends."""
+"""Most points of one front that are measured; a longer front is sampled evenly, with both ends."""
 
 MOST_SHOWN = 500
-"""Triangulations of a polygon up to which all of them are drawn beside the front."""
+"""A polygon with at most this many triangulations has all of them plotted beside the front."""
 
 WHOLE = "all"
 """`polygon` of the rows about the whole scene."""
 
 NORMALISED = ("overdraw_over_area", "shape_a_triangle")
-"""Columns of what the mixture weighs: means over polygons of A over the area, and of D/T."""
+"""Columns that the mixture weighs: means over polygons of A over the area, and of D/T."""
 
 SAME = 1e-9
-"""Costs that differ by less than this part are equal."""
+"""Costs with a smaller relative difference are equal."""
 
 
 def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
@@ -73,7 +75,7 @@ WITHOUT_C, WITH_C = mixture(1, 1), mixture(1, 1, 1)
 
 
 @dataclass(frozen=True)
-class Front:
+class MeasuredFront:
     """The exact front of one polygon of a scene, as it is drawn.
 
     costs : (f, 2), A in px^2 and D in degrees, ascending in A
@@ -99,7 +101,7 @@ def named() -> tuple[str, ...]:
 
 def take_apart(
     label: str, scene: Scene, polygons: int, view: View
-) -> tuple[list[Part], dict[str, Front]]:
+) -> tuple[list[Part], dict[str, MeasuredFront]]:
     """Return what is measured, and the front of each single polygon by the label of its part.
 
     polygons : how many single polygons to take; of a scene of one, that one is all
@@ -110,7 +112,7 @@ def take_apart(
         if there is no polygon to take
     """
     alone = len(scene.polygons) == 1
-    fronts: dict[str, Front] = {}
+    fronts: dict[str, MeasuredFront] = {}
     parts = []
     if alone or polygons:
         design = Design(polygons=max(polygons, 1), most_vertices=LIMIT)
@@ -121,16 +123,16 @@ def take_apart(
             points = tuple(f"pareto#{k}" for k in front.chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
             name = label_of(label, number)
-            parts.append(Part(name, part, (*points, *named(), *sweep)))
+            parts.append(Part(name, part, parse_all((*points, *named(), *sweep))))
             fronts[name] = front
     if not alone:
-        parts.append(Part(label, scene, (*SWEEP, WITH_C, *named())))
+        parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *named()))))
     if not parts:
         raise UsageError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
     return parts, fronts
 
 
-def _front(number: int, scene: Scene, view: View) -> Front | None:
+def _front(number: int, scene: Scene, view: View) -> MeasuredFront | None:
     """Return the front of a scene's only polygon, None if the grid breaks it."""
     frame = make_frame(scene.polygons, view)
     if len(frame.polygons) != 1 or frame.polygons[0].interiors:
@@ -140,13 +142,15 @@ def _front(number: int, scene: Scene, view: View) -> Front | None:
     steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
     chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
     if count_triangulations(polygon) > MOST_SHOWN:
-        return Front(number, costs, chosen)
+        return MeasuredFront(number, costs, chosen)
     every = exhaustive.tabulate(polygon)
-    return Front(number, costs, chosen, np.column_stack((every["overdraw"], every["shape"])))
+    return MeasuredFront(
+        number, costs, chosen, np.column_stack((every["overdraw"], every["shape"]))
+    )
 
 
-def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
-    """Return the contents of fronts.csv: one row a point, measured or not."""
+def front_table(fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
+    """Return the contents of fronts.csv: one row per point, measured or not."""
     rows = [
         {"polygon": front.polygon, "k": k, "overdraw": a, "shape": d, "measured": k in front.chosen}
         for front in fronts.values()
@@ -155,10 +159,10 @@ def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["polygon", "k", "overdraw", "shape", "measured"])
 
 
-def tabulate(run: Run, fronts: Mapping[str, Front]) -> pd.DataFrame:
-    """Return the contents of pareto.csv: one row a triangulation, rasteriser and device.
+def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
+    """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
-    Triangulators that left polygons out are left out: their sums are of less.
+    Triangulators that left polygons out are not in it: their sums are over fewer polygons.
     """
     rows: list[dict[str, object]] = []
     place = {record["scene"]: number for number, record in enumerate(reversed(run.records))}
@@ -180,7 +184,7 @@ def least_overdraw_end(records: Sequence[Record]) -> Record | None:
     return by_name.get("pareto#0", by_name.get(SWEEP[0]))
 
 
-def _row(run: Run, record: Record, base: Record, front: Front | None) -> dict[str, object]:
+def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
     name = record["triangulator"]
     ratio = time_ratio(record, base)
     overdraw, shape = _normalised(run, record, base)
@@ -246,7 +250,7 @@ def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
     )
 
 
-def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, Front]) -> pd.DataFrame:
+def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     """Add `undominated`: whether nothing is as good in A and in D and better in one.
 
     For a single polygon that is the whole front, for a scene the other rows.

@@ -12,7 +12,7 @@ from rich.table import Table
 from harness.figures.groups import groups
 from harness.figures.ratios import FASTER, SLOWER
 from harness.stored.folder import Record
-from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, Front
+from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, MeasuredFront
 
 CORNERS = "front"
 """Kind of the points that are judged; `sweep` in a row about a whole scene."""
@@ -44,7 +44,7 @@ def _other(rows: pd.DataFrame) -> pd.DataFrame:
 def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """Print a row for each polygon, rasteriser and device."""
     shown = Table(
-        title=f"{scene}: time against the least-A end of the front of A and D",
+        title=f"{scene}: time in ratio to the least-A end of the front of A and D",
         title_justify="left",
         box=None,
         pad_edge=False,
@@ -120,32 +120,32 @@ def _verdicts(compared: pd.DataFrame, noun: tuple[str, str]) -> str:
     slower = compared[compared["verdict"] == SLOWER]
     rest = len(compared) - len(faster) - len(slower)
     some = f"{len(faster)} {'is' if len(faster) == 1 else 'are'}"
-    text = f"of {_count(len(compared), *noun)} beside the least-A end {some} measurably faster"
+    text = f"of {_count(len(compared), *noun)}, {some} measurably faster than the least-A end"
     if len(faster):
         text += f" (with {_percent(faster['more'].min(), faster['more'].max())} more A)"
     return f"{text}, {len(slower)} slower, {rest} {'shows' if rest == 1 else 'show'} no difference"
 
 
 def _beating(subjects_: list[pd.DataFrame]) -> list[str]:
-    """Name what is off the front and measurably faster than its least-A end, most often first."""
+    """Name triangulators off the front that are measurably faster than the least-A end."""
     counts: Counter[str] = Counter()
     for rows in subjects_:
         off = rows[~rows["undominated"] & (rows["kind"] == "named") & ~rows["same_as_end"]]
         counts.update(off.loc[off["verdict"] == FASTER, "triangulator"].astype(str).tolist())
     of_all = f" of {len(subjects_)}" if len(subjects_) > 1 else ""
     found = [name + (f" ({n}{of_all})" if of_all else "") for name, n in counts.most_common(3)]
-    return [f"off the front, yet faster than that end: {', '.join(found)}"] if found else []
+    return [f"off the front, but faster than the least-A end: {', '.join(found)}"] if found else []
 
 
 def _noise(part: pd.DataFrame) -> list[str]:
-    """Say how far from 1 the ratios of one and the same triangulation were."""
+    """Say how far from 1 the time ratios of the same triangulation under two names were."""
     named = part[part["same_as_end"] & (part["time_ratio"] != 1)]
     twins = named["time_ratio"].dropna()
     if twins.empty:
         return []
     most = 100 * float((twins - 1).abs().max())
     names = _count(len(twins), "other name", "other names")
-    return [f"noise: that end, drawn under {names} as well, took up to {most:.1f} % more or less."]
+    return [f"noise: the same triangulation under {names} took up to {most:.1f} % more or less."]
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -169,17 +169,17 @@ def gamma_changes(records: Sequence[Record]) -> tuple[int, int]:
     return changed, compared
 
 
-def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]:
+def remarks(records: Sequence[Record], fronts: Mapping[str, MeasuredFront]) -> list[str]:
     """Say what a reader must know: what C does, and what was not measured or left out."""
     said = []
     changed, compared = gamma_changes(records)
     if compared and not changed:
         said.append(
-            f"gamma changes nothing: {WITH_C} and {WITHOUT_C} have the same A and D, as C is the "
-            "same for every triangulation of a polygon"
+            f"gamma changes nothing: {WITH_C} and {WITHOUT_C} have the same A and D, because C "
+            "is the same for every triangulation of a polygon"
         )
     elif compared:
-        said.append(f"gamma changed A or D of {changed} of {compared} optima: costs that tie")
+        said.append(f"gamma changed A or D of {changed} of {compared} optima, whose costs tie")
     long = [front for front in fronts.values() if len(front.chosen) < len(front.costs)]
     said += [
         f"polygon {front.polygon}: {len(front.chosen)} of the front's {len(front.costs)} points "
@@ -194,7 +194,7 @@ def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]
         or (record["status"] == "ok" and record["polygons"] < most[record["scene"]])
     ]
     if partial:
-        said.append(f"left out where a polygon cannot be cut so: {', '.join(_once(partial))}")
+        said.append(f"cannot do every polygon, and left some out: {', '.join(_once(partial))}")
     return said
 
 

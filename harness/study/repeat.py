@@ -1,4 +1,4 @@
-"""Whether a study that was run twice says the same twice."""
+"""Whether a study that was run twice says the same both times."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Verdicts:
     """How two runs' verdicts on the same pairs agree, on one rasteriser and device.
 
     pairs : pairs of triangulations timed together in both runs
-    same : those with the same of three verdicts: faster, slower, no difference shown
-    decided : those of which both runs say which one is faster
-    agreeing : those of `decided` of which they say the same
+    same : pairs with the same verdict in both: faster, slower, or no difference shown
+    decided : pairs for which both runs say which one is faster
+    agreeing : pairs among `decided` for which they say the same
     """
 
     rasteriser: str

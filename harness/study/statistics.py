@@ -1,9 +1,10 @@
 """How well one column of figures predicts another, within polygons and over all of them.
 
-Within a polygon every triangulation has the same area and, without T-junctions, the same number
-of triangles, so what is left is what the choice of diagonals changes. Pooled over polygons, size
-alone makes any two columns agree, which says nothing about a criterion: pooled figures are given
-to show that, and with the number of triangles partialled out.
+Within a polygon, every triangulation has the same area and, without T-junctions, the same number
+of triangles. So only the choice of diagonals makes a difference. Pooled over polygons, any two
+columns agree, because large polygons have large values in both; this says nothing about a
+criterion. Pooled figures are given to show this, plain and with the number of triangles partialled
+out.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ WITHIN: dict[str, Callable[[Column, Column], float]] = {
 
 
 def within(columns: Sequence[tuple[Column, Column]], seed: int = 0) -> list[Estimate]:
-    """Summarise (predicted, measured) columns, one pair a polygon, by medians over polygons."""
+    """Summarise (predicted, measured) columns, one pair per polygon, by medians over polygons."""
     found = []
     for name, function in WITHIN.items():
         values = np.array([function(x, y) for x, y in columns if len(x) >= FEWEST])
@@ -99,7 +100,7 @@ def pooled(columns: Sequence[tuple[Column, Column]], triangles: Sequence[Column]
 
 
 def median_estimate(name: str, values: Column, seed: int = 0) -> Estimate:
-    """Return the median of one value a polygon, with its bootstrap interval over polygons."""
+    """Return the median of one value per polygon, with its bootstrap interval over polygons."""
     nan = float("nan")
     if len(values) == 0:
         return Estimate(name, nan, nan, nan, 0)

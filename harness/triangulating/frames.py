@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from harness.frame import Frame
-from harness.triangulating.remembered import Kept
-from triangulators import Skipped, criteria, registry, triangulate, vertices
+from harness.triangulating.lookup import Lookup
+from harness.triangulating.names import Recipe
+from triangulators import Skipped, vertices
 from triangulators.verify import verify
-
-SEED_MARK = "#"
-"""`random#7` is the random triangulation of seed 7, whatever the seed of the run, and `pareto#3`
-the third after the first of each polygon's Pareto front."""
-
-NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
-"""Triangulators that take a number, and the parameter that it is."""
-
-BEFORE_TURNING = "@"
-"""`optimal:overdraw@0` is cut at rotation 0 and drawn as the view turns, as a program does that
-triangulates once and then moves its camera."""
 
 
 @dataclass
@@ -85,32 +73,22 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
     return result
 
 
-def is_builtin(name: str) -> bool:
-    """Whether the triangulator `name` is one of the product's own; imports nothing of others."""
-    return re.split(f"[:{SEED_MARK}{BEFORE_TURNING}]", name)[0] in registry.BUILTIN
-
-
 def triangulate_polygons(
-    name: str,
-    polygons: Sequence[Polygon],
-    seed: int,
-    calibration: Mapping[str, float] | None = None,
-    database: Path | None = None,
+    recipe: Recipe, polygons: Sequence[Polygon], database: Path | None = None
 ) -> FrameTriangulation:
-    """Run the triangulator `name` over polygons in px; never raises for a polygon's sake.
+    """Run a triangulator over polygons in px; never raises for a polygon's sake.
 
-    calibration : coefficients that the criterion `calibrated` weighs its terms with
     database : model database to read from and write to; only for triangulators of our own, whose
         version it knows
     """
     result = FrameTriangulation()
-    if not is_builtin(name):
+    if not recipe.builtin:
         database = None
-    parameters = {} if database is None else _parameters(name, seed, calibration)
-    with Kept(database, name.partition(SEED_MARK)[0], parameters) as kept:
+    parameters = {} if database is None else recipe.parameters
+    with Lookup(database, recipe.base, parameters) as kept:
         known = kept.find(polygons)
         if None in known:
-            _warm_up(name, seed, calibration)
+            warm_up(recipe)
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
             part, junctions, seconds = None, 0, 0.0
             if timed is not None:
@@ -119,9 +97,7 @@ def triangulate_polygons(
             if part is not None:
                 result.cached += 1
             else:
-                part, junctions, seconds = _compute(
-                    name, polygon, seed, calibration, number, result
-                )
+                part, junctions, seconds = _compute(recipe, polygon, number, result)
                 if part is not None:
                     kept.keep(number, part, seconds)
             result.seconds += seconds
@@ -132,21 +108,16 @@ def triangulate_polygons(
 
 
 def _compute(
-    name: str,
-    polygon: Polygon,
-    seed: int,
-    calibration: Mapping[str, float] | None,
-    number: int,
-    result: FrameTriangulation,
+    recipe: Recipe, polygon: Polygon, number: int, result: FrameTriangulation
 ) -> tuple[NDArray[np.int32] | None, int, float]:
     """Return triangles, T-junctions and seconds; without triangles `result` is told why."""
     part, junctions = None, 0
     start = time.perf_counter()
     try:
-        part = _call(name, polygon, seed, calibration)
+        part = recipe.triangulate(polygon)
     except Skipped as reason:
         result.skipped.append((number, str(reason)))
-    except Exception as error:
+    except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
         result.failed.append((number, f"{type(error).__name__}: {error}"))
     seconds = time.perf_counter() - start
     if part is not None:
@@ -156,54 +127,36 @@ def _compute(
     return part, junctions, seconds
 
 
-def _parameters(name: str, seed: int, calibration: Mapping[str, float] | None) -> dict[str, Any]:
-    """Return what besides the polygon decides the triangulation, JSON-ready."""
-    base, numbered = _numbered(name, seed)
-    if base.endswith(":calibrated") and calibration is not None:
-        return {"calibration": sorted(_terms(calibration).items())}
-    return numbered
+def warm_up(recipe: Recipe) -> None:
+    """Load compiled code, which would otherwise count as the first polygon's time; done once.
+
+    The first time on a machine that is the time to compile it, which can take minutes.
+    """
+    if recipe.base in _warm:
+        return
+    for polygon in _small_polygons():
+        try:
+            _check(polygon, recipe.triangulate(polygon))
+        except (Exception, SystemExit, GeneratorExit):  # the real polygons will tell
+            continue
+    _warm.add(recipe.base)
 
 
-def _numbered(name: str, seed: int) -> tuple[str, dict[str, Any]]:
-    """Return a name without its number, and the number as the parameter that it is."""
-    base, mark, number = name.partition(SEED_MARK)
-    if mark:
-        return base, {NUMBERED[base]: int(number)}
-    return base, {"seed": seed} if base == "random" else {}
+_warm: set[str] = set()
+"""What this process has loaded."""
 
 
-def _terms(calibration: Mapping[str, float]) -> dict[str, float]:
-    # A draw's own cost is the same however it is cut, so it is no criterion's term.
-    return {term: calibration[term] for term in calibration if term != "draw"}
-
-
-def _call(
-    name: str, polygon: Polygon, seed: int, calibration: Mapping[str, float] | None
-) -> NDArray[np.int32]:
-    base, numbered = _numbered(name, seed)
-    if base.endswith(":calibrated") and calibration is not None:
-        return triangulate(polygon, base, criterion=criteria.calibrated(_terms(calibration)))
-    return triangulate(polygon, base, **numbered)
-
-
-def _warm_up(name: str, seed: int, calibration: Mapping[str, float] | None) -> None:
-    """Load compiled code, which would otherwise count as the first polygon's time."""
+def _small_polygons() -> Iterator[Polygon]:
+    """Yield polygons of every kind that a triangulator may treat in a way of its own."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
+    yield Polygon(square)
+    yield Polygon(square, holes[:1])
+    yield Polygon(square, holes)
     # Many vertices, few of which see each other: large polygons take other paths than small ones.
     turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     reach = np.where(np.arange(200) % 2, 50.0, 400.0)
-    star = np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
-    for polygon in (
-        Polygon(square),
-        Polygon(square, holes[:1]),
-        Polygon(square, holes),
-        Polygon(star),
-    ):
-        try:
-            _call(name, polygon, seed, calibration)
-        except Exception:  # the real polygons will tell
-            continue
+    yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))
 
 
 def _check(

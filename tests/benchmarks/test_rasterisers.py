@@ -70,9 +70,8 @@ def on_pixel_centres(size: int) -> Frame:
         polygon = Polygon(centres + np.array(divmod(len(polygons), SIDE)) * cell)
         if polygon.is_valid and polygon.area > 0:
             polygons.append(shapely.orient_polygons(polygon))
-    points, offsets = on_grid(polygons)
     numbers = np.arange(len(polygons))
-    return Frame(size, size, 1.0, View(size), tuple(polygons), numbers, points, offsets)
+    return Frame(size, size, 1.0, View(size), numbers, *on_grid(polygons))
 
 
 @cache

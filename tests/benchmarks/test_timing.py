@@ -6,7 +6,6 @@ Long, and worth nothing on a busy machine: `make bench`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,17 +15,18 @@ from harness import rasterisers
 from harness.figures.ratios import Ratio, paired_ratio
 from harness.frame import Frame, View, make_frame
 from harness.measuring import tasks
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 
 COMPARISONS_SAME = 200
 COMPARISONS_SLOWER = 100
 
-DEFAULT = Settings()
-SHORT = Settings(budget_s=0.25)
+DEFAULT = TimingSettings()
+SHORT = TimingSettings(budget_s=0.25)
 """An error rate does not depend on the budget; 200 comparisons should not take half an hour."""
 
 
@@ -40,8 +40,8 @@ def llvmpipe() -> Iterator[tuple[Device, Worker]]:
 @pytest.fixture(scope="module")
 def city() -> tuple[Frame, NDArray[np.int32]]:
     frame = make_frame(load("city:buildings=100").polygons, View(512))
-    result = triangulate_polygons("delaunay", frame.polygons, seed=0)
-    return replace(frame, polygons=()), frame.join(result.parts)
+    result = triangulate_polygons(parse("delaunay"), frame.polygons)
+    return frame, frame.join(result.parts)
 
 
 def compare(
@@ -51,7 +51,7 @@ def compare(
     second: NDArray[np.int32],
     options: Options,
     seed: int,
-    settings: Settings = DEFAULT,
+    settings: TimingSettings = DEFAULT,
 ) -> Ratio:
     device, worker = llvmpipe
     test = worker.call(tasks.open_device, "opengl", device).timer

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from harness.cli import app
-from harness.figures.registry import METRICS
+from harness.figures.registry import figures
 from tests.docs.blocks import pages
 from tests.paths import ROOT
 from triangulators import registry
@@ -48,7 +48,7 @@ def test_the_reference_has_every_command_option_and_name(site):
     for option in ("--triangulators", "--gate", "--resume", "--threshold"):
         assert option in commands
     names = (site / "reference" / "names.html").read_text()
-    for name in [*registry.BUILTIN, *METRICS]:
+    for name in [*registry.BUILTIN, *figures()]:
         assert f"<code>{name}</code>" in names
     python = (site / "reference" / "python.html").read_text()
     assert "Triangulate a polygon" in python

@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 import trimesh
@@ -40,6 +41,10 @@ def test_triangulate_writes_the_mesh_and_says_what_it_did(harness, block):
         (["city:buildings=3", "-o", "x.docx"], ["docx", "glb"]),
         (["city:buildings=3", "-o", "x.glb", "--triangulator", "delauny"], ["delaunay"]),
         (["city:buildings=3", "-o", "/proc/none/x.glb"], ["/proc/none"]),
+        (
+            ["city:buildings=3", "-o", "x.glb", "--triangulator=worst:shape", "--criterion=shape"],
+            ["worst:shape", "leave out criterion 'shape'"],
+        ),
     ],
 )
 def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
@@ -47,6 +52,22 @@ def test_triangulate_refuses_what_it_cannot_do(harness, arguments, parts):
     assert code == 2
     assert_one_line(err, *parts)
     assert not Path("x.glb").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "full"),
+    [
+        ([], "optimal:half-perimeter"),
+        (["--triangulator", "optimal"], "optimal:overdraw"),
+        (["--criterion", "edge-length"], "optimal:edge-length"),
+        (["--triangulator", "worst", "--criterion", "shape"], "worst:shape"),
+        (["--triangulator", "optimal:mixed=1.0/.5/0"], "optimal:mixed=1/0.5/0"),
+    ],
+)
+def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, arguments, full):
+    assert harness("triangulate", str(block), "-o", "block.npz", "--quiet", *arguments)[0] == 0
+    with np.load("block.npz") as arrays:
+        assert arrays["triangulator"] == full
 
 
 def test_the_cache_can_be_looked_at_and_emptied(harness):
@@ -97,7 +118,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     for base in ("optimal:overdraw", "ear-clipping"):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
-        assert f"{base}: no other shown faster in {2 - beaten} of 2 views" in out
+        assert f"{base}: no other was shown to be faster in {2 - beaten} of 2 views" in out
     code, _, err = harness("gains", "run", "--out", "gains", "--bases", "nothing")
     assert code == 2
     assert_one_line(err, "unknown triangulator")
@@ -144,7 +165,7 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     code, out, _ = harness("repeat", "one", "two")
     assert code == 0
     assert "counters: equal in 3 of 3 cases" in out
-    found = re.search(r"(\d) pairs: both runs say which is faster of (\d)", out)
+    found = re.search(r"(\d) pairs: both runs say which is faster for (\d)", out)
     assert found is not None
     assert 0 <= int(found[2]) <= int(found[1]) <= 3
     cases = Path("two/cases.jsonl")
@@ -169,7 +190,7 @@ def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
 
 
 def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
-    from harness.commands.run import default_folder
+    from harness.commands.results import default_folder
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")

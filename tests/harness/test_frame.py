@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -10,7 +13,8 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.frame import MARGIN_PX, SUBPIXEL, View, make_frame
+from harness.frame import MARGIN_PX, SUBPIXEL, View, make_frame, on_grid
+from harness.measuring.tasks import bare_frame
 from triangulators import vertices
 
 L_SHAPE = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)])
@@ -121,3 +125,33 @@ def test_no_polygon_and_no_extent_are_refused():
         make_frame([], View())
     with pytest.raises(UsageError, match="not a finite number"):
         View(64, float("nan"))
+
+
+@st.composite
+def on_the_grid(draw: st.DrawFn) -> Polygon:
+    """A rectangle with up to four triangular holes, all of it on the 1/256 px grid."""
+    west, south = draw(st.integers(0, 400)), draw(st.integers(0, 400))
+    holes = draw(st.lists(st.booleans(), min_size=4, max_size=4))
+    rings = [
+        [(x, south + 8), (x + 5 / SUBPIXEL, south + 8), (x, south + 8 + draw(st.integers(1, 9)))]
+        for x, wanted in zip(range(west + 4, west + 32, 7), holes, strict=True)
+        if wanted
+    ]
+    return Polygon(box(west, south, west + 40, south + 40).exterior, rings)
+
+
+@given(st.lists(on_the_grid(), min_size=1, max_size=4))
+def test_a_frame_of_arrays_holds_whole_polygons_in_a_worker_too(polygons):
+    points, offsets, ring_ends = on_grid(polygons)
+    frame = replace(bare_frame(512, points), offsets=offsets, ring_ends=ring_ends)
+    assert list(frame.polygons) == polygons
+    sent = pickle.loads(pickle.dumps(frame))
+    assert "polygons" not in vars(sent)
+    assert list(sent.polygons) == polygons
+
+
+def test_a_frame_knows_where_its_rings_end():
+    frame = make_frame([L_SHAPE, COURTYARD], View(512, 30))
+    assert frame.offsets.tolist() == [0, 6, 14]
+    assert frame.ring_ends.tolist() == [6, 10, 14]
+    assert [len(polygon.interiors) for polygon in frame.polygons] == [0, 1]

@@ -1,4 +1,8 @@
-"""Kills a run at a given moment and checks that nothing finished is lost."""
+"""Kills a run at a given moment and checks that nothing finished is lost.
+
+Run as a program, it measures a scene on the scripted rasteriser and nothing more: no processes, no
+plots.
+"""
 
 from __future__ import annotations
 
@@ -7,38 +11,53 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
+from harness.frame import View
+from harness.measuring.plan import Plan
 from harness.stored.folder import Record, read_run
+from tests.measuring.test_run import measure, plan_for
 from tests.paths import ROOT
 
+RESOLUTIONS = (64, 96, 128, 256, 512, 1024)
+TRIANGULATORS = "ear-clipping,delaunay,optimal:overdraw,optimal:half-perimeter"
+CASES = 24
 
-def command(scene: Path, out: Path, *more: str) -> list[str]:
-    """A run of many short cases on the scripted rasteriser."""
-    return [
-        *(sys.executable, "-m", "harness", "run", "--scene", str(scene), "--quiet", "--quick"),
-        *("--rasterisers", "tests.mock:MockRasteriser", "--resolution", "64,96,128,256,512,1024"),
-        *("--triangulators", "ear-clipping,delaunay,optimal:overdraw,optimal:half-perimeter"),
-        *more,
-        str(out),
-    ]
+ALONE = (sys.executable, "-m", "tests.measuring.killing")
+"""The measuring alone; SCENE and --out or --resume DIR follow."""
+
+WHOLE = (
+    *(sys.executable, "-m", "harness", "run", "--quiet", "--quick"),
+    *("--rasterisers", "tests.mock:MockRasteriser", "--triangulators", TRIANGULATORS),
+    *("--resolution", ",".join(map(str, RESOLUTIONS)), "--scene"),
+)
+"""The whole command, with its worker processes."""
 
 
-def whole_run(scene: Path, out: Path) -> list[Record]:
-    """Run without a kill; returns the records."""
-    subprocess.run(command(scene, out, "--out"), cwd=ROOT, check=True, capture_output=True)
-    return read_run(out).records
+def plan_of(scene: Path) -> Plan:
+    """Return the plan of many short cases."""
+    views = tuple(View(size) for size in RESOLUTIONS)
+    return plan_for(scene, triangulators=TRIANGULATORS.split(","), views=views)
 
 
 def kill_and_resume(
-    scene: Path, out: Path, cases: int, later_s: float, expected: list[Record]
+    program: Sequence[str],
+    scene: Path,
+    out: Path,
+    cases: int,
+    later_s: float,
+    expected: list[Record],
 ) -> int:
     """Kill -9 a run `later_s` after it wrote its `cases`-th record, then resume it.
 
     Returns how many cases were finished when it died.
     """
     process = subprocess.Popen(
-        command(scene, out, "--out"), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*program, str(scene), "--out", str(out)],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     while process.poll() is None and _written(out) < cases:
         time.sleep(0.001)
@@ -46,18 +65,19 @@ def kill_and_resume(
     process.send_signal(signal.SIGKILL)
     process.wait()
     if not (out / "run.json").exists():  # it had not begun
-        subprocess.run(command(scene, out / "new", "--out"), cwd=ROOT, check=True)
         return 0
     finished = read_run(out).records
     lines = (out / "cases.jsonl").read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
-    subprocess.run(command(scene, out, "--resume"), cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    again = [*program, str(scene), "--resume", str(out)]
+    subprocess.run(again, cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []
     assert resumed.records[: len(finished)] == finished
     assert {r["key"]: r["counters"] for r in resumed.records} == {
         r["key"]: r["counters"] for r in expected
     }
+    assert not (out / "counted.jsonl").exists()
     return len(finished)
 
 
@@ -66,3 +86,8 @@ def _written(out: Path) -> int:
         return (out / "cases.jsonl").read_bytes().count(b"\n")
     except OSError:
         return -1
+
+
+if __name__ == "__main__":
+    name, option, folder = sys.argv[1:]
+    measure(plan_of(Path(name)), Path(folder), resume=option == "--resume")

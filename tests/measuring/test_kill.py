@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import random
-
-from tests.measuring.killing import kill_and_resume, whole_run
+from tests.measuring.killing import ALONE, CASES, kill_and_resume, plan_of
+from tests.measuring.test_run import measure
 
 
 def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
-    expected = whole_run(block, tmp_path / "whole")
-    assert len(expected) == 24
-    # `make bench` tries 30 moments.
-    moments = random.Random(5)
-    for number, cases in enumerate((3, 14)):
-        later = moments.uniform(0, 0.02)
-        finished = kill_and_resume(block, tmp_path / str(number), cases, later, expected)
-        assert cases <= finished < 24
+    expected = measure(plan_of(block), tmp_path / "whole").records
+    assert len(expected) == CASES
+    # `make bench` kills the whole command at 30 moments.
+    finished = kill_and_resume(ALONE, block, tmp_path / "killed", 9, 0.01, expected)
+    assert 9 <= finished < CASES

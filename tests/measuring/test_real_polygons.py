@@ -10,11 +10,12 @@ import pytest
 from shapely import Polygon, make_valid
 
 from harness import rasterisers
-from harness.frame import Frame, View, make_frame
+from harness.frame import View, make_frame
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 from tests.paths import shared_data
 
@@ -44,13 +45,12 @@ def city() -> list[Polygon]:
 def test_every_triangulation_covers_the_same_pixels(llvmpipe, polygons, resolution):
     device, worker = llvmpipe
     frame = make_frame(polygons(), View(resolution))
-    bare = Frame(**{**vars(frame), "polygons": ()})
     expected = None
     for name in TRIANGULATORS:
-        result = triangulate_polygons(name, frame.polygons, seed=0)
+        result = triangulate_polygons(parse(name), frame.polygons)
         assert result.failed == []
         counted = worker.call(
-            tasks.count, "opengl", device, bare, frame.join(result.parts), Options()
+            tasks.count, "opengl", device, frame, frame.join(result.parts), Options()
         )
         fragments, quads = counted["fragments"], counted["quads"]
         assert (4 * quads == fragments + counted["helper_lanes"]).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from dataclasses import replace
@@ -12,17 +13,21 @@ from rich.console import Console
 from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.measuring.cases import Runner
+from harness.frame import Frame
 from harness.measuring.plan import Plan
-from harness.measuring.run import Outcome, run
-from harness.measuring.timing import MIN_ROUNDS, Settings
+from harness.measuring.run import RunResult, run
+from harness.measuring.timing import MIN_ROUNDS, TimingSettings
 from harness.measuring.worker import Inline, Worker
 from harness.progress import Reporter
-from harness.stored.folder import read_arrays, read_run
+from harness.rasterisers.base import Counters
+from harness.stored.folder import Store, read_arrays, read_run
+from harness.triangulating import names
+from harness.triangulating.names import parse_all
 from tests.conftest import write_geojson
+from tests.mock import MockRasteriser
 
 MOCK = "tests.mock:MockRasteriser"
-FAST = Settings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
+FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
 
@@ -31,7 +36,8 @@ def inline(name: str, environment: object, memory_bytes: int | None = None) -> I
 
 
 def plan_for(scene: Path, **changes: object) -> Plan:
-    plan = Plan(scene=str(scene), triangulators=NAMES, rasterisers=(MOCK,), timing=FAST)
+    names = parse_all(changes.pop("triangulators", NAMES))  # type: ignore[arg-type]
+    plan = Plan(scene=str(scene), triangulators=names, rasterisers=(MOCK,), timing=FAST)
     return replace(plan, **changes)  # type: ignore[arg-type]
 
 
@@ -39,7 +45,7 @@ def quiet() -> Reporter:
     return Reporter(quiet=True, console=Console(quiet=True))
 
 
-def measure(plan: Plan, out: Path, **options: object) -> Outcome:
+def measure(plan: Plan, out: Path, **options: object) -> RunResult:
     return run(plan, out, quiet(), **{"open_worker": inline, **options})  # type: ignore[arg-type]
 
 
@@ -93,6 +99,62 @@ def test_a_triangulator_that_cannot_do_a_polygon_is_recorded_with_its_reason(blo
     assert fan["status"] == "ok"
     assert (fan["polygons"], fan["polygons_skipped"]) == (2, 1)
     assert "skipped polygon 1" in fan["reason"]
+    # What it left out is no error of coverage.
+    assert (fan["coverage_error"], clipping["coverage_error"]) == (0, 0)
+
+
+def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have the triangulator `name` fail on every polygon of that many holes."""
+    whole = names.triangulate
+
+    def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
+        if wanted == name and len(polygon.interiors) == holes:
+            raise ValueError("scripted")
+        return whole(polygon, wanted, **more)
+
+    monkeypatch.setattr(names, "triangulate", triangulate)
+
+
+def test_what_the_baseline_left_out_is_compared_with_nothing(block, tmp_path, monkeypatch):
+    failing("delaunay", 1, monkeypatch)
+    plan = plan_for(block, triangulators=("fan", "ear-clipping", "delaunay"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert records["delaunay"]["polygons_failed"] == 1
+    assert {name: r["coverage_error"] for name, r in records.items()} == {
+        **dict.fromkeys(("fan", "ear-clipping", "delaunay"), 0)
+    }
+
+
+def test_a_triangulation_that_covers_too_much_is_found_whatever_the_baseline_left_out(
+    block, tmp_path, monkeypatch
+):
+    failing("delaunay", 1, monkeypatch)
+    count = MockRasteriser._count
+
+    def count_too_much(self: MockRasteriser, frame: Frame, *rest: object) -> Counters:
+        counters = count(self, frame, *rest)  # type: ignore[arg-type]
+        # The fan's are 4 + 2; ear clipping's, with the courtyard's, are 14.
+        if len(rest[0]) == 14:  # type: ignore[arg-type]
+            counters["fragments"] += [1, 10, 100]
+        return counters
+
+    monkeypatch.setattr("tests.mock.MockRasteriser._count", count_too_much)
+    plan = plan_for(block, triangulators=("fan", "ear-clipping"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert {name: r["coverage_error"] for name, r in records.items()} == {
+        "fan": 0,
+        "ear-clipping": 101,
+    }
+
+
+def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkeypatch):
+    failing("delaunay", 0, monkeypatch)
+    scene = write_geojson(tmp_path / "squares.geojson", [box(0, 0, 4, 4), box(6, 0, 9, 3)])
+    plan = plan_for(scene, triangulators=("fan", "delaunay"))
+    records = {r["triangulator"]: r for r in measure(plan, tmp_path / "out").records}
+    assert records["fan"]["status"] == "ok"
+    assert records["fan"]["coverage_error"] is None
+    assert records["delaunay"]["status"] == "failed"
 
 
 def test_a_triangulator_that_can_do_none_is_skipped(tmp_path):
@@ -141,16 +203,43 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
         measure(plan_for(block), out, resume=True)
 
 
+def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    measure(plan_for(block), out)
+    monkeypatch.setattr("harness.environment.cpu_name", lambda: "another processor")
+    with pytest.raises(UsageError, match="the machine differ"):
+        measure(plan_for(block), out, resume=True)
+    assert measure(plan_for(block), out, resume=True, force=True).records
+
+
+def test_resume_leaves_alone_what_was_skipped_and_tries_again_what_failed(tmp_path, monkeypatch):
+    courtyard = box(0, 0, 16, 16).difference(box(4, 4, 12, 12))
+    scene = write_geojson(tmp_path / "courtyard.geojson", [courtyard])
+    plan = plan_for(scene, triangulators=("fan", "ear-clipping"))
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        failing("ear-clipping", 1, patch)
+        statuses = [r["status"] for r in measure(plan, out).records]
+    assert statuses == ["skipped", "failed"]
+    before = (out / "cases.jsonl").read_text()
+    assert [r["status"] for r in measure(plan, out, resume=True).records] == ["skipped", "ok"]
+    after = (out / "cases.jsonl").read_text()
+    assert after.startswith(before)
+    assert [json.loads(line)["triangulator"] for line in after[len(before) :].splitlines()] == [
+        "ear-clipping"
+    ]
+
+
 def interrupt_after_one(monkeypatch):
     """Send Ctrl-C when the first record is written."""
-    write = Runner._write
+    append = Store.append
 
-    def write_and_interrupt(self: Runner, record: dict[str, object]) -> None:
-        write(self, record)
-        if len(self.done) == 1:
+    def append_and_interrupt(self: Store, record: dict[str, object]) -> None:
+        append(self, record)
+        if len(read_run(self.path).records) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(Runner, "_write", write_and_interrupt)
+    monkeypatch.setattr(Store, "append", append_and_interrupt)
 
 
 def test_an_interrupt_keeps_what_is_finished(block, tmp_path, monkeypatch):
@@ -197,9 +286,9 @@ def test_a_device_that_fails_costs_only_the_case_it_fails_on(tmp_path, monkeypat
 def test_a_triangulation_from_before_turning_is_drawn_as_the_view_turns(block, tmp_path):
     from harness.frame import View
 
-    names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
+    wanted = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
     views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
-    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
+    outcome = measure(plan_for(block, triangulators=wanted, views=views), tmp_path / "out")
     seen = {(r["triangulator"], r["rotation"]): r for r in outcome.records}
     assert {record["status"] for record in outcome.records} == {"ok"}
     fresh, carried = "optimal:overdraw", "optimal:overdraw@0"

@@ -1,6 +1,11 @@
-"""A third party's triangulator may do anything: it costs its own case and nothing else."""
+"""A third party's code may do anything: it costs its own cases, at once, and nothing else."""
 
 from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
 
 import pytest
 
@@ -8,54 +13,183 @@ from harness.measuring.run import run
 from harness.measuring.worker import Worker
 from tests.measuring.test_run import MOCK, measure, plan_for, quiet
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 REASONS = {
     "segfault": "died: SIGSEGV",
     "hang": "ran past",
     "devour": "emory",
     "raises": "RuntimeError: no idea",
+    "exits": "SystemExit: 0",
+    "exits_hard": "died: exit code 0",
+    "interrupts": "KeyboardInterrupt",
+    "raises_no_exception": "NoException: enough",
     "returns_nothing": "shape ()",
     "returns_nan": "expected integer indices",
     "returns_out_of_range": "indices outside",
     "returns_coordinates": "expected (m, 3)",
     "returns_overlapping": "polygon 0",
     "returns_too_little": "polygon 0",
-    "missing": "missing",
 }
+RIGHT = ("delaunay", "tests.broken:right", "tests.broken:forks")
 
 
 def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.measuring.processes.MEMORY_SHARE", 0.15)
-    names = tuple(f"tests.broken:{name}" for name in REASONS)
-    plan = plan_for(block, triangulators=("delaunay", *names, "tests.broken:right"), timeout_s=6.0)
-    records = {
-        record["triangulator"]: record
-        for record in measure(plan, tmp_path / "out", open_worker=Worker).records
-    }
+    names = [f"tests.broken:{name}" for name in REASONS]
+    plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=6.0)
+    outcome = measure(plan, tmp_path / "out", open_worker=Worker)
+    records = {record["triangulator"]: record for record in outcome.records}
     for name, reason in REASONS.items():
         record = records[f"tests.broken:{name}"]
         assert record["status"] == "failed", name
         assert reason in record["reason"], name
-    assert records["delaunay"]["status"] == "ok"
-    assert records["tests.broken:right"]["status"] == "ok"
-    assert records["tests.broken:right"]["coverage_error"] == 0
+    for name in RIGHT:
+        assert (records[name]["status"], records[name]["coverage_error"]) == ("ok", 0), name
 
 
-@pytest.mark.parametrize(("name", "code"), [("segfault", 4), ("right", 0)])
+@pytest.mark.parametrize(("name", "code"), [("exits", 4), ("right", 0)])
 def test_exit_code_is_4_only_if_nothing_was_measured(block, harness, name, code):
     arguments = ["run", "--scene", str(block), "--out", "out", "--quick", "-q"]
     arguments += ["--rasterisers", MOCK, "--triangulators", f"tests.broken:{name}"]
     assert harness(*arguments)[0] == code
 
 
-def test_a_module_that_crashes_when_imported_is_imported_by_the_worker_only(
-    block, tmp_path, monkeypatch
-):
-    (tmp_path / "crashing.py").write_text("import os\nos.abort()\n")
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Returns a function that writes a module, which this process and its workers can import."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    plan = plan_for(block, triangulators=("crashing:cut", "delaunay"))
+
+    def write(name: str, content: str) -> None:
+        (tmp_path / f"{name}.py").write_text(content)
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("os.abort()", "died: SIGABRT"),
+        ("sys.exit(0)", "SystemExit: 0"),
+        ("os._exit(0)", "died: exit code 0"),
+        ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+    ],
+)
+def test_a_module_that_dies_when_imported_costs_its_case(
+    block, tmp_path, module, statement, reason
+):
+    module("dying", f"import os, sys\n{statement}\n")
+    plan = plan_for(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
+    start = time.monotonic()
     records = run(plan, tmp_path / "out", quiet(), open_worker=Worker).records
-    assert {r["triangulator"]: r["status"] for r in records} == {
-        "crashing:cut": "failed",
-        "delaunay": "ok",
-    }
+    assert time.monotonic() - start < 120
+    found = {record["triangulator"]: record for record in records}
+    assert found["delaunay"]["status"] == "ok"
+    assert found["dying:cut"]["status"] == "failed"
+    assert reason in found["dying:cut"]["reason"]
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("tests.broken:nofunc", ["nofunc"]),
+        ("tests.broken:np.pi", ["not a function"]),
+        ("unwritten:cut", ["SyntaxError", "line 2"]),
+        ("lacking:cut", ["no_such_package"]),
+        ("lacking.inner:cut", ["no_such_package"]),
+        ("no_such_module:cut", ["no module 'no_such_module'"]),
+        ("optmal:overdraw", ["optmal", "did you mean 'optimal'"]),
+        ("../etc:cut", ["../etc"]),
+        ("delaunay@30", ["@0"]),
+    ],
+)
+def test_what_cannot_be_imported_is_found_before_anything_is_measured(
+    block, harness, module, name, parts
+):
+    module("unwritten", "import os\ndef cut(:\n")
+    module("lacking", "import no_such_package\n")
+    arguments = ("--scene", str(block), "--triangulators", f"delaunay,{name}", "-q")
+    code, _, err = harness("run", *arguments, "--rasterisers", MOCK, "--out", "out")
+    assert code == 2
+    (line,) = [line for line in err.splitlines() if line.startswith("error:")]
+    assert all(part in line for part in parts), line
+    assert "Traceback" not in err
+    assert not Path("out").exists()
+
+
+RASTERISER = """
+import os, sys
+from pathlib import Path
+from tests.mock import MockRasteriser
+
+with (Path(__file__).parent / "imported").open("a") as file:
+    file.write(f"{os.getpid()}\\n")
+
+
+class Theirs(MockRasteriser):
+    pass
+
+
+class Dying(MockRasteriser):
+    @classmethod
+    def devices(cls):
+        os._exit(0)
+
+
+def cut(polygon):
+    from tests.broken import right
+
+    return right(polygon)
+"""
+
+
+def test_third_parties_code_runs_in_workers_only(block, harness, module, tmp_path):
+    module("theirs", RASTERISER)
+    arguments = ("--scene", str(block), "--triangulators", "delaunay,theirs:cut", "--quick")
+    rasterisers = ("--rasterisers", "theirs:Dying,theirs:Theirs", "--out", "out")
+    code, _, err = harness("run", *arguments, *rasterisers)
+    assert code == 0
+    assert "rasteriser 'theirs:Dying' is left out" in err
+    assert "died: exit code 0" in err
+    lines = Path("out/cases.jsonl").read_text().splitlines()
+    assert {json.loads(line)["status"] for line in lines} == {"ok"}
+    processes = set((tmp_path / "imported").read_text().split())
+    # Two rasterisers and a triangulator; a device is drawn on where its rasteriser was asked.
+    assert len(processes) == 3
+    assert str(os.getpid()) not in processes
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "parts"),
+    [
+        ("theirs:Dying", 3, ["no rasteriser is left"]),
+        ("theirs:cut", 2, ["not a harness.rasterisers.Rasteriser"]),
+        ("theirs:nothing", 2, ["cannot be loaded", "nothing"]),
+    ],
+)
+def test_a_rasteriser_that_cannot_be_used_is_one_line(block, harness, module, name, code, parts):
+    module("theirs", RASTERISER)
+    found, _, err = harness("run", "--scene", str(block), "--rasterisers", name, "-q")
+    assert found == code
+    (line,) = [line for line in err.splitlines() if line.startswith("error:")]
+    assert all(part in line for part in parts), line
+
+
+def test_a_scene_that_exits_is_one_line(harness, module, tmp_path):
+    package = tmp_path / "theirs-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(
+        "[raster_harness.scenes]\nexiting = theirs:build\nsquare = theirs:square\n"
+    )
+    module(
+        "theirs",
+        "import sys\nfrom shapely import box\n"
+        "def build(*, seed):\n    sys.exit(0)\n"
+        "def square(*, seed):\n    return [box(0, 0, 1, 1)]\n",
+    )
+    code, _, err = harness("run", "--scene", "exiting", "-q")
+    assert code == 2
+    assert "error: scene exiting cannot be loaded: SystemExit: 0" in err
+    good = ("run", "--scene", "square", "--triangulators", "fan", "--rasterisers", MOCK, "-q")
+    assert harness(*good, "--quick")[0] == 0

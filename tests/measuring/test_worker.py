@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from harness.errors import NoRasteriser
@@ -36,9 +37,30 @@ def raise_no_rasteriser() -> None:
     raise NoRasteriser("no such device")
 
 
-def leave_a_grandchild_file(path: str) -> None:
-    Path(path).write_text(str(os.getpid()))
-    time.sleep(60)
+class NoException(BaseException):
+    """What `except Exception` lets through."""
+
+
+def raise_no_exception() -> None:
+    raise NoException("enough")
+
+
+def leave_a_child(path: str, code: int | None) -> int:
+    """Fork a process that sleeps for long, then return, or end with an exit code."""
+    if (child := os.fork()) == 0:
+        time.sleep(3600)
+    Path(path).write_text(str(child))
+    if code is not None:
+        os._exit(code)
+    return 17
+
+
+def fork_and_return() -> str:
+    return "child" if os.fork() == 0 else "parent"
+
+
+def a_function_of_its_own() -> object:
+    return lambda: None
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +105,66 @@ def test_ticks_say_how_long_it_takes(worker):
     worker.call(sleep, 0.5, tick=waited.append)
     assert waited == sorted(waited)
     assert waited
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_an_exit_is_a_failure_whatever_its_code(worker, code):
+    with pytest.raises(TaskFailed, match=rf"^SystemExit: {code}$"):
+        worker.call(sys.exit, code)
+    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+
+
+def test_what_is_no_exception_is_a_failure_too(worker):
+    with pytest.raises(TaskFailed, match=r"^NoException: enough$"):
+        worker.call(raise_no_exception)
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_a_process_that_ends_is_noticed_at_once(worker, code):
+    start = time.monotonic()
+    with pytest.raises(TaskFailed, match=rf"died: exit code {code}$"):
+        worker.call(os._exit, code, timeout_s=300)
+    assert time.monotonic() - start < 60
+
+
+@pytest.mark.parametrize("code", [None, 1])
+def test_a_forked_child_holds_nothing_up_and_ends_with_the_worker(tmp_path, code):
+    """The child has copies of all pipes; its parent answers, or dies."""
+    start = time.monotonic()
+    with Worker("the forking worker") as forking:
+        if code is None:
+            assert forking.call(leave_a_child, str(tmp_path / "pid"), code, timeout_s=300) == 17
+        else:
+            with pytest.raises(TaskFailed, match="died: exit code 1"):
+                forking.call(leave_a_child, str(tmp_path / "pid"), code, timeout_s=300)
+        child = int((tmp_path / "pid").read_text())
+    assert time.monotonic() - start < 60
+    for _ in range(600):  # it is killed, but the system may take its time
+        if not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE:
+            break
+        time.sleep(0.1)
+    else:
+        pytest.fail("the child lives on")
+
+
+def test_a_child_that_comes_back_from_the_task_answers_nothing(worker):
+    assert worker.call(fork_and_return) == "parent"
+    time.sleep(0.2)
+    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+
+
+def test_what_a_task_prints_stays_out_of_the_harness_output(worker, capfd):
+    worker.call(print, "from a plugin")
+    assert capfd.readouterr().out == ""
+
+
+def test_a_result_that_cannot_be_sent_is_a_failure(worker):
+    with pytest.raises(TaskFailed, match="its result cannot be sent"):
+        worker.call(a_function_of_its_own)
+    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+
+
+def test_the_traceback_of_a_failure_is_kept(worker):
+    with pytest.raises(TaskFailed) as failure:
+        worker.call(raise_value_error)
+    assert "in raise_value_error" in failure.value.detail

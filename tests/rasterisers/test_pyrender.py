@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from shapely import Polygon, box
@@ -39,9 +41,9 @@ def seconds_of_frames(device, frame, triangles, repeats) -> float:
 @pytest.mark.parametrize("name", ["llvmpipe", "osmesa"])
 def test_it_draws_and_times_but_does_not_count(frame, name):
     if name not in [device.name for device in get("pyrender").devices()]:
-        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install"):
+        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install") as error:
             find_device("pyrender", name)
-        return
+        pytest.skip(str(error.value))
     device = find_device("pyrender", name)
     triangles = joined(frame, "delaunay")
     with Worker(name, device.environment) as worker:
@@ -93,7 +95,8 @@ def test_walls_stand_under_the_rings(frame):
 
 
 def test_rings_close_on_themselves(frame):
-    following = next_in_ring(frame)
+    # As a worker gets it, which is where walls are built.
+    following = next_in_ring(pickle.loads(pickle.dumps(frame)))
     assert sorted(following) == list(range(len(frame.points)))
     assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
 

@@ -17,7 +17,7 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.records import predict_frame
 from harness.measuring.run import run
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
@@ -26,6 +26,7 @@ from harness.report import write_report
 from harness.stored import drawings
 from harness.stored.folder import Store, read_run
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse, parse_all
 from scenes import load
 from tests.chromium import Chromium
 
@@ -47,10 +48,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "city"
     plan = Plan(
         scene="city:buildings=60",
-        triangulators=NAMES,
+        triangulators=parse_all(NAMES),
         rasterisers=("reference",),
         views=VIEWS,
-        timing=Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
+        timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
     )
     reporter = Reporter(quiet=True, console=Console(quiet=True))
     run(plan, path, reporter, open_worker=lambda *_: Inline())
@@ -67,9 +68,13 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def big(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of 10,000 cases: 2,000 conditions of 5 triangulators, one of them with polygons."""
-    path = tmp_path_factory.mktemp("report") / "big"
+def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of 1,000 cases, of which a chart shows 800: without times against themselves."""
+    return write_many(tmp_path_factory.mktemp("report") / "many", devices=1)
+
+
+def write_many(path: Path, devices: int) -> Path:
+    """Write a run of 1,000 cases a device: 200 views of 5 triangulators, one with polygons."""
     store = Store.create(path)
     store.write_facts({"plan": {"triangulators": list(NAMES)}, "scene": {"name": "city"}})
     values = random.Random(0)
@@ -77,7 +82,7 @@ def big(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = []
     conditions = itertools.product(
         ("opengl", "bounding-box"),
-        [f"gpu{k}" for k in range(10)],
+        [f"gpu{k}" for k in range(devices)],
         [256 * k for k in range(1, 11)],
         [9.0 * k for k in range(10)],
     )
@@ -100,7 +105,7 @@ def _drawn(store: Store) -> dict[str, dict[str, NDArray[Any]]]:
     frame = make_frame(load("city:buildings=600", seed=0).polygons, View(256))
     triangles, columns = {}, {}
     for name in NAMES:
-        parts = triangulate_polygons(name, frame.polygons, 0).parts
+        parts = triangulate_polygons(parse(name), frame.polygons).parts
         triangles[name] = frame.join(parts)
         counted = predict(frame.points, triangles[name])
         predicted = predict_frame(frame, parts).columns

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import time
 from pathlib import Path
 
 import pytest
 
 from harness.stored.folder import read_arrays, read_run
-from tests.chromium import Chromium
+from tests.chromium import PATIENCE_S, Chromium
 from tests.report.conftest import NAMES
 
 POINT = """(() => {
@@ -208,25 +209,19 @@ def test_every_table_can_be_had_as_csv(page, folder):
 def test_a_csv_button_downloads_the_file(page, tmp_path):
     page.send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     page.evaluate("document.querySelector('[data-csv=ranking]').click()")
-    page.wait("true")
-    for _ in range(100):
-        if (tmp_path / "ranking.csv").exists():
-            break
+    end = time.monotonic() + PATIENCE_S
+    while not (tmp_path / "ranking.csv").exists() and time.monotonic() < end:
         page.evaluate("new Promise((done) => setTimeout(done, 50))")
     rows = list(csv.DictReader((tmp_path / "ranking.csv").open()))
     assert {row["triangulator"] for row in rows} == set(NAMES)
 
 
-def test_ten_thousand_cases_load_in_two_seconds(browser, big):
-    times = []
-    for _ in range(3):
-        browser.open(big / "report.html")
-        times.append(int(browser.evaluate("document.documentElement.dataset.ready")))
-    assert min(times) < 2000, times
-    assert texts(browser, "#found") == ["1 to 50 of 10,000"]
-    assert browser.evaluate("state.report.cases.length") == 10_000
+def test_a_page_has_fifty_of_many_cases(browser, many):
+    browser.open(many / "report.html")
+    assert texts(browser, "#found") == ["1 to 50 of 1,000"]
+    assert browser.evaluate("state.report.cases.length") == 1_000
     select(browser, "level", "cases")
-    assert browser.evaluate("chart.marks.length") == 8_000
+    assert browser.evaluate("chart.marks.length") == 800
     browser.evaluate("document.getElementById('after').click()")
-    assert texts(browser, "#found") == ["51 to 100 of 10,000"]
+    assert texts(browser, "#found") == ["51 to 100 of 1,000"]
     assert browser.errors == []

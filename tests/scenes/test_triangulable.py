@@ -5,6 +5,7 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.names import parse
 from scenes import load
 from triangulators import names
 
@@ -20,9 +21,11 @@ SCENES = (
 
 @pytest.mark.parametrize("name", names(available_only=True))
 @pytest.mark.parametrize("scene", SCENES)
-def test_scene_by_triangulator(scene, name):
+def test_scene_by_triangulator(scene, name, monkeypatch):
+    # `listed` keeps sets of triangulations: minutes for its most; the benchmarks let it do these.
+    monkeypatch.setattr("triangulators.exhaustive.MOST_PAPER", 500)
     frame = make_frame(load(scene).polygons, View(resolution=512))
-    result = triangulate_polygons(name, frame.polygons, seed=0)
+    result = triangulate_polygons(parse(name), frame.polygons)
     assert result.failed == []
     done = [part for part in result.parts if part is not None]
     # what is not there has a stated reason

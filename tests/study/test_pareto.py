@@ -16,6 +16,7 @@ from harness.measuring.run import Part
 from harness.stored.folder import read_run
 from harness.study import pareto_answer
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
+from harness.triangulating.names import parse_all
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import measure, plan_for
@@ -52,7 +53,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
     assert "A and D agree, so that the front is one point" in out
     assert "gamma changes nothing" in out
-    assert "left out where a polygon cannot be cut so: fan" in out
+    assert "cannot do every polygon, and left some out: fan" in out
     sweep = table[table["kind"] == "sweep"]
     assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
     assert sweep["same_as_end"].all()
@@ -90,7 +91,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
     # Neither can cut polygons with holes, so their sums are of less.
     assert not set(whole["triangulator"]) & {"fan", "max-area"}
-    assert "left out where a polygon cannot be cut so: fan, max-area" in out
+    assert "cannot do every polygon, and left some out: fan, max-area" in out
 
 
 def test_rows_hold_the_records_figures_and_paired_times(study):
@@ -132,7 +133,8 @@ def test_a_long_front_is_measured_at_even_steps():
     assert len(front.chosen) == MOST_POINTS
     assert np.ptp(np.diff(front.chosen)) <= 1
     part = next(part for part in parts if part.label == label)
-    assert part.triangulators == (*(f"pareto#{k}" for k in front.chosen), *named())
+    wanted = [*(f"pareto#{k}" for k in front.chosen), *named()]
+    assert [str(recipe) for recipe in part.triangulators] == wanted
     assert parts[-1].label == "city"
 
 
@@ -205,7 +207,7 @@ def test_points_of_the_front_are_cases_by_number(block, tmp_path):
 
 def test_parts_have_triangulators_of_their_own(block, tmp_path):
     def split(label, scene):
-        return [Part(f"{label}#0", scene, ("delaunay",)), Part(label, scene)]
+        return [Part(f"{label}#0", scene, parse_all(["delaunay"])), Part(label, scene)]
 
     plan: Plan = plan_for(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)
@@ -251,10 +253,10 @@ def test_the_answer_says_which_part_is_faster():
     ]
     answer, noise = pareto_answer.sentences(pd.DataFrame(rows))
     assert answer == (
-        "r on d, 1 polygon: of 4 points of the fronts beside the least-A end 2 are measurably "
-        "faster (with 4.0 to 10.0 % more A), 1 slower, 1 shows no difference; off the front, yet "
-        "faster than that end: optimal:half-perimeter."
+        "r on d, 1 polygon: of 4 points of the fronts, 2 are measurably faster than the least-A "
+        "end (with 4.0 to 10.0 % more A), 1 slower, 1 shows no difference; off the front, but "
+        "faster than the least-A end: optimal:half-perimeter."
     )
     assert noise == (
-        "r on d, noise: that end, drawn under 1 other name as well, took up to 2.0 % more or less."
+        "r on d, noise: the same triangulation under 1 other name took up to 2.0 % more or less."
     )

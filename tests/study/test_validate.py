@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.commands.run import folder_for
+from harness.commands.results import folder_for
 from harness.errors import UsageError
 from harness.stored.folder import read_run
 from harness.study import extremes
-from harness.study.analysis import by_resolution, correlate, tabulate
+from harness.study.analysis import by_resolution, correlate, measure_table
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.study.repeat import repeat
 from scenes import load
@@ -34,14 +34,15 @@ def test_polygons_are_simple_and_of_all_sizes():
 def test_triangulations_are_sampled_broadly():
     city = load("city:buildings=80")
     polygon = choose_polygons(city, Design(polygons=3))[1][1].polygons[0]
-    names = choose_triangulators(Design(random=30), polygon)
+    names = [str(each) for each in choose_triangulators(Design(random=30), polygon)]
     assert {"ear-clipping", "delaunay", "optimal:overdraw", "worst:half-perimeter"} <= set(names)
     assert sum(name.startswith("random#") for name in names) == 30
     assert len(set(names)) == len(names)
 
 
 def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
-    names = choose_triangulators(Design(random=30), load("paper").polygons[0])
+    chosen = choose_triangulators(Design(random=30), load("paper").polygons[0])
+    names = [str(each) for each in chosen]
     assert sum(name.startswith("listed#") for name in names) == 47
     assert not any(name.startswith("random") for name in names)
 
@@ -64,7 +65,7 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
         interrupt_after_one(patched)
         code, out, _ = harness(*arguments, "--out", "stopped")
     assert code == 130
-    assert "--resume stopped goes on" in out
+    assert "continue with the same command and --resume stopped" in out
     assert harness(*arguments, "--resume", "stopped")[0] == 0
 
 
@@ -114,9 +115,9 @@ def test_a_study_has_a_record_a_triangulation_and_its_plots(study):
 
 def test_the_same_triangulation_by_two_names_counts_once(study):
     records = read_run(study).records
-    table = tabulate(records)
+    table = measure_table(records)
     twin = [dict(record, triangulator="twin", key="twin" + record["key"]) for record in records]
-    again = tabulate([*records, *twin])
+    again = measure_table([*records, *twin])
     assert len(again) == len(table)
     pd.testing.assert_frame_equal(correlate(again), correlate(table))
 
@@ -187,7 +188,7 @@ def test_a_polygon_is_drawn_with_its_t_junctions_marked(study, tmp_path):
     }
     drawn = (tmp_path / "measured-over-a-reference-cpu.svg").read_text()
     assert "with T-junctions" in drawn
-    table = extremes.tabulate(some)
+    table = extremes.extremes_table(some)
     promised = table[table["criterion"] == "overdraw"].groupby("among")["predicted_ratio"].max()
     assert promised["all"] > promised["conforming"]
 

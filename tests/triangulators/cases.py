@@ -45,13 +45,18 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
         points = rng.integers(0, size, (n, 2))
         if len(np.unique(points, axis=0)) < n:
             continue
-        order = list(range(n))
-        for _ in range(60):
-            if not _uncross(points, order):
-                break
-        polygon = shapely.Polygon(points[order])
+        polygon = uncrossed(points)
         if polygon.is_valid and polygon.area > 0:
             return polygon
+
+
+def uncrossed(points: np.ndarray) -> shapely.Polygon:
+    """A polygon through all points (n, 2); usually, not always, one that does not cross itself."""
+    order = list(range(len(points)))
+    for _ in range(60):
+        if not _uncross(points, order):
+            break
+    return shapely.Polygon(points[order])
 
 
 def _uncross(points: np.ndarray, order: list[int]) -> bool:

@@ -1,62 +1,101 @@
-"""Every triangulator on hard polygons: valid, or reported by the verifier, or a clear error."""
+"""Every triangulator on hard polygons: valid, or reported by the verifier, or a clear error.
 
+Which ones there are comes from the registry: a new one is tested by being there.
+"""
+
+from functools import cache
+
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
 from scenes import load
 from tests.triangulators.cases import glyphs, hard_polygons, shared
 from triangulators import InvalidPolygon, Skipped, criteria, names, triangulate, vertices
-from triangulators.registry import find
+from triangulators.registry import BUILTIN, Entry, find
 from triangulators.verify import verify
 
-OURS = [
-    "fan",
-    "strip",
-    "max-area",
-    "greedy",
-    "random",
-    "optimal",
-    "worst",
-    "optimal:half-perimeter",
-]
-LIBRARIES = [
-    name for name in ("ear-clipping", "delaunay", "sweep", "manifold") if not find(name).available()
-]
+LISTING = {"exhaustive": 9, "listed": 9, "pareto": 14}
+"""Vertices up to which those are tried here that keep all triangulations, or a front of them."""
+
+BY_SHAPE = ("fan", "strip")
+"""What may skip a polygon without holes, however few vertices it has."""
+
+
 CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
 LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
+
+
+@cache
+def usable(_registered: tuple[str, ...]) -> list[str]:
+    return [name for name in names(available_only=True) if find(name).builtin]
+
+
+def tested(polygon) -> list[str]:
+    """Names of the triangulators to try; those steered by a criterion with two of them."""
+    count = len(vertices(polygon))
+    found = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
+    steered = [f"{n}:{c}" for n in found for c in STEERED if find(n).criteria]
+    return [n for n in found if not find(n).criteria] + steered
+
+
+STEERED = ("overdraw", "half-perimeter")
 
 
 def check(polygon, label):
     """Run every triangulator on one polygon; return how many gave a triangulation."""
     if not polygon.is_valid or polygon.is_empty:
-        for name in names(available_only=True):
+        for name in usable(tuple(BUILTIN)):
             with pytest.raises(InvalidPolygon):
                 triangulate(polygon, name)
         return 0
     points = vertices(polygon)
     found = {}
-    for name in OURS + LIBRARIES:
+    for name in tested(polygon):
+        entry = find(name.partition(":")[0])
         try:
             triangles = triangulate(polygon, name)
         except Skipped:
-            assert name in ("fan", "strip") or polygon.interiors or len(points) > 1500
+            holed = polygon.interiors and not entry.handles_holes
+            assert entry.name in BY_SHAPE or holed or len(points) > 1500, (label, name)
             continue
         result = verify(polygon, triangles)
         assert result.ok, (label, name, result.problems)
         assert abs(result.area_error) <= 1e-9 * polygon.area, (label, name)
         if not result.conforming:
-            assert name in LIBRARIES, (label, name, result)
+            assert not entry.conforms, (label, name, result)
             assert result.t_junctions
             triangles = triangulate(polygon, name, repair=True)
             assert verify(polygon, triangles).conforming, (label, name)
         found[name] = triangles
     if not polygon.interiors and len(points) <= 2000:
-        for best, criterion in (("optimal", "overdraw"), ("optimal:half-perimeter", None)):
-            cost = criteria.find(criterion or best.partition(":")[2])
-            least = cost.total(points, found[best])
+        for criterion in STEERED:
+            cost = criteria.find(criterion)
+            least = cost.total(points, found[f"optimal:{criterion}"])
             for name, triangles in found.items():
                 assert cost.total(points, triangles) >= least * (1 - 1e-9) - 1e-9, (label, name)
     return len(found)
+
+
+def twice_the_first(outline):
+    """Give a triangulation with one triangle too many."""
+    good = BUILTIN["optimal"].load()(outline)
+    return np.concatenate((good, good[:1]))
+
+
+def never(outline):
+    """Refuse every polygon."""
+    raise Skipped("never: no polygon is good enough")
+
+
+@pytest.mark.parametrize("wrong", [twice_the_first, never])
+def test_a_new_triangulator_is_tested_by_being_registered(monkeypatch, wrong):
+    polygon = load("city").polygons[0]
+    assert check(polygon, "city 0") > 0
+    entry = Entry("new", "a faulty one", f"{__name__}:{wrong.__name__}")
+    monkeypatch.setitem(BUILTIN, "new", entry)
+    with pytest.raises(AssertionError, match="new"):
+        check(polygon, "city 0")
 
 
 @pytest.mark.parametrize("name", ["earcut_fixtures.json", "poly2tri_testbed.json"])

@@ -79,6 +79,38 @@ def test_the_local_search_comes_close_to_the_true_optimum():
     assert np.mean(np.array(ratios) < 1 + 1e-9) > 0.8
 
 
+def test_the_local_search_goes_on_after_a_gain(monkeypatch):
+    """It ends when six choices of cuts in a row gained nothing, and not before."""
+    from triangulators import local_search
+    from triangulators.cost import cost_of
+    from triangulators.criteria import CRITERIA
+    from triangulators.polygon import boundary
+    from triangulators.starts import best_start
+
+    totals = []
+
+    class Watched(local_search.Patchwork):
+        def total(self):
+            totals.append(super().total())
+            return totals[-1]
+
+    monkeypatch.setattr(local_search, "Patchwork", Watched)
+    rng = np.random.default_rng(6)
+    cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
+    gains = 0
+    for _ in range(8):
+        totals.clear()
+        outline = boundary(with_hole(rng, 20, 9))
+        if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
+            continue  # rings that touch may leave nothing to cut
+        local_search.search_cuts(outline.points, best_start(outline, cost), cost)
+        improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
+        gains += len(improved)
+        last = improved[-1] if len(improved) else 0
+        assert len(totals) - 1 - last == 6
+    assert gains > 5
+
+
 def test_never_worse_than_ear_clipping_or_delaunay_on_helsinki():
     holed = [polygon for _, polygon in shared("helsinki.json") if polygon.interiors]
     valid = [polygon for polygon in holed if polygon.is_valid]

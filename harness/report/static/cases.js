@@ -4,11 +4,15 @@ const PAGE = 50;
 const list = { from: 0, sort: null, descending: false };
 
 /* [heading, name of the figure]; what no case has is left out when the page starts. */
-let fields = [
-  ["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
-  ["draw [ms]", "draw_ms"], ["time ratio", "time_ratio"], ["verdict", "verdict"], ["helper lanes", "helper_lanes"],
-  ["lanes /\u00a0pixel", "overshading"], ["tests", "bbox_tests"], ["T-junctions", "t_junctions"], ["coverage error", "coverage_error"], ["notes", "reason"],
-];
+let fields = [];
+
+function allFields() {
+  const { figures } = state.report;
+  const shown = Object.keys(figures).filter((name) => figures[name].kind !== "prediction" && figures[name].better !== "none");
+  const withUnit = (name) => (figures[name].kind === "time" && figures[name].unit !== "x" ? `${words(name)} [${figures[name].unit}]` : words(name));
+  return [["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
+    ["time ratio", "time_ratio"], ["verdict", "verdict"], ...shown.map((name) => [withUnit(name), name]), ["notes", "reason"]];
+}
 
 function fieldOf(each, name) {
   if (name === null) return state.report.groups[each.group].condition;
@@ -41,8 +45,8 @@ function drawCases() {
   const found = foundCases();
   list.from = Math.max(0, Math.min(list.from, Math.floor((found.length - 1) / PAGE) * PAGE));
   const shown = found.slice(list.from, list.from + PAGE);
-  const head = element("tr", {}, ...fields.map(([title], column) => {
-    const button = element("button", { type: "button" }, title);
+  const head = element("tr", {}, ...fields.map(([title, name], column) => {
+    const button = element("button", { type: "button", title: name && meaning(name) }, title);
     button.addEventListener("click", () => {
       list.descending = list.sort === column ? !list.descending : false;
       list.sort = column;
@@ -66,7 +70,7 @@ function drawCases() {
 }
 
 function setUpCases() {
-  fields = fields.filter(([, name]) => state.report.cases.some((each) => ![null, undefined, ""].includes(fieldOf(each, name))));
+  fields = allFields().filter(([, name]) => state.report.cases.some((each) => ![null, undefined, ""].includes(fieldOf(each, name))));
   const again = () => { list.from = 0; drawCases(); };
   $("find").addEventListener("input", again);
   $("state").addEventListener("change", again);

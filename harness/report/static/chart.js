@@ -2,8 +2,7 @@
 
 const chart = { plot: null, marks: [], at: -1 };
 
-const UNITS = { overdraw: "px²", half_perimeter: "px", edge_length: "px", shape: "degrees", complexity: "bytes",
-  rotation_averaged_overdraw: "px²", expected_quads: "quads", expected_blocks: "blocks" };
+const unitOf = (name) => state.report.figures[name]?.unit ?? "";
 
 const chosen = (id) => $(id).value;
 const isRatio = () => chosen("scale") === "ratio";
@@ -56,11 +55,16 @@ function marksOfCases() {
   return marks;
 }
 
+/* The same triangulation as the base's, or one that costs the same by all that is shown: it says nothing. */
+const isSame = (mark) => [mark.y, ...mark.x].every((value) => Math.abs(value - 1) < 1e-9);
+
 const positive = (value) => Number.isFinite(value) && value > 0;
 
 function drawChart() {
   const all = chosen("level") === "cases" ? marksOfCases() : marksOfPolygons();
-  const marks = all.filter((m) => positive(m.y) && m.x.some(positive) && !state.hidden.has(m.case.row.triangulator));
+  const possible = all.filter((m) => positive(m.y) && m.x.some(positive) && !isHidden(m.case.row.triangulator));
+  const marks = isRatio() ? possible.filter((m) => !isSame(m)) : possible;
+  chart.same = possible.length - marks.length;
   chart.marks = marks;
   chart.at = -1;
   const host = $("chart");
@@ -79,10 +83,11 @@ function drawChart() {
 function noteOn(marks) {
   const view = state.report.views[group().view];
   const base = isRatio() ? `, in ratio to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
-  const line = isRatio() ? " On the dashed line the prediction is right." : "";
+  const line = isRatio() ? " On the dashed line both ratios are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
     ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
-  return `${number(marks.length)} marks${base}.${line}${sample}`;
+  const same = chart.same ? ` ${number(chart.same)} marks on 1, where nothing differs from ${group().base}, are left out.` : "";
+  return `${number(marks.length)} marks${base}.${line}${same}${sample}`;
 }
 
 function axisTitle(name, unit) {
@@ -95,14 +100,17 @@ function chartOption(marks, stacked) {
   const panel = (i) => stacked
     ? { left: 62, right: 16, top: i ? "56%" : 40, height: "36%" }
     : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 40, bottom: 58 };
+  // Ratios have the same axes in both panels and both directions, so that the dashed lines compare.
+  const every = isRatio() ? marks.flatMap((m) => [m.y, ...m.x]).filter(positive) : null;
   const axis = (name, i, y) => ({
-    type: "log", logBase: spread(marks.map((m) => (y ? m.y : m.x[i]))) > 4 ? 2 : Math.SQRT2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
+    type: "log", logBase: spread(every ?? marks.map((m) => (y ? m.y : m.x[i]))) > 4 ? 2 : Math.SQRT2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
     nameTextStyle: { color: ink }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true,
       showMinLabel: false, showMaxLabel: false },
     axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } },
-    min: (v) => v.min * 0.94, max: (v) => v.max * 1.06,
+    min: every ? Math.min(1, sampleEnds(every)[0]) * 0.94 : (v) => v.min * 0.94,
+    max: every ? Math.max(1, sampleEnds(every)[1]) * 1.06 : (v) => v.max * 1.06,
   });
-  const measured = axisTitle(words(chosen("measure")), chosen("measure") === "draw_ms" ? "ms" : "count");
+  const measured = axisTitle(words(chosen("measure")), unitOf(chosen("measure")));
   const series = [];
   for (const i of [0, 1]) {
     for (const name of namesOfAll()) {
@@ -121,7 +129,7 @@ function chartOption(marks, stacked) {
     title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: 13, fontWeight: 600, color: ink },
       left: stacked || !i ? 62 : "55%", top: stacked && i ? "51%" : 8 })),
     grid: [panel(0), panel(1)],
-    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted ${words(criterion)}`, UNITS[criterion]), i, false)),
+    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted ${words(criterion)}`, unitOf(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
     tooltip: { trigger: "item", confine: true, backgroundColor: styled("--panel"), borderColor: line, textStyle: { color: ink, fontSize: 13 },
       formatter: (point) => (point.data && point.data.length === 4 ? tooltip(chart.marks[point.data[2]]) : "") },
@@ -137,7 +145,7 @@ function correlationText(criterion) {
 }
 
 function diagonal(marks, i, colour) {
-  const values = marks.map((m) => m.y);
+  const values = marks.flatMap((m) => [m.y, ...m.x]).filter(positive);
   const low = Math.min(1, ...sampleEnds(values)), high = Math.max(1, ...sampleEnds(values));
   return { type: "line", xAxisIndex: i, yAxisIndex: i, data: [[low, low], [high, high]], symbol: "none", silent: true,
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
@@ -223,9 +231,18 @@ function fillMeasures() {
   let names = group().measures;
   if (chosen("level") === "cases" || !names.length) {
     const { cases, measures } = state.report;
-    names = [...Object.keys(measures), "draw_ms"].filter((name) => cases.some((each) => positive(each.row[name])));
+    names = ["draw_ms", ...measures].filter((name) => cases.some((each) => positive(each.row[name])));
   }
-  options($("measure"), names.map((name) => [name, name === "draw_ms" ? "draw time" : words(name)]), names.includes(before) ? before : group().main);
+  options($("measure"), names.map((name) => [name, words(name)]), names.includes(before) ? before : group().main);
+}
+
+const PAPER = "overdraw";
+
+/* The criterion that ranks the main counter best, besides the paper's own. */
+function bestOther() {
+  const ranks = group().correlations[group().main] ?? {};
+  const others = state.report.criteria.filter((name) => name !== PAPER);
+  return others.reduce((best, name) => ((ranks[name] ?? -1) > (ranks[best] ?? -1) ? name : best), others[0]);
 }
 
 /* Called when another group is chosen. */
@@ -233,10 +250,9 @@ function fillChart() {
   const view = state.report.views[group().view];
   $("level").options[0].disabled = !view || !group().measures.length;
   if ($("level").options[0].disabled) $("level").value = "cases";
-  const known = Object.keys(state.report.criteria);
-  const entries = known.map((name) => [name, words(name)]);
-  options($("criterion-a"), entries, chosen("criterion-a") || "overdraw");
-  options($("criterion-b"), entries, chosen("criterion-b") || "half_perimeter");
+  const entries = state.report.criteria.map((name) => [name, words(name)]);
+  options($("criterion-a"), entries, chosen("criterion-a") || PAPER);
+  options($("criterion-b"), entries, chosen("criterion-b") || bestOther());
   fillMeasures();
   drawChart();
   if (chart.plot && !chart.listening) {

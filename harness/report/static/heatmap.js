@@ -11,7 +11,7 @@ function drawingNow() {
   return view ? unpackDrawing(view) : null;
 }
 
-/* The counts to show of a polygon as `name` cuts it, with the window; null where it does not. */
+/* The counts to show of a polygon triangulated by `name`, with the window; null if it is not. */
 function mapOf(k, name) {
   const { points, triangles } = polygonOf(drawingNow(), k, name);
   if (!triangles) return null;
@@ -81,7 +81,7 @@ function drawHeatmap() {
     : `${name} does not do this polygon`));
   const { width, height } = shown[0]?.at ?? { width: 0, height: 0 };
   const cut = Math.max(width, height) === LARGEST ? ` Only its first ${LARGEST} px are shown and counted.` : "";
-  $("heatmap-caption").replaceChildren(element("strong", {}, `Polygon ${polygonName(heat.k)}`), ` in ${width} × ${height} px, one sample a pixel.${cut}`,
+  $("heatmap-caption").replaceChildren(element("strong", {}, `Polygon ${polygonName(heat.k)}`), ` in ${width} × ${height} px, one sample per pixel.${cut}`,
     element("br"), `Left, ${told[0]}.`, element("br"), `Right, ${told[1]}.`);
   drawLegend(most);
   for (const button of $("gallery").children) button.setAttribute("aria-pressed", String(+button.value === heat.k));
@@ -91,7 +91,7 @@ function drawLegend(most) {
   const levels = Math.min(most, RAMP.length);
   const entries = Array.from({ length: levels }, (_, i) => element("span", {},
     element("i", { style: `background:${levelOf(i + 1, most)}` }), `${i + 1}${i + 1 === levels && most > levels ? " or more" : ""}`));
-  $("legend").replaceChildren(`${MAPS[$("map").value]} a pixel:`, ...entries);
+  $("legend").replaceChildren(`${MAPS[$("map").value]} per pixel:`, ...entries);
 }
 
 /* A polygon by its number in the frame, and in the scene where that differs. */

@@ -1,5 +1,7 @@
 /* Starts the page and keeps its parts in step with what is chosen. */
 
+const MOST_BOXES = 12;
+
 /* Choose a group: everything that shows one follows. */
 function choose(index) {
   state.group = index;
@@ -21,18 +23,22 @@ function chooseCondition() {
   $("status").textContent = `Showing ${$("condition").value}`;
 }
 
+/* One box a family of triangulators; a study has so many that they are folded away. */
 function offerNames() {
-  const boxes = namesOfAll().map((name) => {
-    const box = element("input", { type: "checkbox", value: name, checked: "" });
+  const families = [...new Set(namesOfAll().map(familyOf))];
+  const boxes = families.map((family) => {
+    const name = namesOfAll().find((each) => familyOf(each) === family);
+    const box = element("input", { type: "checkbox", value: family, checked: "" });
     box.addEventListener("change", () => {
-      if (box.checked) state.hidden.delete(name); else state.hidden.add(name);
+      if (box.checked) state.hidden.delete(family); else state.hidden.add(family);
       drawChart();
       drawRanking();
-      $("status").textContent = `${name} ${box.checked ? "shown" : "hidden"}`;
+      $("status").textContent = `${family} ${box.checked ? "shown" : "hidden"}`;
     });
-    return element("label", {}, box, element("span", { class: "key", "data-name": name, "aria-hidden": "true" }), name);
+    return element("label", {}, box, element("span", { class: "key", "data-name": name, "aria-hidden": "true" }), family);
   });
-  $("names").append(...boxes);
+  if (boxes.length <= MOST_BOXES) $("names").append(...boxes);
+  else $("names").append(element("details", {}, element("summary", {}, `all ${boxes.length} shown; choose`), ...boxes));
 }
 
 function redraw() {

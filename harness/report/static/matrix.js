@@ -1,4 +1,4 @@
-/* The matrix of criteria and measurements, shaded by how well the one foretells the other. */
+/* The matrix of criteria and measurements, shaded by how well each criterion predicts each measurement. */
 
 function shadeOf(matrix, value) {
   if (value === null || !/^(spearman|kendall)/.test(matrix.statistic)) return null;
@@ -16,7 +16,7 @@ function drawMatrix() {
   const best = matrix.columns.map((_, j) => Math.max(...matrix.cells.map((row) => row[j]?.[0] ?? -Infinity)));
   const head = element("tr", {}, element("th", { scope: "col" }, "criterion"), ...matrix.columns.map((column) =>
     element("th", { scope: "col" }, column.title, element("small", {}, `${column.rasteriser} on ${column.device}`))));
-  const body = matrix.rows.map((row, i) => element("tr", {}, element("th", { scope: "row" }, row.title), ...matrix.columns.map((_, j) => {
+  const body = matrix.rows.map((row, i) => element("tr", {}, element("th", { scope: "row", title: meaning(row.name.replaceAll("-", "_")) }, row.title), ...matrix.columns.map((_, j) => {
     const [value, low, high] = matrix.cells[i][j] ?? [null, null, null];
     if (value === null) return element("td", { title: "the same for every triangulation, or not measured" }, "–");
     const is = value === best[j] && !matrix.statistic.startsWith("slope");

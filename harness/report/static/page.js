@@ -3,11 +3,6 @@
 
 const $ = (id) => document.getElementById(id);
 
-/* Okabe and Ito's colours, told apart with any colour vision; black where the page is light. */
-const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31"];
-const COLOURS_IN_THE_DARK = ["#56B4E9", "#FF8A3D", "#2FC79A", "#E79AC5", "#F0C94A", "#9DA9FF", "#C9B28A"];
-const SHAPES = ["circle", "rect", "triangle", "diamond", "pin", "arrow", "roundRect"];
-
 const state = { report: null, group: 0, hidden: new Set(), dark: false };
 
 async function unpack() {
@@ -45,9 +40,14 @@ function number(value, digits = 4) {
   return value.toPrecision(digits);
 }
 
+/* A figure's title: half-perimeter H, helper lanes. */
 function words(name) {
-  const { measures, criteria } = state.report;
-  return measures[name] || criteria[name] || name.replaceAll("_", " ");
+  return state.report.figures[name]?.title ?? name.replaceAll("_", " ");
+}
+
+/* What a figure is, for a tooltip. */
+function meaning(name) {
+  return state.report.figures[name]?.description || null;
 }
 
 const group = () => state.report.groups[state.group];
@@ -57,15 +57,15 @@ const casesOf = (index) => state.report.cases.filter((each) => each.group === in
 const namesOfAll = () => state.report.triangulators;
 
 function colourOf(name) {
-  const colours = state.dark ? COLOURS_IN_THE_DARK : COLOURS;
-  return colours[namesOfAll().indexOf(name) % colours.length];
+  const look = state.report.looks[name];
+  return state.dark ? look.dark : look.colour;
 }
 
-/* The second seven have the first seven's colours, with other shapes. */
-function shapeOf(name) {
-  const place = namesOfAll().indexOf(name);
-  return SHAPES[(place + Math.floor(place / SHAPES.length)) % SHAPES.length];
-}
+const shapeOf = (name) => state.report.looks[name].symbol;
+
+/* random#1 and random#2 are one family: one colour, one box to tick. */
+const familyOf = (name) => name.split("#")[0];
+const isHidden = (name) => state.hidden.has(familyOf(name));
 
 /* The colour a style variable has now, light or dark. */
 function styled(variable) {

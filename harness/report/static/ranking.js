@@ -8,12 +8,13 @@ function groupsAlike() {
   return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
 }
 
-/* Complete triangulations first, then by time, or by the main counter where nothing was timed. */
+/* Complete triangulations first, then by the paired ratio, as the verdict; by the main counter where nothing was timed. */
 function ranked(index) {
   const main = state.report.groups[index].main;
-  const good = casesOf(index).filter((each) => each.row.status === "ok" && !state.hidden.has(each.row.triangulator));
+  const good = casesOf(index).filter((each) => each.row.status === "ok" && !isHidden(each.row.triangulator));
   const most = Math.max(...good.map((each) => each.row.polygons));
-  const cost = (each) => each.row.draw_ms ?? each.row[main] ?? Infinity;
+  const isBase = (each) => each.row.triangulator === state.report.groups[index].base;
+  const cost = (each) => each.row.time_ratio ?? (each.row.draw_ms && isBase(each) ? 1 : each.row.draw_ms ?? each.row[main] ?? Infinity);
   const complete = (each) => each.row.polygons === most;
   good.sort((p, q) => complete(q) - complete(p) || cost(p) - cost(q));
   return good.map((each) => ({ ...each, complete: complete(each), most }));
@@ -48,17 +49,18 @@ function intervalPicture(ratio, low, high, colour) {
   return picture;
 }
 
-/* [heading, unit, row -> text]; a column that no row fills is left out. */
-function rankingColumns(at) {
+/* [heading, meaning, row -> text]: the time, the main counter, then every ratio, time and count. */
+function rankingColumns(at, rows) {
+  const { figures } = state.report;
   const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
-  return [
-    ["draw, median (95\u00a0%)", "ms", interval],
-    [words(at.main || "helper_lanes"), "", (row) => number(row[at.main])],
-    ["lanes shaded / pixel", "", (row) => number(row.overshading)],
-    ["tests / pixel", "", (row) => number(row.bbox_overdraw)],
-    ["to triangulate", "ms", (row) => number(row.triangulate_ms, 3)],
-    ["T-junctions", "", (row) => number(row.t_junctions)],
-  ];
+  const plain = (name) => {
+    const { unit, kind } = figures[name];
+    return [kind === "time" ? `${words(name)} [${unit}]` : words(name), meaning(name), (row) => number(row[name], kind === "time" ? 3 : 4)];
+  };
+  const others = Object.keys(figures).filter((name) => ["ratio", "time", "count"].includes(figures[name].kind)
+    && !["draw_ms", "draw_of_reference"].includes(name) && new Set(rows.map((each) => each.row[name])).size > 1);
+  const columns = [["draw [ms], median (95\u00a0%)", meaning("draw_ms"), interval], ...(at.main ? [plain(at.main)] : []), ...others.map(plain)];
+  return columns.filter(([, , show]) => rows.some((each) => show(each.row)));
 }
 
 function rankingTable(at, index) {
@@ -69,21 +71,21 @@ function rankingTable(at, index) {
   const ratios = rows.map((each) => comparison(each, at, base));
   const known = ratios.filter(Boolean);
   const low = Math.min(1, ...known.map((r) => r.low)) - 0.01, high = Math.max(1, ...known.map((r) => r.high)) + 0.01;
-  const columns = rankingColumns(at).filter(([, , show]) => rows.some((each) => show(each.row)));
-  const heading = (text, name) => element("th", { scope: "col", class: name }, text);
+  const columns = rankingColumns(at, rows);
+  const heading = (text, name, title) => element("th", { scope: "col", class: name, title }, text);
   const versus = `${timed ? "time" : words(at.main || "")} against ${at.base}`;
-  const head = element("tr", {}, heading("", "number"), heading("triangulator"), heading(versus), heading("ratio", "number"), heading("verdict"),
-    ...columns.map(([title, unit]) => heading(unit ? `${title} [${unit}]` : title, "number")));
+  const head = element("tr", {}, heading("", "number"), heading("triangulator"), heading("ratio (95\u00a0%)", "number"), heading("verdict"), heading(versus, "picture"),
+    ...columns.map(([title, what]) => heading(title, "number", what)));
   const body = rows.map((each, place) => {
     const { row } = each, ratio = ratios[place];
-    const half = ratio ? ` ±${((ratio.high - ratio.low) / 2).toFixed(3)}` : "";
+    const interval = ratio ? ` (${ratio.low.toFixed(3)}–${ratio.high.toFixed(3)})` : "";
     const verdict = each === base ? "the base" : each.complete ? row.verdict ?? "" : `${number(row.polygons)} of ${number(each.most)} polygons`;
     return element("tr", { class: each.complete ? null : "incomplete" },
       element("td", { class: "number" }, each.complete ? String(place + 1) : "–"),
       element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.triangulator)}`, "aria-hidden": "true" }), row.triangulator),
-      element("td", {}, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
-      element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? half : ""}`) : ""),
+      element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? interval : ""}`) : ""),
       element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
+      element("td", { class: "picture" }, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
       ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
   });
   return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },

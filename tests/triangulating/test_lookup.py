@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import sqlite3
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,16 +13,25 @@ import pytest
 from harness.frame import View, make_frame
 from harness.measuring.run import run
 from harness.triangulating import database as store
-from harness.triangulating import frames, remembered
-from harness.triangulating.database import Cache, Timed
-from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.remembered import KEEP_S, Kept
+from harness.triangulating import frames, lookup
+from harness.triangulating.database import ModelDatabase, Timed
+from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
+from harness.triangulating.lookup import KEEP_S, Lookup
+from harness.triangulating.names import Recipe, parse
 from scenes import load
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, plan_for, quiet
+from tests.mock import Clock
 from triangulators import vertices
 
 pytestmark = pytest.mark.usefixtures("no_plots")
+
+
+def cut(name, polygons, seed=0, calibration=None, database=None) -> FrameTriangulation:
+    """Triangulate with a triangulator given by name."""
+    recipe = parse(name, seed=seed, calibration=calibration)
+    return triangulate_polygons(recipe, polygons, database)
+
 
 POLYGONS = make_frame(load("stress:vertices=150").polygons, View(512)).polygons
 NAMES = ("delaunay", "optimal:half-perimeter", "optimal:calibrated", "random#3", "exhaustive:shape")
@@ -35,31 +44,31 @@ def database(tmp_path) -> Path:
 
 @pytest.fixture
 def all_kept(monkeypatch):
-    monkeypatch.setattr(remembered, "KEEP_S", 0.0)
+    monkeypatch.setattr(lookup, "KEEP_S", 0.0)
 
 
 @pytest.fixture
 def computed(monkeypatch) -> list[str]:
     """Names of the triangulators that were called, one a polygon; warming up is not counted."""
     calls: list[str] = []
-    call = frames._call
+    triangulate = Recipe.triangulate
 
-    def counted(name, polygon, seed, calibration):
-        calls.append(name)
-        return call(name, polygon, seed, calibration)
+    def counted(recipe, polygon):
+        calls.append(str(recipe))
+        return triangulate(recipe, polygon)
 
-    monkeypatch.setattr(frames, "_call", counted)
-    monkeypatch.setattr(frames, "_warm_up", lambda *_: None)
+    monkeypatch.setattr(Recipe, "triangulate", counted)
+    monkeypatch.setattr(frames, "warm_up", lambda _: None)
     return calls
 
 
 @pytest.mark.usefixtures("all_kept")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_second_time_is_the_first_read_back(database, computed, name):
-    first = triangulate_polygons(name, POLYGONS, 0, None, database)
+    first = cut(name, POLYGONS, 0, None, database)
     assert len(computed) == len(POLYGONS)
     computed.clear()
-    second = triangulate_polygons(name, POLYGONS, 0, None, database)
+    second = cut(name, POLYGONS, 0, None, database)
     done = sum(part is not None for part in first.parts)
     assert (first.cached, second.cached) == (0, done)
     # what was skipped or failed is asked again, and says so again
@@ -80,33 +89,48 @@ def test_each_number_is_kept_by_itself(database, base):
     """A number decides the triangulation: one must not be read for another."""
     polygons = make_frame(load("paper").polygons, View(512)).polygons
     names = [f"{base}#{k}" for k in range(3)]
-    computed = [triangulate_polygons(name, polygons, 0, None, None) for name in names]
+    computed = [cut(name, polygons, 0, None, None) for name in names]
     for _ in range(2):
         for name, expected in zip(names, computed, strict=True):
-            (part,) = triangulate_polygons(name, polygons, 0, None, database).parts
+            (part,) = cut(name, polygons, 0, None, database).parts
             (other,) = expected.parts
             assert (part is None) == (other is None)
             assert part is None or np.array_equal(part, other)
 
 
-def test_what_is_computed_as_quickly_as_read_is_not_kept(database):
-    small = make_frame(load("city:buildings=40").polygons, View(512)).polygons
-    small = [polygon for polygon in small if len(vertices(polygon)) < 20 and not polygon.interiors]
-    triangulate_polygons("ear-clipping", small, 0)  # loads what is compiled
-    triangulate_polygons("ear-clipping", small, 0, None, database)
-    with Cache(database) as model:
-        # a tenth of a millisecond each; a busy machine may stretch a few of them
-        assert model.info().entries < len(small) / 4
+@pytest.fixture
+def clock(monkeypatch) -> Clock:
+    """A clock that only `spend` moves, in place of the one that triangulators are timed by."""
+    found = Clock()
+    monkeypatch.setattr(frames, "time", SimpleNamespace(perf_counter=found))
+    return found
+
+
+@pytest.mark.parametrize(("seconds", "kept"), [(0.9 * KEEP_S, 0), (1.1 * KEEP_S, 4)])
+def test_what_is_computed_as_quickly_as_read_is_not_kept(
+    database, monkeypatch, clock, seconds, kept
+):
+    small = make_frame(load("city:buildings=4").polygons, View(512)).polygons
+    triangulate = Recipe.triangulate
+
+    def timed(recipe, polygon):
+        clock.spend(seconds)
+        return triangulate(recipe, polygon)
+
+    monkeypatch.setattr(Recipe, "triangulate", timed)
+    cut("ear-clipping", small, 0, None, database)
+    with ModelDatabase(database) as model:
+        assert model.info().entries == kept
 
 
 def test_the_threshold_is_in_seconds(database):
     polygon = POLYGONS[0]
     triangles = np.array([[0, 1, 2]], dtype=np.int32)
-    with Kept(database, "delaunay", {}) as model:
+    with Lookup(database, "delaunay", {}) as model:
         assert model.find([polygon, POLYGONS[1]]) == [None, None]
         model.keep(0, triangles, 0.99 * KEEP_S)
         model.keep(1, triangles, 1.01 * KEEP_S)
-    with Kept(database, "delaunay", {}) as model:
+    with Lookup(database, "delaunay", {}) as model:
         nothing, found = model.find([polygon, POLYGONS[1]])
         assert nothing is None
         assert found is not None
@@ -127,29 +151,31 @@ def test_nothing_is_read_for_another_question(database, computed):
         ("optimal:calibrated", 0, {**weights, "half_perimeter": 3.0}),
     ]
     for name, seed, calibration in asked:
-        assert triangulate_polygons(name, some, seed, calibration, database).cached == 0
+        assert cut(name, some, seed, calibration, database).cached == 0
     computed.clear()
     for name, seed, calibration in asked:
-        assert triangulate_polygons(name, some, seed, calibration, database).cached == 2
+        assert cut(name, some, seed, calibration, database).cached == 2
     # neither depends on the run's seed, and a draw's own cost is no criterion's term
-    assert triangulate_polygons("random#2", some, 7, None, database).cached == 2
-    assert triangulate_polygons("optimal:overdraw", some, 7, None, database).cached == 2
+    assert cut("random#2", some, 7, None, database).cached == 2
+    assert cut("optimal:overdraw", some, 7, None, database).cached == 2
     changed = {**weights, "draw": 9.0}
-    assert triangulate_polygons("optimal:calibrated", some, 0, changed, database).cached == 2
+    assert cut("optimal:calibrated", some, 0, changed, database).cached == 2
     assert computed == []
 
 
 @pytest.mark.usefixtures("all_kept")
-@pytest.mark.parametrize("what", ["code_version", "cpu_name"])
+@pytest.mark.parametrize("what", ["triangulators_version", "cpu_name"])
 def test_another_version_or_machine_computes_again(database, monkeypatch, what):
-    triangulate_polygons("delaunay", POLYGONS[:2], 0, None, database)
-    monkeypatch.setattr(store if what == "code_version" else remembered, what, lambda: "another")
-    assert triangulate_polygons("delaunay", POLYGONS[:2], 0, None, database).cached == 0
+    cut("delaunay", POLYGONS[:2], 0, None, database)
+    monkeypatch.setattr(
+        store if what == "triangulators_version" else lookup, what, lambda: "another"
+    )
+    assert cut("delaunay", POLYGONS[:2], 0, None, database).cached == 0
 
 
 @pytest.mark.usefixtures("all_kept")
 def test_a_third_partys_triangulator_is_never_kept(database):
-    result = triangulate_polygons("tests.broken:right", POLYGONS[:2], 0, None, database)
+    result = cut("tests.broken:right", POLYGONS[:2], 0, None, database)
     assert result.failed == []
     assert not database.exists()
 
@@ -157,28 +183,28 @@ def test_a_third_partys_triangulator_is_never_kept(database):
 @pytest.mark.usefixtures("all_kept")
 def test_what_is_read_is_verified_and_computed_again_if_wrong(database):
     polygon = POLYGONS[0]
-    good = triangulate_polygons("delaunay", [polygon], 0, None, database)
-    with Kept(database, "delaunay", {}) as model:
+    good = cut("delaunay", [polygon], 0, None, database)
+    with Lookup(database, "delaunay", {}) as model:
         model.find([polygon])
         assert good.parts[0] is not None
         # sound in the file's eyes, but no triangulation of the polygon
         model.keep(0, good.parts[0][1:], 1.0)
-    result = triangulate_polygons("delaunay", [polygon], 0, None, database)
+    result = cut("delaunay", [polygon], 0, None, database)
     assert (result.cached, result.failed) == (0, [])
     assert result.parts[0] is not None
     assert (result.parts[0] == good.parts[0]).all()
-    assert triangulate_polygons("delaunay", [polygon], 0, None, database).cached == 1
+    assert cut("delaunay", [polygon], 0, None, database).cached == 1
 
 
 @pytest.mark.usefixtures("all_kept")
 def test_a_time_is_sealed_as_the_triangles_are(database):
-    triangulate_polygons("delaunay", POLYGONS[:1], 0, None, database)
+    cut("delaunay", POLYGONS[:1], 0, None, database)
     with sqlite3.connect(database) as file:
         key, value = file.execute("SELECT key, value FROM model").fetchone()
         faster = value[:-8] + np.float64(1e-9).tobytes()
         file.execute("UPDATE model SET value=? WHERE key=?", [faster, key])
     file.close()
-    result = triangulate_polygons("delaunay", POLYGONS[:1], 0, None, database)
+    result = cut("delaunay", POLYGONS[:1], 0, None, database)
     assert result.cached == 0
     assert "an entry is damaged and is computed again" in result.notes[0]
 
@@ -186,7 +212,7 @@ def test_a_time_is_sealed_as_the_triangles_are(database):
 def test_entries_with_and_without_a_time_live_together(database):
     one, two = (store.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
     triangles = np.array([[0, 1, 2], [2, 3, 0]], dtype=np.int32)
-    with Cache(database) as model:
+    with ModelDatabase(database) as model:
         model.put_many("delaunay", [(one, triangles)])
         model.put_timed("delaunay", [(two, Timed(triangles[:1], 0.25))])
         assert {k: len(v) for k, v in model.get_many([one, two]).items()} == {one: 2, two: 1}
@@ -195,11 +221,11 @@ def test_entries_with_and_without_a_time_live_together(database):
 
 @pytest.mark.usefixtures("all_kept")
 def test_long_computing_is_written_on_the_way(database, monkeypatch):
-    monkeypatch.setattr(remembered, "WRITE_S", 0.0)
-    with Kept(database, "delaunay", {}) as model:
+    monkeypatch.setattr(lookup, "WRITE_S", 0.0)
+    with Lookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
         model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
-        with Cache(database) as other:  # as after a kill
+        with ModelDatabase(database) as other:  # as after a kill
             assert other.info().entries == 1
 
 
@@ -264,16 +290,19 @@ def test_a_folder_that_cannot_be_written_is_said_once(harness, monkeypatch, tmp_
     assert len(re.findall("cannot be opened.*this run does without", err)) == 1
 
 
-def test_times_are_those_of_the_triangulator_alone(monkeypatch):
+def test_times_are_those_of_the_triangulator_alone(monkeypatch, clock):
     """Loading compiled code counts for no polygon, whatever path a polygon takes."""
     calls: list[int] = []
 
-    def slow_at_first(name, polygon, seed, calibration):
+    def slow_at_first(_recipe, polygon):
         kind = min(len(polygon.interiors), 2), len(vertices(polygon)) > 160
         if kind not in calls:
             calls.append(kind)
-            time.sleep(0.05)
+            clock.spend(0.05)
+        clock.spend(1e-3)
         raise RuntimeError
 
-    monkeypatch.setattr(frames, "_call", slow_at_first)
-    assert triangulate_polygons("delaunay", POLYGONS, 0).seconds < 0.05
+    monkeypatch.setattr(frames, "_warm", set())
+    monkeypatch.setattr(Recipe, "triangulate", slow_at_first)
+    found = cut("delaunay", POLYGONS, 0)
+    assert found.seconds == pytest.approx(1e-3 * len(POLYGONS))

@@ -1,0 +1,138 @@
+"""How things look, the same in every plot and report: colours, symbols, style, files.
+
+A triangulator has one colour and one symbol wherever it is shown. Those that most runs have are
+fixed by name; others take what is left, in the order in which they appear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.stored.folder import file_stem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's eight colours, told apart with any kind of colour vision.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+IN_THE_DARK = (
+    *("#56B4E9", "#FF8A3D", "#2FC79A", "#E79AC5", "#F0C94A", "#9DA9FF", "#F2F2F2", "#A8A8A8"),
+)
+"""The same, where the page is dark."""
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+SYMBOLS = (
+    "circle",
+    "rect",
+    "triangle",
+    "diamond",
+    "path://M0,0L10,0L5,9Z",
+    "path://M3,0H7V3H10V7H7V10H3V7H0V3H3Z",
+    "path://M2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5L0,2Z",
+    "path://M5,0L6.2,3.6H10L6.9,5.8L8.1,9.5L5,7.2L1.9,9.5L3.1,5.8L0,3.6H3.8Z",
+)
+"""The markers of the plots and, at the same places, the symbols of the report's charts."""
+
+FIXED = {
+    "optimal:half-perimeter": (0, 0),
+    "ear-clipping": (1, 1),
+    "delaunay": (2, 2),
+    "optimal:overdraw": (3, 3),
+    "fan": (4, 4),
+    "refined:half-perimeter": (5, 5),
+    "greedy": (6, 6),
+    "random": (7, 0),
+    "optimal:expected-quads": (0, 7),
+    "optimal:calibrated": (6, 0),
+    "optimal:shape": (3, 5),
+    "optimal:edge-length": (5, 3),
+    "optimal:expected-blocks": (4, 2),
+    "sweep": (2, 6),
+    "manifold": (1, 5),
+    "strip": (4, 6),
+    "max-area": (6, 2),
+}
+"""Places of colour and symbol of the triangulators that most runs have."""
+
+STYLE: Any = {
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.constrained_layout.use": True,
+    "font.size": 8.0,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "raster-harness",
+}
+
+ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
+"""Widths in inches of one and of two columns of a paper."""
+
+MOST_VECTOR_MARKS = 20_000
+"""Marks beyond which a panel's marks become a picture inside the SVG, to keep it small."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What stands for one thing: colours on light and dark ground, marker and symbol."""
+
+    colour: str
+    dark: str
+    marker: str
+    symbol: str
+
+
+def look(colour: int, symbol: int) -> Look:
+    """Return the look at these places; they begin anew where they run out."""
+    colour %= len(COLOURS)
+    symbol %= len(MARKERS)
+    return Look(COLOURS[colour], IN_THE_DARK[colour], MARKERS[symbol], SYMBOLS[symbol])
+
+
+def look_of(index: int) -> Look:
+    """Return the look of series `index` of a plot whose series are no triangulators."""
+    return look(index, index + index // len(COLOURS))
+
+
+def looks(triangulators: Sequence[str]) -> dict[str, Look]:
+    """Return the look of each triangulator, in the given order.
+
+    A family of `FIXED` has its own everywhere; of the others each takes the next that is free.
+    """
+    free = [
+        (place % len(COLOURS), (place + shift) % len(MARKERS))
+        for shift in range(1, len(MARKERS) + 1)
+        for place in range(len(COLOURS))
+    ]
+    free = [each for each in free if each not in FIXED.values()]
+    rest = iter(free * (1 + len(triangulators) // len(free)))
+    families: dict[str, Look] = {}
+    for name in triangulators:
+        family = family_of(name)
+        if family not in families:
+            families[family] = look(*(FIXED.get(family) or next(rest)))
+    return {name: families[family_of(name)] for name in triangulators}
+
+
+def family_of(triangulator: str) -> str:
+    """Return the name without its number: random#1 and random#2 are one family."""
+    return triangulator.partition("#")[0]
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure into `folder` as PNG and as SVG; returns the files.
+
+    name : any text; the files' names are its `file_stem` with their endings
+    """
+    import matplotlib
+
+    files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
+    with matplotlib.rc_context(STYLE):  # it says how files are written, too
+        for file in files:
+            figure.savefig(file)
+    return files

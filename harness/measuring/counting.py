@@ -1,0 +1,75 @@
+"""Counts the cases of a group on their device, each checked against the baseline's coverage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from harness.errors import HarnessError
+from harness.frame import Frame
+from harness.measuring import records
+from harness.measuring.findings import Columns, Counted, Finished
+from harness.measuring.plan import Case
+from harness.measuring.preparing import BASELINE, Prepared
+from harness.measuring.processes import Backend, Bench
+from harness.progress import Reporter
+from harness.rasterisers.base import Counters, Options
+from harness.triangulating.names import Recipe
+
+
+def count_cases(
+    cases: Mapping[Recipe, Case],
+    backend: Backend,
+    options: Options,
+    frame: Frame,
+    prepared: Mapping[Recipe, Prepared],
+    bench: Bench,
+    reporter: Reporter,
+) -> Iterator[tuple[Recipe, Counted | Finished]]:
+    """Yield each case as soon as it is counted, or the record of one that failed.
+
+    The baseline is counted first, whether or not it is a case: it says what each polygon covers.
+    """
+    if not cases:
+        return
+    coverage = None
+    wanted = dict.fromkeys([BASELINE, *cases])
+    names = [recipe for recipe in wanted if recipe in prepared]
+    with reporter.stage(f"counting: {backend.label}", len(names)) as stage:
+        for recipe in names:
+            ready = prepared[recipe]
+            try:
+                counters = bench.count(backend, frame, ready.triangles, options)
+            except HarnessError as error:
+                if recipe in cases:
+                    yield recipe, Finished(records.problem(cases[recipe], "failed", str(error)))
+            else:
+                if recipe == BASELINE:
+                    coverage = _coverage(counters, ready)
+                if recipe in cases:
+                    record = records.measured(
+                        cases[recipe],
+                        frame,
+                        ready.triangulation,
+                        ready.prediction,
+                        counters,
+                        coverage,
+                    )
+                    yield recipe, Counted(record, _columns(frame, ready.prediction, counters))
+            stage.advance()
+
+
+def _coverage(counters: Counters, baseline: Prepared) -> records.Coverage | None:
+    """Return what the baseline drew of each polygon, None where the device cannot say."""
+    fragments = counters.get("fragments")
+    if fragments is None or not fragments.ndim:
+        return None
+    drawn = records.drawn_polygons(baseline.triangulation.parts)
+    return records.Coverage(fragments, drawn)
+
+
+def _columns(frame: Frame, prediction: records.Prediction, counters: Counters) -> Columns | None:
+    """Return what is predicted and counted of each polygon; one polygon's are the totals."""
+    if len(frame.source) == 1:
+        return None
+    predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
+    return predicted | {name: column for name, column in counters.items() if column.ndim}

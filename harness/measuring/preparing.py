@@ -1,0 +1,97 @@
+"""Triangulates a frame with every triangulator of a plan, and predicts what that costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import Frame, make_frame
+from harness.measuring import records
+from harness.measuring.processes import Bench
+from harness.measuring.worker import TaskFailed, TaskTimedOut
+from harness.progress import Reporter
+from harness.triangulating.frames import FrameTriangulation, carry_over
+from harness.triangulating.names import Recipe
+from scenes import Scene
+
+BASELINE = Recipe("delaunay")
+"""Its fragments say what each polygon covers on a device: it leaves no vertex out."""
+
+SAID_AFTER_S = 2.0
+"""Seconds of compiling after which it is told; loading what is compiled takes less."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A triangulator's result for one view, ready to be measured on every device."""
+
+    triangulation: FrameTriangulation
+    prediction: records.Prediction
+    triangles: NDArray[np.int32]
+
+
+def prepare(
+    scene: Scene,
+    frame: Frame,
+    recipes: Sequence[Recipe],
+    broken: Mapping[Recipe, str],
+    bench: Bench,
+    reporter: Reporter,
+) -> Iterator[tuple[Recipe, Prepared | tuple[str, str]]]:
+    """Yield the result of the baseline and of each recipe, or (status, reason) of what has none.
+
+    broken : recipes that cannot be run, and why
+    """
+    wanted = list(dict.fromkeys([BASELINE, *recipes]))
+    with reporter.stage("triangulating", len(wanted)) as stage:
+        for recipe in wanted:
+            if recipe in broken:
+                yield recipe, ("failed", broken[recipe])
+            else:
+                yield recipe, _prepare(scene, frame, recipe, bench, reporter)
+            stage.advance()
+
+
+def _prepare(
+    scene: Scene, frame: Frame, recipe: Recipe, bench: Bench, reporter: Reporter
+) -> Prepared | tuple[str, str]:
+    try:
+        _compile(recipe, bench, reporter)
+        result = _triangulate(scene, frame, recipe, bench)
+    except TaskTimedOut as error:
+        # Ours are slow by design, others may have hung.
+        return ("skipped" if recipe.builtin else "failed"), str(error)
+    except TaskFailed as error:
+        reporter.detail(error.detail)
+        return "failed", str(error)
+    for note in result.notes:
+        reporter.warn_once(note)
+    triangles = frame.join(result.parts)
+    if not len(triangles):
+        status = "failed" if result.failed else "skipped"
+        return status, records.incomplete(result) or "no polygon is left"
+    return Prepared(result, records.predict_frame(frame, result.parts), triangles)
+
+
+def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:
+    """Have a triangulator's code compiled: the first time on a machine that takes a while."""
+
+    def tell(waited: float) -> None:
+        if waited > SAID_AFTER_S:
+            reporter.once(
+                f"compiling {recipe.base}, which only the first run on a machine does ..."
+            )
+
+    bench.compile(recipe, tell)
+
+
+def _triangulate(scene: Scene, frame: Frame, recipe: Recipe, bench: Bench) -> FrameTriangulation:
+    """Run one triangulator over the frame, or over the scene not yet turned."""
+    if not recipe.upright:
+        return bench.triangulate(recipe, frame.polygons)
+    upright = make_frame(scene.polygons, replace(frame.view, rotation=0.0))
+    before = bench.triangulate(recipe.before_turning, upright.polygons)
+    return carry_over(before, upright, frame)

@@ -1,0 +1,106 @@
+"""What rasterisers count: each counter's name, and how it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Counter:
+    """An exact integer that a rasteriser counts.
+
+    name : its key in records and its column in files
+    label, unit : how tables and plots show it
+    better : "lower" where less is less work; "none" where every triangulation of a polygon has
+        the same, or where it is only a driver's opinion
+    best_case : the value no triangulation can beat, None where it depends on the scene
+    heading : a shorter label for the terminal's table; "" leaves the counter out of it, unless
+        the rasteriser has no other
+    """
+
+    name: str
+    label: str
+    unit: str = "count"
+    better: Literal["lower", "none"] = "lower"
+    best_case: float | None = None
+    heading: str = ""
+    description: str = ""
+
+
+COUNTERS = {
+    counter.name: counter
+    for counter in (
+        Counter(
+            "helper_lanes",
+            "helper lanes",
+            "lanes",
+            best_case=0.0,
+            heading="helpers",
+            description="lanes of shaded 2x2 quads that cover nothing",
+        ),
+        Counter(
+            "bbox_tests",
+            "bounding-box tests",
+            "tests",
+            heading="tests",
+            description="pixel centres tested in bounding boxes",
+        ),
+        Counter("rows", "rows walked", "rows", description="pixel rows that triangles reach"),
+        *(
+            Counter(
+                f"tiles_{size}{suffix}",
+                f"tiles of {size} px{note}",
+                "tiles",
+                description=f"tiles of {size} x {size} px that {what} touch",
+            )
+            for suffix, note, what in (
+                ("", "", "bounding boxes"),
+                ("_exact", ", exactly", "the triangles themselves"),
+            )
+            for size in (16, 32, 64)
+        ),
+        Counter("quads", "quads", "quads", description="2x2 quads shaded"),
+        Counter("blocks", "4x4 blocks", "blocks", description="4x4 pixel blocks touched"),
+        Counter("fragments", "fragments", "pixels", "none", description="covered pixels"),
+        Counter("hits", "hits", "pixels", "none", description="covered pixels, found by testing"),
+        Counter(
+            "samples_passed",
+            "samples passed",
+            "samples",
+            "none",
+            description="covered samples, by the driver's own query",
+        ),
+    )
+}
+"""Counters of the built-in rasterisers, in the order in which they are shown."""
+
+_learned: dict[str, Counter] = {}
+
+DRIVER = "driver_"
+"""Prefix of counters that are a driver's opinion and not counted by the harness."""
+
+
+def describe(name: str) -> Counter:
+    """Return what is known of the counter `name`; one never heard of is taken to be work."""
+    known = COUNTERS.get(name) or _learned.get(name)
+    if known is not None:
+        return known
+    words = name.replace("_", " ")
+    if name.startswith(DRIVER):
+        return Counter(name, words, better="none", description="as the driver reports it")
+    return Counter(name, words)
+
+
+def learn(counters: Iterable[Counter]) -> None:
+    """Know how a third party's rasteriser wants its counters shown; built-in ones stay."""
+    _learned.update({counter.name: counter for counter in counters})
+
+
+def place(name: str) -> tuple[int, int, str]:
+    """Return the sort key of a counter: built-in ones first, then learned ones, then others."""
+    for rank, known in enumerate((COUNTERS, _learned)):
+        if name in known:
+            return rank, list(known).index(name), name
+    return 2, 0, name

@@ -1,0 +1,164 @@
+"""Triangulators as a run knows them: `name:criterion#number@0`, read once and then a value.
+
+random#7                the random triangulation of seed 7, whatever the seed of the run
+pareto#3, listed#3      the third after the first of each polygon's front, or of its list
+optimal:overdraw@0      triangulated at rotation 0 and drawn as the view turns, as a program
+                        does that triangulates once and then moves its camera
+module:function         a third party's, which only a worker process imports
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from harness.errors import UsageError, did_you_mean
+from triangulators import UnknownName, criteria, full_name, registry, triangulate
+
+NUMBER, UPRIGHT = "#", "@0"
+
+NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
+"""Triangulators that take a number, and the parameter that it is."""
+
+CALIBRATED = ":calibrated"
+FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
+"""A function of a module, as third parties' triangulators are named."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How polygons are triangulated: all that it depends on but the polygon.
+
+    base : what `triangulators.triangulate` takes: a name with its criterion, or "module:function"
+    number : the number written behind it, None where none is
+    seed : the run's, of a triangulator that is random and has no number of its own
+    upright : whether polygons are triangulated at rotation 0, and then turned
+    calibration : (term, coefficient) of what the criterion `calibrated` weighs
+    """
+
+    base: str
+    number: int | None = None
+    seed: int = 0
+    upright: bool = False
+    calibration: tuple[tuple[str, float], ...] | None = None
+
+    def __str__(self) -> str:
+        """The full name: a record's `triangulator`."""
+        number = "" if self.number is None else f"{NUMBER}{self.number}"
+        return f"{self.base}{number}{UPRIGHT if self.upright else ''}"
+
+    @property
+    def builtin(self) -> bool:
+        """Whether it is one of the product's own."""
+        return self.base.partition(":")[0] in registry.BUILTIN
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What besides base and polygon decides the triangulation, JSON-ready."""
+        if self.calibration is not None:
+            return {"calibration": [list(term) for term in self._weights]}
+        if self.number is not None:
+            return {NUMBERED[self.base]: self.number}
+        return {"seed": self.seed} if self.base == "random" else {}
+
+    @property
+    def _weights(self) -> tuple[tuple[str, float], ...]:
+        # A draw's own cost is the same however polygons are triangulated: no criterion's term.
+        return tuple(term for term in self.calibration or () if term[0] != "draw")
+
+    @property
+    def before_turning(self) -> Recipe:
+        """The recipe for the polygons at rotation 0."""
+        return replace(self, upright=False)
+
+    def load(self) -> None:
+        """Import what it needs; a third party's code runs.
+
+        Raises
+        ------
+        UsageError
+            if there is no such function, or importing it raises an `Exception`
+        """
+        try:
+            registry.find(self.base if not self.builtin else self.base.partition(":")[0]).load()
+        except UnknownName as error:
+            raise UsageError(str(error)) from error
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise UsageError(f"triangulator '{self}' cannot be loaded: {reason}") from error
+
+    def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
+        """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""
+        if self.calibration is not None:
+            criterion = criteria.calibrated(dict(self._weights))
+            return triangulate(polygon, self.base, criterion=criterion)
+        return triangulate(polygon, self.base, **self.parameters)
+
+
+def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
+    """Read the name of a triangulator; nothing of third parties is imported.
+
+    calibration : a device's coefficients, by term
+
+    Raises
+    ------
+    UsageError
+        if it is unknown
+    """
+    rest = text.removesuffix(UPRIGHT)
+    base, mark, digits = rest.partition(NUMBER)
+    if "@" in rest:
+        raise UsageError(f"triangulator '{text}': only {UPRIGHT} can follow a name")
+    if mark and not (base in NUMBERED and digits.isdecimal()):
+        raise UsageError(
+            f"triangulator '{text}': a seed is written random{NUMBER}7, "
+            f"a point of the Pareto front pareto{NUMBER}3"
+        )
+    if base.partition(":")[0] in registry.BUILTIN or ":" not in base:
+        try:
+            base = full_name(base)
+        except UnknownName as error:
+            raise UsageError(str(error)) from error
+    else:
+        _require_module(base)
+    number = int(digits) if mark else 0 if base == "pareto" else None
+    terms = None
+    if base.endswith(CALIBRATED) and calibration is not None:
+        terms = tuple(sorted(calibration.items()))
+    return Recipe(
+        base=base,
+        number=number,
+        seed=seed if base == "random" and number is None else 0,
+        upright=text.endswith(UPRIGHT),
+        calibration=terms,
+    )
+
+
+def parse_all(
+    texts: Iterable[str], *, seed: int = 0, calibration: Mapping[str, float] | None = None
+) -> tuple[Recipe, ...]:
+    """Read names of triangulators, each once; raises as `parse` does, and if there is none."""
+    recipes = [parse(text, seed=seed, calibration=calibration) for text in texts]
+    if not recipes:
+        raise UsageError("no triangulator is named; give --triangulators fan,ear-clipping")
+    return tuple(dict.fromkeys(recipes))
+
+
+def _require_module(reference: str) -> None:
+    """Refuse what cannot be a function of a module that is here; imports nothing."""
+    # Of a module inside a package nothing can be told without importing the package.
+    package = reference.partition(":")[0].partition(".")[0]
+    if FUNCTION.fullmatch(reference) and importlib.util.find_spec(package) is not None:
+        return
+    name = reference.partition(":")[0]
+    raise UsageError(
+        f"unknown triangulator '{reference}': there is no module '{name}'; "
+        f"{did_you_mean(name, registry.names())}"
+    )

@@ -1,0 +1,12 @@
+"""Says at the end how far each search came."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for report in terminalreporter.getreports("passed"):
+        for name, text in report.user_properties:
+            if name == "fuzz":
+                terminalreporter.write_line(str(text))

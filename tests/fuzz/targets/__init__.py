@@ -1,0 +1,1 @@
+"""The targets: every module in this folder is read."""

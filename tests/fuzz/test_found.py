@@ -1,0 +1,86 @@
+"""What the random search found before stays mended, and no target has gone stale."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from tests.fuzz.target import FOUND, UNFINISHED, Target, replay, search, targets
+from tests.paths import ROOT
+
+TARGETS = targets()
+KEPT = sorted(FOUND.glob("*/*.json"))
+
+
+@pytest.mark.parametrize("file", KEPT, ids=lambda file: f"{file.parent.name}/{file.stem}")
+def test_what_was_found_is_mended(file: Path):
+    replay(TARGETS[file.parent.name], file)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_few_inputs_of_each_target(name: str):
+    wanted, tried = TARGETS[name], []
+
+    @settings(max_examples=8, suppress_health_check=list(HealthCheck))
+    @given(wanted.inputs)
+    def attempt(value):
+        # What is kept must come back as it was.
+        value = json.loads(json.dumps(value))
+        tried.append(value)
+        wanted.check(value)
+
+    attempt()
+    assert len(tried) >= 8
+
+
+def test_a_failure_is_made_small_kept_and_replayed(tmp_path: Path):
+    def check(value):
+        assert sum(value) < 1000
+
+    wanted = Target("sums", st.lists(st.integers(0, 10**6)), check)
+    with pytest.raises(AssertionError) as failure:
+        search(wanted, 60, tmp_path)
+    (file,) = (tmp_path / "sums").iterdir()
+    assert failure.value.__notes__[-1] == f"kept as {file}"
+    assert json.loads(file.read_text()) == [1000]
+    with pytest.raises(AssertionError):
+        replay(wanted, file)
+
+
+def test_a_search_ends_with_its_time(tmp_path: Path):
+    """With a clock on which every check takes a second."""
+    now = 0.0
+
+    def check(value):
+        nonlocal now
+        assume(value % 3)  # what a check refuses costs its time too
+        now += 1
+
+    wanted = Target("patient", st.integers(), check)
+    assert search(wanted, 250, tmp_path, clock=lambda: now) >= 250
+    assert now == 250
+    assert list((tmp_path / "patient").iterdir()) == []
+
+
+@pytest.mark.parametrize(("ending", "code"), [("os.abort()", -6), ("time.sleep(60)", 1)])
+def test_an_input_that_ends_the_process_stays_behind(tmp_path: Path, ending: str, code: int):
+    script = tmp_path / "search.py"
+    script.write_text(
+        "import os, pathlib, time\n"
+        "from hypothesis import strategies as st\n"
+        "from tests.fuzz import target\n"
+        "target.PATIENCE_S = 0.2\n"
+        f"wanted = target.Target('deadly', st.just(7), lambda value: {ending})\n"
+        f"target.search(wanted, 60, pathlib.Path({str(tmp_path)!r}))\n"
+    )
+    command = [sys.executable, script]
+    done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, check=False)
+    assert done.returncode == code
+    file = tmp_path / "deadly" / UNFINISHED
+    assert json.loads(file.read_text()) == 7

@@ -1,0 +1,179 @@
+"""However a command ends, it is one line and the right exit code, never 1 but for a regression."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from shapely import box
+
+from harness.frame import View, make_frame
+from harness.stored import drawings
+from harness.stored.folder import Store, read_run
+from tests.conftest import write_geojson
+from tests.harness.test_cli import MOCK, assert_one_line
+from tests.measuring.test_run import measure, plan_for
+from tests.paths import ROOT
+
+pytestmark = pytest.mark.usefixtures("no_plots")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """A finished run of two triangulators on the mock."""
+    folder = tmp_path_factory.mktemp("finished")
+    scene = write_geojson(folder / "squares.geojson", [box(0, 0, 8, 8), box(9, 0, 14, 5)])
+    measure(plan_for(scene, triangulators=("ear-clipping", "delaunay")), folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture
+def stored(harness, finished) -> Path:
+    """The same in the folder that the command line runs in."""
+    return Path(shutil.copytree(finished, "run"))
+
+
+def system_error(number: int) -> OSError:
+    return OSError(number, os.strerror(number), "somewhere/file")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "parts"),
+    [
+        (system_error(errno.ENOSPC), 2, ["somewhere/file", "No space left", "free some space"]),
+        (system_error(errno.EROFS), 2, ["somewhere/file", "Read-only file system", "--out"]),
+        (system_error(errno.EACCES), 2, ["somewhere/file", "Permission denied"]),
+        (MemoryError(), 2, ["out of memory", "smaller scene"]),
+        (SystemExit(0), 2, ["ended the program", "exit code 0"]),
+        (RuntimeError("odd\nlines"), 70, ["defect", "RuntimeError: odd"]),
+        (EOFError("cut off"), 70, ["defect", "cut off"]),
+    ],
+)
+def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error, code, parts):
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("harness.report.write_report", fail)
+    found, _, err = harness("report", "run")
+    assert found == code
+    lines = [line for line in err.splitlines() if line.startswith("error:")]
+    assert len(lines) == 1
+    assert all(part in lines[0] for part in parts)
+    # Only a defect shows where it is.
+    assert ("Traceback" in err) == (code == 70)
+
+
+def test_ctrl_c_anywhere_is_130(harness, stored, monkeypatch):
+    monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(2))
+    code, _, err = harness("report", "run")
+    assert code == 130
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_other_signals_end_like_ctrl_c(harness, stored, monkeypatch, number):
+    monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(number))
+    before = signal.getsignal(number)
+    assert harness("report", "run")[0] == 130
+    assert signal.getsignal(number) is before
+
+
+def test_a_wrong_option_is_one_line(harness):
+    code, _, err = harness("run", "--sceene", "city")
+    assert code == 2
+    assert_one_line(err, "--sceene", "--scene", "run --help")
+
+
+def test_without_arguments_the_help_is_shown(harness):
+    code, out, err = harness()
+    assert code == 2
+    assert "Usage" in out + err
+
+
+def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("harness.report.write_report", full)
+    code, out, err = harness("run", "--scene", str(block), "--out", "run", *MOCK)
+    assert code == 2
+    assert "ear-clipping" in out
+    assert_one_line(err, "disk of run is full", "safe", "report run")
+    assert Path("run/cases.jsonl").read_text().count("\n") == 5
+
+
+@pytest.mark.parametrize("command", [["history", "run"], ["gains", "run"], ["report", "run"]])
+@pytest.mark.parametrize("place", ["/proc/none", "file"])
+def test_a_folder_that_cannot_be_written_is_one_line(harness, stored, command, place):
+    Path("file").write_text("")
+    code, _, err = harness(*command, "--out", f"{place}/new")
+    assert code == 2
+    assert_one_line(err, place)
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut off", "changed"])
+def test_damaged_drawings_are_drawings_that_were_not_kept(harness, stored, damage):
+    for file in stored.rglob("*.npz"):
+        content = file.read_bytes()
+        middle = len(content) // 2
+        file.write_bytes(
+            {
+                "empty": b"",
+                "cut off": content[:middle],
+                "changed": content[: middle - 9] + bytes(18) + content[middle + 9 :],
+            }[damage]
+        )
+    assert harness("report", "run")[0] == 0
+    run = read_run(stored)
+    view = View()
+    assert drawings.read(run, view) is None
+    with Store.resume(stored) as store:
+        drawings.write(store, make_frame([box(0, 0, 8, 8)], view), {})
+    assert drawings.read(run, view) is not None
+
+
+def program(*arguments: str, **options: object) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "harness", *arguments]
+    return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, **options)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.mark.parametrize("arguments", [["list", "criteria"], ["--help"]])
+def test_a_reader_that_stops_reading_is_no_error(arguments):
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = program(*arguments, stdout=writing)
+    os.close(writing)
+    _, err = process.communicate()
+    assert err == b""
+    assert process.returncode == 141
+
+
+def test_ctrl_c_while_the_program_is_being_loaded(tmp_path):
+    """A hook makes loading the command line take for ever, where any library may catch errors."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, time\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'typer':\n"
+        f"            open({str(tmp_path / 'loading')!r}, 'w').close()\n"
+        "            try:\n"
+        "                time.sleep(600)\n"
+        "            except BaseException:\n"
+        "                raise ImportError('caught')\n"
+        "sys.meta_path.insert(0, Slow())\n"
+    )
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    process = program("list", "scenes", env={**os.environ, "PYTHONPATH": paths})
+    while not (tmp_path / "loading").exists() and process.poll() is None:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Traceback" not in err

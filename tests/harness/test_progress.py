@@ -1,0 +1,90 @@
+"""What is said of a run: bars on a terminal, lines now and then elsewhere."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from harness.progress import LINE_EVERY_S, Reporter
+
+
+class Said:
+    """A reporter whose clock and console are the test's."""
+
+    def __init__(self, *, terminal: bool = False, **options: bool) -> None:
+        self._file = io.StringIO()
+        console = Console(file=self._file, width=120, force_terminal=terminal)
+        self.now = 0.0
+        self.reporter = Reporter(console=console, clock=lambda: self.now, **options)
+
+    @property
+    def lines(self) -> list[str]:
+        return self._file.getvalue().splitlines()
+
+
+def test_without_a_terminal_there_are_lines_now_and_then():
+    said = Said()
+    with said.reporter.stage("counting", 60) as stage:
+        for _ in range(60):
+            said.now += 1.0
+            stage.advance()
+    assert said.lines == [
+        "counting ...",
+        "counting: 33% after 20 s, about 40 s left",
+        "counting: 67% after 40 s, about 20 s left",
+        "counting: 100% after 60 s, about 0 s left",
+    ]
+    assert LINE_EVERY_S == 20
+
+
+def test_a_short_stage_is_one_line():
+    said = Said()
+    with said.reporter.stage("counting", 3) as stage:
+        for _ in range(3):
+            said.now += 1.0
+            stage.advance()
+    assert said.lines == ["counting ..."]
+
+
+def test_details_are_for_those_who_ask():
+    for verbose in (False, True):
+        said = Said(verbose=verbose)
+        said.reporter.detail("Traceback: ...")
+        with said.reporter.stage("timing", 1.0):
+            said.now += 2.5
+        assert said.lines == (
+            ["Traceback: ...", "timing ...", "timing: 2.5 s"] if verbose else ["timing ..."]
+        )
+
+
+def test_quiet_says_nothing_but_warnings():
+    said = Said(quiet=True)
+    said.reporter.say("a")
+    said.reporter.warn("b")
+    with said.reporter.stage("timing", 1.0) as stage:
+        said.now += 100.0
+        stage.advance()
+    assert said.lines == ["warning: b"]
+
+
+def test_on_a_terminal_there_is_a_bar(monkeypatch):
+    monkeypatch.delenv("CI", raising=False)
+    said = Said(terminal=True)
+    with said.reporter.stage("counting", 2) as stage:
+        stage.advance()
+    assert "counting" in "".join(said.lines)
+    assert "100 %" in "".join(said.lines)
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_verbose_shows_each_case_and_where_a_plugin_went_wrong(harness, block, no_plots, verbose):
+    arguments = ("run", "--scene", str(block), "--out", "out", "--quick", "-q")
+    names = ("--triangulators", "ear-clipping,tests.broken:raises_no_exception")
+    more = ("--verbose",) if verbose else ()
+    mock = ("--rasterisers", "tests.mock:MockRasteriser")
+    code, _, err = harness(*arguments, *names, *mock, *more)
+    assert code == 0
+    assert ("in raises_no_exception" in err) == verbose
+    assert ("ear-clipping, tests.mock:MockRasteriser on scripted: ok, " in err) == verbose

@@ -1,0 +1,67 @@
+"""Compiling is no triangulator's time: it has a budget and a line of its own."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+from rich.console import Console
+
+from harness.measuring.processes import COMPILE_S
+from harness.measuring.run import run
+from harness.measuring.worker import Inline, TaskTimedOut
+from harness.progress import Reporter
+from tests.measuring.test_run import plan_for
+
+
+class Slow(Inline):
+    """An executor that says that loading code took a minute, and notes what tasks may take."""
+
+    def __init__(self, log: list[tuple[str, float | None]], fails: str = "") -> None:
+        self._log = log
+        self._fails = fails
+
+    def call(
+        self,
+        function: Callable[..., Any],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> Any:
+        self._log.append((function.__name__, timeout_s))
+        if function.__name__ == self._fails:
+            raise TaskTimedOut("it ran past its time and was stopped")
+        if tick and function.__name__ == "warm_up":
+            tick(60.0)
+        return super().call(function, *arguments)
+
+
+def measured(block, out, log, fails=""):
+    said = io.StringIO()
+    reporter = Reporter(console=Console(file=said, width=200))
+    plan = plan_for(block, triangulators=("ear-clipping", "optimal:overdraw"), timeout_s=7.0)
+    result = run(plan, out, reporter, open_worker=lambda *_: Slow(log, fails))
+    return result.records, said.getvalue()
+
+
+def test_compiling_has_its_own_budget_and_line(block, tmp_path):
+    log: list[tuple[str, float | None]] = []
+    records, said = measured(block, tmp_path / "out", log)
+    assert {record["status"] for record in records} == {"ok"}
+    assert {seconds for name, seconds in log if name == "warm_up"} == {COMPILE_S}
+    assert {seconds for name, seconds in log if name == "triangulate_polygons"} == {7.0}
+    # Once each, before it is timed: the baseline, which is no case, and the two.
+    names = [name for name, _ in log if name in ("warm_up", "triangulate_polygons")]
+    assert names == ["warm_up", "triangulate_polygons"] * 3
+    assert said.count("compiling optimal:overdraw, which only the first run") == 1
+
+
+def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(block, tmp_path):
+    slow, _ = measured(block, tmp_path / "slow", [], "triangulate_polygons")
+    assert {record["status"] for record in slow} == {"skipped"}
+    assert "triangulating took more than 7 s; give it longer" in slow[0]["reason"]
+    compiling, _ = measured(block, tmp_path / "compiling", [], "warm_up")
+    assert {record["status"] for record in compiling} == {"skipped"}
+    assert f"compiling it took more than {COMPILE_S:g} s" in compiling[0]["reason"]
+    assert "smaller scene" not in compiling[0]["reason"]

@@ -1,0 +1,111 @@
+"""A run that is stopped keeps what it has, counters too, and says how to go on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from harness.measuring.processes import Bench
+from harness.stored.folder import Store, read_arrays, read_run
+from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
+from tests.mock import MockRasteriser
+
+pytestmark = pytest.mark.usefixtures("no_plots")
+
+
+def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> None:
+    """Have the harness told to stop when all is counted and nothing is timed."""
+
+    def time(*_: object) -> None:
+        os.kill(os.getpid(), number)
+        raise AssertionError("it went on")
+
+    patch.setattr(Bench, "time", time)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, monkeypatch, number):
+    whole = measure(plan_for(block), tmp_path / "whole").records
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        signal_while_timing(number, patch)
+        result = measure(plan_for(block), out)
+    assert result.interrupted
+    assert result.hurried
+    assert result.records == read_run(out).records == []
+    assert read_run(out).facts["interrupted"] is True
+    counted = [json.loads(line) for line in (out / "counted.jsonl").read_text().splitlines()]
+    assert [record["status"] for record in counted] == ["counted"] * len(NAMES)
+    assert {r["key"]: r["counters"] for r in counted} == {r["key"]: r["counters"] for r in whole}
+
+    def count(*_: object) -> None:
+        raise AssertionError("counted again")
+
+    monkeypatch.setattr(MockRasteriser, "_count", count)
+    resumed = measure(plan_for(block), out, resume=True).records
+    assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
+    for record, other in zip(resumed, whole, strict=True):
+        assert list(record) == list(other)
+        assert record["counters"] == other["counters"]
+        assert record["coverage_error"] == 0
+        assert record["time"]["samples_s"]
+        arrays = read_arrays(read_run(out), record["key"])
+        assert arrays is not None
+        assert arrays["fragments"].sum() == record["counters"]["fragments"]
+    assert not (out / "counted.jsonl").exists()
+
+
+def test_a_case_is_kept_as_soon_as_it_is_counted(block, tmp_path, monkeypatch):
+    """Killed while the third is counted, with a torn line: two need not be counted again."""
+    out = tmp_path / "out"
+    count = MockRasteriser._count
+    calls = []
+
+    def count_twice(self: MockRasteriser, *rest: object) -> object:
+        calls.append(rest)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return count(self, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(MockRasteriser, "_count", count_twice)
+    assert measure(plan_for(block), out).interrupted
+    with (out / "counted.jsonl").open("a") as file:
+        file.write('{"key": "torn')
+    calls.clear()
+    calls.append("a third call is none")
+    calls.extend(["nor", "is"])
+    assert len(measure(plan_for(block), out, resume=True).records) == len(NAMES)
+    # The two that were missing, and the baseline, which says what they cover.
+    assert len(calls) == 3 + 3
+
+
+def test_what_was_counted_by_other_code_is_counted_again_if_forced(block, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        signal_while_timing(signal.SIGTERM, patch)
+        measure(plan_for(block), out)
+    lines = (out / "counted.jsonl").read_text().replace('"quads": ', '"quads": 1')
+    (out / "counted.jsonl").write_text(lines)
+    forced = measure(plan_for(block), out, resume=True, force=True).records
+    whole = measure(plan_for(block), tmp_path / "whole").records
+    assert [r["counters"] for r in forced] == [r["counters"] for r in whole]
+
+
+def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
+    append = Store.append
+
+    def append_and_stop(self: Store, record: dict[str, object]) -> None:
+        append(self, record)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(Store, "append", append_and_stop)
+    names = ("--triangulators", "ear-clipping,delaunay", "--rasterisers", MOCK, "--quick", "-q")
+    code, out, err = harness("run", "--scene", str(block), "--out", "out", *names)
+    assert code == 130
+    assert "stopped early; go on with: harness run --resume out" in out
+    assert "Traceback" not in err
+    assert Path("out/cases.jsonl").read_text().count("\n") == 1
