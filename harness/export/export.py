@@ -117,8 +117,9 @@ def export_file(
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `database` is the model database to
-    use, or None for none. `progress` is called with the number of polygons done so far. `parameters` go
-    to the triangulator. `out` appears when all is written; on an error it stays as it was.
+    use, or None for none. `progress` is called with the number of polygons done so far.
+    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays as
+    it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.

@@ -17,7 +17,7 @@ from harness.triangulating import frames, lookup
 from harness.triangulating.database import ModelDatabase, Timed
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.lookup import KEEP_S, Lookup
-from harness.triangulating.names import parse
+from harness.triangulating.names import Recipe, parse
 from scenes import load
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, plan_for, quiet
@@ -50,14 +50,14 @@ def all_kept(monkeypatch):
 def computed(monkeypatch) -> list[str]:
     """Names of the triangulators that were called, one a polygon; warming up is not counted."""
     calls: list[str] = []
-    call = frames._call
+    call = Recipe.triangulate
 
-    def counted(name, polygon, seed, calibration):
-        calls.append(name)
-        return call(name, polygon, seed, calibration)
+    def counted(recipe, polygon):
+        calls.append(str(recipe))
+        return call(recipe, polygon)
 
-    monkeypatch.setattr(frames, "_call", counted)
-    monkeypatch.setattr(frames, "_warm_up", lambda *_: None)
+    monkeypatch.setattr(Recipe, "triangulate", counted)
+    monkeypatch.setattr(frames, "warm_up", lambda *_: None)
     return calls
 
 
@@ -278,12 +278,13 @@ def test_times_are_those_of_the_triangulator_alone(monkeypatch):
     """Loading compiled code counts for no polygon, whatever path a polygon takes."""
     calls: list[int] = []
 
-    def slow_at_first(name, polygon, seed, calibration):
+    def slow_at_first(_, polygon):
         kind = min(len(polygon.interiors), 2), len(vertices(polygon)) > 160
         if kind not in calls:
             calls.append(kind)
             time.sleep(0.05)
         raise RuntimeError
 
-    monkeypatch.setattr(frames, "_call", slow_at_first)
+    monkeypatch.setattr(Recipe, "triangulate", slow_at_first)
+    monkeypatch.setattr(frames, "_warm", set())
     assert cut("delaunay", POLYGONS, 0).seconds < 0.05
