@@ -5,6 +5,8 @@
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
     --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
+# A process a core; one that is done takes tests over from another.
+PARALLEL := -n logical --maxprocesses 8 --dist worksteal
 SOURCES := harness triangulators scenes scripts tests
 
 help:  ## list the targets
@@ -21,13 +23,12 @@ helsinki: setup  ## measure real footprints of Helsinki, (c) OpenStreetMap contr
 
 test:  ## run the test suite
 	@scripts/setup.sh test
-	$(PY) -m pytest
+	$(PY) -m pytest $(PARALLEL)
 
 FUZZ_SECONDS ?= 600
 
-fuzz:  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
-	@scripts/setup.sh test
-	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n 2 --maxschedchunk 1
+fuzz: setup  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
+	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n logical --dist load --maxschedchunk 1
 
 check: setup  ## ruff and mypy
 	$(PY) -m ruff check $(SOURCES)

@@ -152,7 +152,7 @@ def _share_axes(panels: Sequence[Axes]) -> None:
             axis.set_minor_formatter(NullFormatter())
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
     panels[0].annotate(
-        "as predicted",
+        "equal ratios",
         (high, high),
         (-3, -8),
         textcoords="offset points",
@@ -218,8 +218,10 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.set_xlim(0, 1.55 * max(max(ratio.high, 1.0) for _, ratio in pairs))
     panel.grid(visible=False, axis="y")
     left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
-    note = f"\nnot drawn, as it left polygons out: {', '.join(left_out)}" if left_out else ""
-    panel.set_xlabel(f"draw time, ratio to {base['triangulator']}, 95 % interval{note}")
+    note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
+    panel.set_xlabel(
+        f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
+    )
     first = whole[0]
     figure.suptitle(
         f"What is fastest to draw? {first['scene']}, {first['resolution']} px,\n"

@@ -26,7 +26,8 @@ FLAGS = (
     "--hide-scrollbars",
     "--remote-debugging-pipe",
 )
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
+"""Much longer than anything takes, for machines that do other things too."""
 
 REPORT_READY = "document.documentElement?.dataset.ready !== undefined"
 """A report says so itself, once its scripts have drawn it."""

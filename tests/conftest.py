@@ -18,6 +18,14 @@ from tests.chromium import Chromium
 settings.load_profile("ci")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile before the workers of pytest-xdist start."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        from tests.compiling import compile_everything
+
+        compile_everything()
+
+
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
     """Write polygons in metres to a GeoJSON file."""
     features = [

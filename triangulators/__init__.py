@@ -20,6 +20,8 @@ rounding error of an edge counts as on it when they are verified or repaired.
 
 from triangulators import criteria
 from triangulators.batch import Ragged, Triangulations, triangulate_many
+from triangulators.certificate import Certificate
+from triangulators.certify import certify
 from triangulators.compiled import drop_stale, warm_up
 from triangulators.errors import (
     InvalidPolygon,
@@ -34,6 +36,7 @@ from triangulators.registry import find, full_name, names, parse, triangulate
 drop_stale()  # compiled code is loaded at the first call
 
 __all__ = [
+    "Certificate",
     "InvalidPolygon",
     "Ragged",
     "Skipped",
@@ -41,6 +44,7 @@ __all__ = [
     "Triangulations",
     "Unavailable",
     "UnknownName",
+    "certify",
     "criteria",
     "find",
     "full_name",

@@ -66,7 +66,9 @@ def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> n
     side = np.zeros(len(edges), dtype=np.int8)
     keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
     low, high = boundary.min(axis=1).astype(np.int64), boundary.max(axis=1)
-    side[np.searchsorted(keys, low * count + high)] = np.where(boundary[:, 0] < boundary[:, 1], 1, -1)
+    side[np.searchsorted(keys, low * count + high)] = np.where(
+        boundary[:, 0] < boundary[:, 1], 1, -1
+    )
     return side
 
 
@@ -153,7 +155,7 @@ def _holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, w
     for ring in range(len(rings)):
         v = rings[ring, 0]
         step = 0
-        while (v == a or v == b or v == c) and step < 3:  # noqa: PLR1714 - for Numba
+        while (v == a or v == b or v == c) and step < 3:  # noqa: SIM109 - for Numba
             step += 1
             v = rings[ring, step]
         if not (low_x < points[v, 0] < high_x and low_y < points[v, 1] < high_y):
@@ -168,9 +170,7 @@ def _holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, w
 
 
 @njit(cache=True, nogil=True)
-def _by_edge(
-    triangles: np.ndarray, sides: np.ndarray, edges: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _by_edge(triangles: np.ndarray, sides: np.ndarray, edges: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, items) of `Candidates`."""
     start = np.zeros(2 * edges + 1, dtype=np.int64)
     for t in range(len(triangles)):

@@ -38,8 +38,17 @@ def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     order = order[order >= 0]  # what is no edge needs no excluding
     if len(np.unique(order)) != len(order):
         raise Refused("an edge is excluded twice")
-    wrong = _replay(problem.points, problem.edges, problem.ways, problem.triangles, *problem.lists,
-                    problem.weights, order, excluded, *_terms(cost, evidence))
+    wrong = _replay(
+        problem.points,
+        problem.edges,
+        problem.ways,
+        problem.triangles,
+        *problem.lists,
+        problem.weights,
+        order,
+        excluded,
+        *_terms(cost, evidence),
+    )
     if wrong >= 0:
         a, b = problem.edges[wrong].tolist()
         raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
@@ -97,8 +106,9 @@ def _problem_of(outline: Boundary, cost: Cost, evidence: Evidence) -> _Problem:
     weights = _weights(points, triangles, *_terms(cost, evidence))
     if len(weights) and np.abs(weights).max() >= 2**60:
         raise Refused("a weight is too large for exact arithmetic")
-    return _Problem(points, edges, keys, ways, triangles, sides,
-                    _lists(triangles, sides, len(edges)), weights)
+    return _Problem(
+        points, edges, keys, ways, triangles, sides, _lists(triangles, sides, len(edges)), weights
+    )
 
 
 def _bound(
@@ -135,25 +145,43 @@ def _bound(
 
 
 @njit(cache=True)
-def _mixed(a: int, b: int, bits: int) -> int:
+def _mixed(a: int, b: int, bits: int) -> np.int64:
     """The noise of an edge, as `Evidence` defines it."""
     x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
     x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     x ^= x >> np.uint64(31)
-    return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else 0
+    return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
 
 
 @njit(cache=True)
 def _weight(
-    points: np.ndarray, i: int, j: int, k: int, weights: np.ndarray, function: Any, custom: bool,
-    sign: float, scale: float, factor: int, bits: int,
-) -> int:
+    points: np.ndarray,
+    i: int,
+    j: int,
+    k: int,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> np.int64:
     while i > j or i > k:
         i, j, k = j, k, i
-    cost = triangle_cost(weights, function, custom, points[i, 0], points[i, 1], points[j, 0],
-                         points[j, 1], points[k, 0], points[k, 1])
+    cost = triangle_cost(
+        weights,
+        function,
+        custom,
+        points[i, 0],
+        points[i, 1],
+        points[j, 0],
+        points[j, 1],
+        points[k, 0],
+        points[k, 1],
+    )
     cost = sign * cost if custom else cost
     units = np.int64(np.floor(cost * scale))
     return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
@@ -161,21 +189,51 @@ def _weight(
 
 @njit(cache=True)
 def _weights(
-    points: np.ndarray, triangles: np.ndarray, weights: np.ndarray, function: Any, custom: bool,
-    sign: float, scale: float, factor: int, bits: int,
+    points: np.ndarray,
+    triangles: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
 ) -> np.ndarray:
     result = np.empty(len(triangles), dtype=np.int64)
     for t in range(len(triangles)):
-        result[t] = _weight(points, triangles[t, 0], triangles[t, 1], triangles[t, 2], weights,
-                            function, custom, sign, scale, factor, bits)
+        result[t] = _weight(
+            points,
+            triangles[t, 0],
+            triangles[t, 1],
+            triangles[t, 2],
+            weights,
+            function,
+            custom,
+            sign,
+            scale,
+            factor,
+            bits,
+        )
     return result
 
 
 @njit(cache=True)
 def _replay(
-    points: np.ndarray, edges: np.ndarray, ways: np.ndarray, triangles: np.ndarray,
-    start: np.ndarray, items: np.ndarray, value: np.ndarray, order: np.ndarray, out: np.ndarray,
-    weights: np.ndarray, function: Any, custom: bool, sign: float, scale: float, factor: int,
+    points: np.ndarray,
+    edges: np.ndarray,
+    ways: np.ndarray,
+    triangles: np.ndarray,
+    start: np.ndarray,
+    items: np.ndarray,
+    value: np.ndarray,
+    order: np.ndarray,
+    out: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
     bits: int,
 ) -> int:
     """Mark excluded edges in `out`; return the first that must not be excluded, or -1."""
@@ -194,8 +252,12 @@ def _replay(
                 d = triangles[items[q]].sum() - a - b
                 if turn(points, c, d, b) <= 0.0 or turn(points, d, c, a) <= 0.0:
                     return e
-                other = _weight(points, c, d, b, weights, function, custom, sign, scale, factor, bits)
-                other += _weight(points, d, c, a, weights, function, custom, sign, scale, factor, bits)
+                other = _weight(
+                    points, c, d, b, weights, function, custom, sign, scale, factor, bits
+                )
+                other += _weight(
+                    points, d, c, a, weights, function, custom, sign, scale, factor, bits
+                )
                 if other >= value[items[p]] + value[items[q]]:
                     return e
         out[e] = True
@@ -271,13 +333,11 @@ def _triangles(
 
 
 @njit(cache=True)
-def _around_hole(
-    points: np.ndarray, samples: np.ndarray, a: int, b: int, c: int, run: int
-) -> bool:
+def _around_hole(points: np.ndarray, samples: np.ndarray, a: int, b: int, c: int, run: int) -> bool:
     """Whether a triangle of edges runs round a hole: all sites of one are inside or corners."""
     for hole in range(len(samples)):
         for v in samples[hole]:
-            if v < 0 or v == a or v == b or v == c:  # noqa: PLR1714 - for Numba
+            if v < 0 or v == a or v == b or v == c:  # noqa: SIM109 - for Numba
                 continue
             inside = (
                 run * turn(points, a, b, v) > 0.0

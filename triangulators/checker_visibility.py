@@ -30,12 +30,20 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
     start, items = _fill(points, edges, low, size, cells)
     order = np.unique(site).astype(np.int32)
-    return _diagonals(points, edges, following, corner_of, first, order, low, size, cells, start, items)
+    return _diagonals(
+        points, edges, following, corner_of, first, order, low, size, cells, start, items
+    )
 
 
 @njit(cache=True)
 def _span(
-    ax: float, ay: float, bx: float, by: float, low: np.ndarray, size: np.ndarray, cells: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
     column: int,
 ) -> tuple[int, int]:
     """Return the first and last row of cells that a segment meets in a column, with a margin."""
@@ -90,8 +98,13 @@ def _fill(
 
 @njit(cache=True)
 def _starts_inside(
-    points: np.ndarray, edges: np.ndarray, following: np.ndarray, corner_of: np.ndarray,
-    first: np.ndarray, a: int, b: int,
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    a: int,
+    b: int,
 ) -> bool:
     """Whether the segment from a to b starts strictly into the interior."""
     for place in range(first[a], first[a + 1]):
@@ -129,8 +142,15 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 @njit(cache=True)
 def _clear(
-    points: np.ndarray, edges: np.ndarray, a: int, b: int, low: np.ndarray, size: np.ndarray,
-    cells: int, start: np.ndarray, items: np.ndarray,
+    points: np.ndarray,
+    edges: np.ndarray,
+    a: int,
+    b: int,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
 ) -> bool:
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     first, last = _columns(ax, bx, low[0], size[0], cells)
@@ -142,10 +162,10 @@ def _clear(
             cell = column * cells + row
             for place in range(start[cell], start[cell + 1]):
                 c, d = edges[items[place], 0], edges[items[place], 1]
-                if c == a or c == b or d == a or d == b:  # noqa: PLR1714 - for Numba
+                if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
                     # Edges at an end leave it elsewhere, or the segment would not start inside;
                     # unless one is the segment itself.
-                    if (c == a or c == b) and (d == a or d == b):  # noqa: PLR1714
+                    if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                         return False
                     continue
                 if _meets(points, a, b, c, d):
@@ -155,9 +175,17 @@ def _clear(
 
 @njit(cache=True)
 def _diagonals(
-    points: np.ndarray, edges: np.ndarray, following: np.ndarray, corner_of: np.ndarray,
-    first: np.ndarray, order: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int,
-    start: np.ndarray, items: np.ndarray,
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    order: np.ndarray,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
 ) -> np.ndarray:
     found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
     count = 0

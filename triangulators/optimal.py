@@ -1,22 +1,28 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
-Without holes it is exact, up to a number of vertices that the caller may set; with one hole and few
-vertices too. Otherwise it is the better of ear clipping and Delaunay, improved by `local_search`.
+Without holes it is exact, up to a number of vertices that the caller may set, by a table over all
+sub-polygons. With holes a local search comes first, and `proof` makes an optimum of what it finds
+and says whether that could be proven. Beyond the number of vertices, windows of the better of ear
+clipping and Delaunay are optimised.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from triangulators import criteria
 from triangulators.bridges import ONE_HOLE, one_hole_optimum
-from triangulators.cost import cost_of
-from triangulators.exact import TABLE_ONLY, optimum
+from triangulators.certificate import Certificate
+from triangulators.certify import certificate_of, certify
+from triangulators.cost import Cost, cost_of
+from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.order import walk
-from triangulators.polygon import Boundary, boundary_area
+from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.predicates import on_grid
+from triangulators.proof import SECONDS, Proof, prove
 from triangulators.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
@@ -51,9 +57,42 @@ def triangulate_worst(
     return _optimise(outline, criteria.find(criterion, **parameters), -1.0, limit, seed)
 
 
+class Solved(NamedTuple):
+    """A triangulation (m, 3) and how far it may be from the optimum."""
+
+    triangles: np.ndarray
+    certificate: Certificate
+
+
+def solve(
+    polygon: shapely.Polygon,
+    criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
+    *,
+    seconds: float = SECONDS,
+    **parameters: Any,
+) -> Solved:
+    """Return the optimum of a criterion together with its certificate (see `certify`).
+
+    seconds: for each linear program of a polygon with holes. Raises what `certify` raises.
+    """
+    check(polygon)
+    outline = boundary(polygon)
+    wanted = criteria.find(criterion, **parameters)
+    cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
+    proof = None if wanted.maximum else _prove(outline, cost, LIMIT, seconds)
+    if proof is None:
+        triangles = _optimise(outline, wanted, 1.0, LIMIT, 0)
+        return Solved(triangles, certify(polygon, triangles, wanted, seconds=seconds))
+    triangles = walk(proof.triangles, len(outline.points))
+    return Solved(triangles, certificate_of(outline, triangles, cost, proof.evidence))
+
+
 def _optimise(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> np.ndarray:
+    small = small_optimum(outline, criterion, sign, limit)
+    if small is not None:
+        return small
     found = _search(outline, criterion, sign, limit, seed)
     return walk(found, len(outline.points))
 
@@ -68,11 +107,28 @@ def _search(
         table = cost.is_box and len(cycle) <= TABLE_ONLY and on_grid(points)
         start = None if table else ring_triangulation(outline, cycle)
         return cycle[optimum(points[cycle], start, cost)]
-    start = best_start(outline, cost)
     if len(outline.edges) > limit:
+        start = best_start(outline, cost)
         return sweep_windows(points, start, cost, min(PIECE, limit), seed)
     if outline.holes == 1 and len(points) <= ONE_HOLE:
         exact = one_hole_optimum(outline, cost)
         if exact is not None:
             return exact
-    return search_cuts(points, start, cost, seed)
+    proof = None if cost.maximum else _prove(outline, cost, limit, SECONDS, seed)
+    if proof is None:
+        return search_cuts(points, best_start(outline, cost), cost, seed)
+    return proof.triangles
+
+
+def _prove(
+    outline: Boundary, cost: Cost, limit: int, seconds: float, seed: int = 0
+) -> Proof | None:
+    """Return the optimum of a polygon with holes and evidence for it; None where it is too large.
+
+    What the local search finds is where the linear program starts, and its answer if the program
+    is not solved in time.
+    """
+    if outline.holes == 0 or len(outline.edges) > limit:
+        return None
+    start = search_cuts(outline.points, best_start(outline, cost), cost, seed)
+    return prove(outline, start, cost, seconds)

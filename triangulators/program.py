@@ -49,11 +49,13 @@ def solve(
 ) -> Solution:
     """Solve the program over the `allowed` triangles (t,); weights: (t,) float64.
 
-    start: numbers of triangles that are a triangulation, allowed or not.
+    start: numbers of triangles that are a triangulation; with them the program has a solution from
+    the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
     """
     edges, triangles = candidates.edges, candidates.triangles
     signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
     inside = np.flatnonzero(allowed)
+    weights = np.where(allowed, weights, weights + 10.0 * np.abs(weights[start]).sum())
     free = _off_tree(len(candidates.points), edges, candidates.side, candidates.sides[start])
     model = highspy.Highs()
     model.setOptionValue("output_flag", False)
@@ -67,7 +69,9 @@ def solve(
     model.changeColsCost(count, np.arange(count, dtype=np.int32), candidates.side.astype(float))
     model.changeObjectiveSense(highspy.ObjSense.kMaximize)
     there = np.zeros(len(triangles), dtype=np.bool_)
-    fresh = np.union1d(start, inside if len(inside) <= _ALL else _light(candidates, weights, allowed))
+    fresh = np.union1d(
+        start, inside if len(inside) <= _ALL else _light(candidates, weights, allowed)
+    )
     rows = np.empty(0, dtype=np.int64)
     potentials = np.zeros(count)
     while len(fresh):
@@ -87,7 +91,9 @@ def solve(
         if not solved:
             break
         potentials = np.array(model.getSolution().col_value)
-        excess = (signs[inside] * potentials[candidates.sides[inside]]).sum(axis=1) - weights[inside]
+        excess = (signs[inside] * potentials[candidates.sides[inside]]).sum(axis=1) - weights[
+            inside
+        ]
         violated = np.flatnonzero((excess > 1e-7) & ~there[inside])
         fresh = inside[violated]
         if len(fresh) > _MOST_ADDED:
@@ -109,9 +115,7 @@ def _worst_by_edge(candidates: Candidates, which: np.ndarray, excess: np.ndarray
     return _per_edge(candidates, which, -excess, 1)
 
 
-def _per_edge(
-    candidates: Candidates, which: np.ndarray, key: np.ndarray, most: int
-) -> np.ndarray:
+def _per_edge(candidates: Candidates, which: np.ndarray, key: np.ndarray, most: int) -> np.ndarray:
     """Return those of `which` triangles that have one of the `most` least keys at some edge."""
     order = np.argsort(key, kind="stable")
     ahead = candidates.triangles < np.roll(candidates.triangles, -1, axis=1)

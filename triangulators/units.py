@@ -11,6 +11,7 @@ and `factor` exceeds the noise of a whole triangulation. So a triangulation of l
 of least cost, and weight // factor of a triangulation is its cost in units, exactly.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ class Units(NamedTuple):
 
 
 @njit(cache=True)
-def noise(a: int, b: int, bits: int) -> int:
+def noise(a: int, b: int, bits: int) -> np.int64:
     """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64)."""
     low, high = np.uint64(min(a, b)), np.uint64(max(a, b))
     x = low * np.uint64(0x9E3779B97F4A7C15) + high * np.uint64(0xD1B54A32D192ED03)
@@ -59,7 +60,7 @@ def weight(
     scale: float,
     factor: int,
     bits: int,
-) -> int:
+) -> np.int64:
     """Return the weight of one triangle."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     cost = triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
@@ -87,9 +88,7 @@ def weights_of(
     result = np.empty(len(triangles), dtype=np.int64)
     for t in range(len(triangles)):
         a, b, c = lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
-        result[t] = weight(
-            points, a, b, c, weights, function, custom, sign, scale, factor, bits
-        )
+        result[t] = weight(points, a, b, c, weights, function, custom, sign, scale, factor, bits)
     return result
 
 
@@ -132,13 +131,13 @@ def units_for(points: np.ndarray, cost: Cost, largest: float, total: float, coun
     scale = grid_scale(points, cost)
     exact = scale > 0.0 and largest * scale < 2.0**52
     if not exact:
-        scale = 2.0 ** np.floor(np.log2(_DIGITS / most))
+        scale = 2.0 ** math.floor(math.log2(_DIGITS / most))
     for bits in range(NOISE_BITS, 1, -1):
         factor = 1 << int(3 * count * 2**bits).bit_length()
         if most * scale * factor < _ROOM:
             return Units(scale, factor, bits, exact)
     if exact:  # a huge grid: round after all
-        scale = 2.0 ** np.floor(np.log2(_ROOM / (most * factor)))
+        scale = 2.0 ** math.floor(math.log2(_ROOM / (most * factor)))
     return Units(scale, factor, bits, exact and scale >= grid_scale(points, cost))
 
 

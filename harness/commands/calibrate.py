@@ -17,8 +17,6 @@ from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study import calibrate as study
-from harness.study import calibration
 
 
 def calibrate(
@@ -44,6 +42,10 @@ def calibrate(
     their shape deviation, Q and P the expected quads and 4x4 blocks, and R the expected number of
     triangles with a pixel centre in their bounding box. optimal:calibrated minimises this time.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import calibrate as study
+    from harness.study import calibration
+
     reporter = Reporter(quiet=quiet)
     backend = Backend(rasteriser, rasterisers.find_device(rasteriser, device))
     loaded = load_scene(scene, seed, reporter)

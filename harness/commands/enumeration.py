@@ -14,7 +14,6 @@ from harness.commands.results import default_folder
 from harness.errors import UsageError
 from harness.measuring.run import load_scene
 from harness.progress import Reporter
-from harness.study import enumeration
 from triangulators import Skipped, TriangulationError
 
 
@@ -36,6 +35,9 @@ def enumerate_(
     ] = None,
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import enumeration
+
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")

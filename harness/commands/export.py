@@ -82,6 +82,8 @@ def triangulate(
     finally:
         if database is not None:
             database.close()
+    if report.notes:
+        reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
     Console().print(

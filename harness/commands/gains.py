@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import pandas as pd
 import typer
 from rich.console import Console
 
 from harness.commands.options import split_names
 from harness.errors import NothingMeasured
 from harness.stored.folder import read_run
-from harness.study import gains as study
 from harness.triangulating.names import parse_all
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
+"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
 
 MOST_SAID = 12
 """How many views in which another was faster are named; gains.csv has them all."""
@@ -24,9 +28,12 @@ def gains(
     out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
     bases: Annotated[
         str, typer.Option(help="Triangulators to compare with; comma-separated.")
-    ] = ",".join(study.BASES),
+    ] = ",".join(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study import gains as study
+
     wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
     table = study.gain_table([read_run(path).records for path in runs], wanted)
     if table.empty:

@@ -16,12 +16,10 @@ from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.report import write_report
 from harness.stored.folder import read_run
-from harness.study import pareto as study
-from harness.study import pareto_answer, pareto_plot
 from harness.triangulating.names import parse_all
 from scenes import Scene
+from scenes.spec import label
 
 POLYGONS = 6
 
@@ -54,6 +52,11 @@ def pareto(
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.report import write_report
+    from harness.study import pareto as study
+    from harness.study import pareto_answer, pareto_plot
+
     view = View(resolution)
     plan = Plan(
         scene=scene,
@@ -83,9 +86,9 @@ def pareto(
     with reporter.stage("plotting", 1):
         study.front_table(fronts).to_csv(folder / "fronts.csv", index=False)
         table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
-        pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
+        pareto_plot.plot(table, fronts, Path(label(scene)).stem, folder / "plots")
         write_report(run)
-    pareto_answer.print_table(table, Path(scene).name, console)
+    pareto_answer.print_table(table, label(scene), console)
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)

@@ -10,7 +10,6 @@ from rich.console import Console
 
 from harness.errors import UsageError
 from harness.stored.folder import read_run
-from harness.study.repeat import repeat as compare
 
 
 def repeat(
@@ -23,6 +22,9 @@ def repeat(
     verdict on the pair: faster, slower, or no difference shown, which means that the two are too
     close for the time spent. Exits with 1 if a counter differs.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.study.repeat import repeat as compare
+
     found = compare(read_run(first).records, read_run(second).records)
     if not found.cases:
         raise UsageError(f"{first} and {second} have no case in common: run the same plan twice")

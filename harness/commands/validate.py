@@ -17,9 +17,7 @@ from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.report import write_report
 from harness.stored.folder import read_run
-from harness.study import analysis, extremes, matrix
 from harness.study.design import Design, choose_polygons, choose_triangulators
 from harness.triangulating.names import parse_all
 
@@ -64,6 +62,10 @@ def validate(
     Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
     ranks the triangulations of one polygon as the measured cost does.
     """
+    # Statistics take a second to import, which other commands need not wait for.
+    from harness.report import write_report
+    from harness.study import analysis, extremes, matrix
+
     design = QUICK if quick else Design(polygons=polygons, random=random)
     named = dict.fromkeys([*split_names(rasterisers), *COUNTED_ON_THE_CPU])
     plan = Plan(

@@ -17,9 +17,6 @@ from harness.stored.folder import Record
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
-
 AXES = {
     "resolution": "viewport (px)",
     "rotation": "rotation of the view (degrees)",
@@ -32,7 +29,7 @@ KEYS = (*AXES, "fit", "order")
 """What rows of one view share, besides the scene and the device."""
 
 
-def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str] = BASES) -> pd.DataFrame:
+def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times and of helper lanes.
 
     runs : records of each run; if several runs have a view, the first run's is used, because times

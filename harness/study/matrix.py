@@ -173,9 +173,9 @@ def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | None:
-    """Draw predictions against measures, each over its polygon's median: size taken out.
+    """Draw measures against predictions, both over the polygon's median, to remove its size.
 
-    A row for the paper's criterion and one for the criterion that ranks best; a column a measure.
+    One row for the paper's criterion, one for the criterion that ranks best; a column per measure.
     """
     from matplotlib.figure import Figure
 

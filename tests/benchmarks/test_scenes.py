@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from harness.stored.folder import Record, read_run
+from scenes import load
 from scenes.registry import entry, names
 from tests.paths import ROOT
 from triangulators import names as triangulators
@@ -122,3 +124,10 @@ def test_the_largest_stress_scene_ends(tmp_path):
             print(f"  {record['triangulator']:24} {record['triangulate_s']:.1f} s")
         else:
             check(record)
+
+
+def test_ten_thousand_buildings_take_seconds():
+    start = time.perf_counter()
+    scene = load("city", buildings=10_000)
+    assert len(scene.polygons) == 10_000
+    assert time.perf_counter() - start < 15  # about 1 s on an idle core

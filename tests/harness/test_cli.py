@@ -168,3 +168,11 @@ def test_help_and_version_work_as_a_module():
         )
         assert done.returncode == 0, done.stderr
         assert part in done.stdout
+
+
+def test_the_command_line_loads_no_statistics():
+    """They take longer to load than everything else, and `list` or `--help` needs none."""
+    slow = ("pandas", "scipy.stats", "scipy.optimize", "matplotlib", "jinja2")
+    program = f"import sys, harness.cli; print([n for n in {slow} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout == "[]\n"

@@ -89,32 +89,6 @@ def test_image_of_one_layer_equals_the_references(walker, reference, native, loo
     )
 
 
-def test_time_follows_the_bounding_box_and_not_the_area(bounding_box, native, loose):
-    """Both triangles have the same box; one covers half of it, the other next to nothing."""
-    size, far = 512, 511 * 256
-    half, _ = loose([[256, 256], [far, 256], [256, far]], size)
-    sliver, triangles = loose([[256, 256], [far, far], [far - 256, far]], size)
-    with (
-        bounding_box.prepare(half, triangles, native) as full,
-        bounding_box.prepare(sliver, triangles, native) as thin,
-    ):
-        full.sample(1), thin.sample(1)
-        ratio = min(full.sample(2).wall for _ in range(4)) / min(
-            thin.sample(2).wall for _ in range(4)
-        )
-    assert 0.5 < ratio < 2.5
-
-
-def test_scanline_is_much_faster_on_a_large_empty_box(opened, native, loose):
-    frame, triangles = loose([[256, 256], [511 * 256, 511 * 256], [510 * 256, 511 * 256]], 512)
-    seconds = {}
-    for name in ("bounding-box", "scanline"):
-        with opened(name).prepare(frame, triangles, native) as drawing:
-            drawing.sample(1)
-            seconds[name] = min(drawing.sample(2).wall for _ in range(4))
-    assert seconds["scanline"] < 0.5 * seconds["bounding-box"]
-
-
 def test_scanline_counts_the_rows_of_the_box(opened, native, loose):
     frame, triangles = loose([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
     assert opened("scanline").count(frame, triangles, native)["rows"].tolist() == [19]

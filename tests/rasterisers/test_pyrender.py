@@ -41,9 +41,9 @@ def seconds_of_frames(device, frame, triangles, repeats) -> float:
 @pytest.mark.parametrize("name", ["llvmpipe", "osmesa"])
 def test_it_draws_and_times_but_does_not_count(frame, name):
     if name not in [device.name for device in get("pyrender").devices()]:
-        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install"):
+        with pytest.raises(NoRasteriser, match=r"run: (apt-get|python -m pip) install") as error:
             find_device("pyrender", name)
-        return
+        pytest.skip(str(error.value))
     device = find_device("pyrender", name)
     triangles = joined(frame, "delaunay")
     with Worker(name, device.environment) as worker:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import matplotlib.colors
 import numpy as np
@@ -12,6 +13,7 @@ from PIL import Image
 from harness.looks import COLOURS, ONE_COLUMN, TWO_COLUMNS
 from harness.plots import plot_run
 from harness.stored.folder import read_run
+from triangulators import criteria
 
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
 LABELS = {
@@ -49,3 +51,18 @@ def test_colours_differ_in_lightness_or_hue_for_colour_blind_eyes():
     seen = np.clip(linear @ blind.T, 0, 1) ** (1 / 2.2)
     gaps = [np.abs(seen[i] - seen[j]).max() for i in range(len(seen)) for j in range(i)]
     assert min(gaps) > 0.1
+
+
+def test_a_new_criterion_gets_its_bar_in_the_plot(copy, monkeypatch):
+    half = criteria.CRITERIA["half-perimeter"]
+    new = replace(half, name="sparkle-length", label="sparkle", symbol="K")
+    monkeypatch.setitem(criteria.CRITERIA, new.name, new)
+    run = read_run(copy)
+    for file in (copy / "polygons").glob("*.npz"):
+        with np.load(file) as arrays:
+            columns = dict(arrays)
+        columns["predicted_sparkle_length"] = columns["predicted_expected_quads"] * 2.0
+        np.savez_compressed(file, **columns)
+    files = plot_run(run)
+    svg = next(f for f in files if f.name == "predicted-vs-measured.svg").read_text()
+    assert "sparkle K" in svg

@@ -21,7 +21,9 @@ SCENES = (
 
 @pytest.mark.parametrize("name", names(available_only=True))
 @pytest.mark.parametrize("scene", SCENES)
-def test_scene_by_triangulator(scene, name):
+def test_scene_by_triangulator(scene, name, monkeypatch):
+    # `listed` keeps sets of triangulations: minutes for its most; the benchmarks let it do these.
+    monkeypatch.setattr("triangulators.exhaustive.MOST_PAPER", 500)
     frame = make_frame(load(scene).polygons, View(resolution=512))
     result = triangulate_polygons(parse(name), frame.polygons)
     assert result.failed == []

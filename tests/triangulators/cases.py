@@ -230,3 +230,16 @@ def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Pol
         polygon = shapely.Polygon(outer.exterior, [inner + shift])
         if polygon.is_valid and shapely.Polygon(inner + shift).within(outer):
             return polygon
+
+
+def with_holes(rng: np.random.Generator, exterior: int, holes: int) -> shapely.Polygon:
+    """A random simple polygon on a small grid with some triangles and quadrilaterals cut out."""
+    while True:
+        polygon = random_simple(rng, exterior, 14)
+        for _ in range(60):
+            ring = random_simple(rng, int(rng.integers(3, 5)), 4)
+            corners = shapely.get_coordinates(ring)[:-1] + rng.integers(0, 12, 2)
+            cut = shapely.Polygon(polygon.exterior, [*polygon.interiors, corners])
+            polygon = cut if cut.is_valid else polygon
+            if len(polygon.interiors) == holes:
+                return polygon

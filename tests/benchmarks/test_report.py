@@ -1,0 +1,19 @@
+"""How long a browser takes to open a large report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.chromium import Chromium
+from tests.report.conftest import write_many
+
+
+def test_ten_thousand_cases_load_in_two_seconds(browser: Chromium, tmp_path: Path):
+    big = write_many(tmp_path / "big", devices=10)
+    times = []
+    for _ in range(3):
+        browser.open(big / "report.html")
+        times.append(int(browser.evaluate("document.documentElement.dataset.ready")))
+    assert browser.evaluate("state.report.cases.length") == 10_000
+    print(f"\nready after {times} ms")
+    assert min(times) < 2000, times

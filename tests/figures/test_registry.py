@@ -1,0 +1,181 @@
+"""One registry: what is added in one place shows up wherever figures are shown."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from harness.compare.comparison import compare_runs
+from harness.compare.settings import Settings
+from harness.figures import registry
+from harness.figures.registry import Figure, figures_of, find, measures, predictions
+from harness.looks import looks
+from harness.rasterisers import counters
+from harness.report.content import content_of
+from harness.stored.folder import read_run
+from harness.study import analysis
+from harness.summary import print_summary, write_csv
+from tests.harness.test_summary import record
+from triangulators import criteria
+
+NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter", "greedy", "fan")
+
+
+def a_record(name: str, number: int, counted: dict[str, int], **changes: Any) -> dict[str, Any]:
+    """Return a complete record of a triangulator whose every figure grows with `number`."""
+    predicted = dict.fromkeys([*predictions(), *criteria.FEATURES_KEPT], 100.0 + 7 * number)
+    return record(
+        name,
+        1 + 0.1 * number,
+        key=f"{name}-{changes.get('scene', '')}",
+        scene_hash="x",
+        options={"samples": 1, "work": 0, "order": "native", "seed": 0},
+        fit="box",
+        conforming=True,
+        triangles=1000,
+        predicted=predicted,
+        counters=counted,
+        **{**changes, "time": None} if "time" in changes else changes,
+    )
+
+
+def a_run(folder: Path, records: list[dict[str, Any]]) -> Path:
+    folder.mkdir()
+    facts = {"schema_version": 1, "plan": {"triangulators": [r["triangulator"] for r in records]}}
+    (folder / "run.json").write_text(json.dumps(facts))
+    lines = [json.dumps(each) for each in records]
+    (folder / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    return folder
+
+
+@pytest.fixture
+def sparkle(monkeypatch: pytest.MonkeyPatch) -> criteria.Criterion:
+    """A criterion that somebody adds."""
+    half = criteria.CRITERIA["half-perimeter"]
+    new = replace(half, name="sparkle-length", label="sparkle", symbol="K", unit="px")
+    monkeypatch.setitem(criteria.CRITERIA, new.name, new)
+    return new
+
+
+@pytest.fixture
+def glow(monkeypatch: pytest.MonkeyPatch) -> Figure:
+    """A metric that somebody adds."""
+    read = lambda each: (each.get("counters") or {}).get("quads")  # noqa: E731
+    new = Figure("glow", "glow of quads", "lumens", "ratio", "lower", 0.0, read, heading="glow")
+    monkeypatch.setitem(registry.METRICS, new.name, new)
+    return new
+
+
+def printed(records: list[dict[str, Any]]) -> str:
+    output = io.StringIO()
+    print_summary(records, Console(file=output, width=110))
+    return output.getvalue()
+
+
+def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
+    import numpy as np
+
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]])
+    assert criteria.predict(corners, np.array([[0, 1, 2]]))["sparkle_length"] == 7.0
+    records = [
+        a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
+        for number, name in enumerate(NAMES)
+    ]
+    correlations = analysis.correlate(analysis.measure_table(records))
+    assert "sparkle-length" in set(correlations["criterion"])
+    content = content_of(read_run(a_run(tmp_path / "run", records)))
+    assert "sparkle_length" in content["criteria"]
+    assert content["figures"]["sparkle_length"]["title"] == "sparkle K"
+    write_csv(records, tmp_path / "summary.csv")
+    assert "sparkle_length" in pd.read_csv(tmp_path / "summary.csv").columns
+
+
+def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
+    records = [a_record(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
+    assert "glow" in printed(records)
+    write_csv(records, tmp_path / "summary.csv")
+    assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
+    base = read_run(a_run(tmp_path / "base", records))
+    assert content_of(base)["figures"]["glow"]["unit"] == "lumens"
+    found = compare_runs(base, base, Settings())
+    assert "glow" in {change.metric for case in found.cases for change in case.counters}
+
+
+def test_a_counter_that_nobody_declared_is_ranked_gated_and_named(tmp_path):
+    records = [a_record(name, k, {"wave_fronts": 100 + k}) for k, name in enumerate(NAMES[:3])]
+    text = printed(records)
+    assert "wave fronts" in text
+    assert "102" in text
+    worse = [
+        {**r, "counters": {"wave_fronts": r["counters"]["wave_fronts"] * 3 // 2}} for r in records
+    ]
+    base, head = (a_run(tmp_path / name, rows) for name, rows in (("b", records), ("h", worse)))
+    found = compare_runs(read_run(base), read_run(head), Settings(gates=("counters",)))
+    assert found.verdict == "regression"
+    equal = compare_runs(read_run(base), read_run(base), Settings(gates=("counters",)))
+    assert equal.verdict != "regression"
+
+
+def test_binning_is_ranked_with_its_figures():
+    rows = [
+        a_record(name, k, {"tiles_16": 700 + k, "tiles_32": 300 + k}, time=None)
+        for k, name in enumerate(NAMES[:3])
+    ]
+    text = printed(rows)
+    assert "tiles of 16 px" in text
+    assert "702" in text
+
+
+def test_a_rasteriser_says_how_its_counters_are_shown():
+    counters.learn([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
+    figure = find("mirror_hits")
+    assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
+    assert measures(["mirror_hits", "quads"]) == ["quads"]
+    counters.learn([counters.Counter("quads", "stolen", "x")])
+    assert find("quads").label == "quads", "what is built in stays as it is"
+
+
+def test_a_criterion_is_found_however_it_is_written():
+    for name in ("half-perimeter", "half_perimeter", "predicted_half_perimeter"):
+        assert find(name) is find("half_perimeter")
+    assert find("half_perimeter").written == "half-perimeter"
+    assert find("predicted_area").kind == "prediction", "a term of fits is no counter"
+
+
+def test_every_figure_has_a_label_and_a_unit():
+    for figure in registry.figures().values():
+        assert figure.label
+        assert figure.unit
+        assert figure.description
+
+
+def test_figures_of_records_are_those_that_they_have():
+    assert list(figures_of([])) == []
+    rows = [a_record("fan", 0, {"quads": 5, "driver_blocks": 2})]
+    found = figures_of(rows)
+    assert next(iter(found)) == "quads"
+    assert found["driver_blocks"].better == "none"
+    assert "bbox_overdraw" not in found
+    assert "draw_ms" in found
+
+
+def test_a_triangulator_looks_the_same_in_every_company():
+    alone = looks(["delaunay"])["delaunay"]
+    assert looks(["mine:cut", "random#3", "delaunay"])["delaunay"] == alone
+    many = looks([f"random#{k}" for k in range(30)] + ["a:b", "c:d"])
+    assert len({(look.colour, look.marker) for look in many.values()}) == 3
+    fixed = looks(list(registry_names()))
+    assert len({(look.colour, look.marker) for look in fixed.values()}) == len(fixed)
+
+
+def registry_names() -> list[str]:
+    from triangulators import registry as built_in
+
+    return [*built_in.BUILTIN, *(f"optimal:{name}" for name in criteria.names())]

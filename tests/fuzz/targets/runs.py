@@ -1,0 +1,129 @@
+"""Run folders that were damaged: one clear line or an answer, and an exit code that says which."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import io
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+from rich.console import Console
+from shapely import Polygon, box
+
+from harness.errors import (
+    BAD_INPUT,
+    GOOD,
+    INCONCLUSIVE,
+    NOTHING_MEASURED,
+    REGRESSION,
+)
+from harness.measuring.plan import Plan
+from harness.measuring.run import run
+from harness.measuring.timing import TimingSettings
+from harness.measuring.worker import Inline
+from harness.progress import Reporter
+from tests.compare.runs import write_run
+from tests.conftest import exit_code, write_geojson
+from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
+from tests.fuzz.target import target
+
+COMPARED = (GOOD, REGRESSION, BAD_INPUT, NOTHING_MEASURED, INCONCLUSIVE)
+RUNS, TABLES = ("base", "head"), ("run.json", "cases.jsonl")
+FORMATS = ("table", "markdown", "json", "github-action-benchmark")
+
+
+def damage_of(tables: list[str], folders: list[str]) -> st.SearchStrategy[Any]:
+    """Draw edits of one or two files of JSON, or of every array in a folder."""
+    in_bytes = st.lists(byte_edit, min_size=1, max_size=3)
+    in_values = st.lists(value_edit, min_size=1, max_size=3)
+    edits = st.tuples(st.sampled_from(tables), in_values | in_bytes)
+    if folders:
+        edits |= st.tuples(st.sampled_from(folders), in_bytes)
+    return st.lists(edits, min_size=1, max_size=2, unique_by=lambda edit: edit[0])
+
+
+def command(*arguments: str) -> tuple[int, str]:
+    """Run a command; return its exit code and what it wrote to standard error."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = exit_code(*arguments)
+    return code, err.getvalue()
+
+
+def spoil(place: Path, edits: list[dict[str, Any]]) -> None:
+    """Damage a file, or each file in a folder."""
+    edit = edit_values if "value" in edits[0] else edit_bytes
+    for file in sorted(place.iterdir()) if place.is_dir() else [place]:
+        edit(file, edits)
+
+
+def assert_clear(code: int, err: str) -> None:
+    """Bad input is one line that begins with "error:"."""
+    assert "Traceback" not in err, err
+    if code == BAD_INPUT:
+        assert err.startswith("error: "), err
+        assert err.count("\n") == 1, err
+
+
+@target(
+    "compare",
+    st.fixed_dictionaries(
+        {
+            "damage": damage_of([f"{run}/{file}" for run in RUNS for file in TABLES], []),
+            "gate": st.sampled_from(["counters", "time", "counters,time"]),
+            "format": st.sampled_from(FORMATS),
+        }
+    ),
+)
+def check_compare(value: dict[str, Any]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        for name, seed in (("base", 1), ("head", 2)):
+            write_run(place / name, seed=seed)
+        for name, edits in value["damage"]:
+            spoil(place / name, edits)
+        files = [f"--{kind}={place / kind}" for kind in ("markdown", "junit", "json", "html")]
+        options = ["--gate", value["gate"], "--format", value["format"], *files]
+        code, err = command("compare", str(place / "base"), str(place / "head"), *options)
+        assert code in COMPARED, (code, err)
+        assert_clear(code, err)
+        if code != BAD_INPUT:
+            for kind in ("markdown", "junit", "json", "html"):
+                assert (place / kind).stat().st_size > 0
+
+
+@cache
+def sound() -> Path:
+    """Return a run of four footprints, made once."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-run-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
+    courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
+    scene = write_geojson(folder / "block.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+    plan = Plan(
+        scene=str(scene),
+        triangulators=("ear-clipping", "delaunay", "optimal:half-perimeter"),
+        rasterisers=("reference",),
+        timing=TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
+    )
+    quiet = Reporter(quiet=True, console=Console(quiet=True))
+    run(plan, folder / "run", quiet, open_worker=lambda *_: Inline())
+    return folder / "run"
+
+
+@target("report", damage_of(["run.json", "cases.jsonl"], ["frames", "polygons"]))
+def check_report(value: list[Any]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "run"
+        shutil.copytree(sound(), place)
+        for name, edits in value:
+            spoil(place / name, edits)
+        code, err = command("report", str(place))
+        assert code in (GOOD, BAD_INPUT, NOTHING_MEASURED), (code, err)
+        assert_clear(code, err)
+        assert (place / "report.html").exists() == (code == GOOD)

@@ -1,0 +1,211 @@
+"""Certificates: what they claim against every triangulation listed, and what is refused."""
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+import shapely
+
+from tests.triangulators.cases import (
+    glyphs,
+    random_simple,
+    shared,
+    star,
+    with_holes,
+)
+from tests.triangulators.listing import least_of_all
+from triangulators import TriangulationError, certify, criteria, triangulate, vertices
+from triangulators.bridges import one_hole_optimum
+from triangulators.certificate import Branch, Leaf, Refused
+from triangulators.certify import check_certificate
+from triangulators.cost import cost_of, evaluate
+from triangulators.optimal import solve
+from triangulators.polygon import boundary, boundary_area
+from triangulators.proof import prove
+from triangulators.starts import best_start
+from triangulators.verify import verify
+
+SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
+WHOLE = ("half-perimeter", "overdraw")
+ROUNDED = ("edge-length", "expected-quads", "shape")
+
+
+@numba.njit
+def scrambled(ax, ay, bx, by, cx, cy):
+    """A cost without rhyme or reason, so that the program's solution need not be whole."""
+    x, y = ax * bx * cx + 17.0 * (ax + bx + cx), ay * by * cy + 31.0 * (ay + by + cy)
+    return (abs(43758.5453 * np.sin(12.9898 * x + 78.233 * y)) % 1.0) ** 3
+
+
+HALVES = (  # found by chance: three of 1,880 rings for which half triangles would do better
+    "POLYGON ((1 -100, -43 -90, -50 -87, -57 -82, -99 10, -99 14, -59 81, -45 89, -8 100, -7 100,"
+    " 43 90, 100 -9, 79 -62, 58 -82, 48 -88, 1 -100), (-5 -30, -24 -18, -29 7, -18 24, 13 27,"
+    " 28 -11, 26 -14, 14 -27, 5 -30, -5 -30))",
+    "POLYGON ((-13 -99, -66 -75, -68 -74, -93 -38, -100 2, -32 95, 3 100, 73 68, 93 36, 100 1,"
+    " 100 -9, 70 -71, 31 -95, -13 -99), (-4 -30, -22 -21, 27 -13, 24 -19, 21 -22, 2 -30, -4 -30))",
+    "POLYGON ((-13 -99, -39 -92, -61 -79, -85 -52, -100 6, -65 76, -26 97, 39 92, 66 75, 83 55,"
+    " 95 -33, 47 -88, 39 -92, 28 -96, -13 -99), (1 -30, -10 -28, -25 16, -23 20, -7 29, 24 -18,"
+    " 1 -30))",
+)
+
+
+@pytest.mark.parametrize("name", [*WHOLE, *ROUNDED])
+def test_the_proven_optimum_is_the_least_of_all_triangulations(name):
+    rng = np.random.default_rng(len(name))
+    criterion = criteria.find(name)
+    for _ in range(40):
+        polygon = with_holes(rng, int(rng.integers(4, 7)), int(rng.integers(1, 4)))
+        least = least_of_all(
+            polygon, lambda corners: criterion.total(corners, np.array([[0, 1, 2]], np.int32))
+        )
+        found = solve(polygon, name)
+        assert verify(polygon, found.triangles).conforming
+        assert found.certificate.proven, polygon.wkt
+        assert found.certificate.cost == pytest.approx(least, rel=1e-12), polygon.wkt
+        assert found.certificate.lower_bound <= least * (1 + 1e-12)
+        if name in WHOLE:
+            assert found.certificate.gap == 0.0
+        assert found.certificate.gap < 1e-8
+
+
+@pytest.mark.parametrize("wkt", HALVES)
+def test_branches_prove_what_the_program_alone_does_not(wkt):
+    polygon = shapely.from_wkt(wkt)
+    found = solve(polygon, scrambled)
+    evidence = found.certificate.evidence
+    assert isinstance(evidence.root, Branch)
+    assert found.certificate.proven
+    outline = boundary(polygon)
+    cost = cost_of(criteria.find(scrambled), 1.0, outline.expected_triangles)
+    bridged = one_hole_optimum(outline, cost)
+    assert found.certificate.cost == pytest.approx(evaluate(outline.points, bridged, cost))
+    # One case alone proves too much or nothing.
+    for node in (evidence.root.without, evidence.root.within):
+        alone = replace(found.certificate, evidence=replace(evidence, root=node))
+        with pytest.raises(Refused):
+            check_certificate(polygon, found.triangles, scrambled, alone)
+
+
+def test_the_table_and_the_program_agree_without_holes():
+    rng = np.random.default_rng(8)
+    for number in range(40):
+        polygon = random_simple(rng, int(rng.integers(5, 40)), 60)
+        name = (*WHOLE, *ROUNDED)[number % 5]
+        outline = boundary(polygon)
+        cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+        proof = prove(outline, best_start(outline, cost), cost)
+        best = triangulate(polygon, "optimal", criterion=name)
+        total = criteria.find(name).total
+        assert total(outline.points, proof.triangles) == pytest.approx(
+            total(outline.points, best), rel=1e-12
+        )
+        assert certify(polygon, best, name).proven
+        assert certify(polygon, proof.triangles, name).proven
+
+
+def test_real_polygons_with_holes_are_proven():
+    polygons = [p for _, p in glyphs("ABDg8%") if p.interiors]
+    polygons += [p for _, p in shared("helsinki.json") if p.is_valid and p.interiors][:12]
+    assert len(polygons) > 12
+    for polygon in polygons:
+        for name in ("half-perimeter", "overdraw"):
+            best = triangulate(polygon, "optimal", criterion=name)
+            assert certify(polygon, best, name).proven, (name, polygon.wkt)
+        other = certify(polygon, triangulate(polygon, "ear-clipping", repair=True))
+        assert other.lower_bound <= other.cost
+        assert other.gap == (other.cost - other.lower_bound) / other.cost
+
+
+def test_worse_triangulations_are_not_proven():
+    polygon = star(60, spread=0.4)
+    best, worst = (triangulate(polygon, f"{way}:half-perimeter") for way in ("optimal", "worst"))
+    total = criteria.find("half-perimeter").total
+    certificate = certify(polygon, worst)
+    assert not certificate.proven
+    assert certificate.lower_bound == total(vertices(polygon), best)
+    holed = shapely.Polygon(star(40).exterior, [[(500, 500), (530, 520), (510, 540)]])
+    worst = certify(holed, triangulate(holed, "worst:half-perimeter"))
+    assert not worst.proven
+    assert worst.lower_bound == solve(holed).certificate.cost < worst.cost
+
+
+def test_criteria_and_triangulations_that_cannot_be_certified():
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    with pytest.raises(ValueError, match="minmax-overdraw: only a sum"):
+        certify(SQUARE, best, "minmax-overdraw")
+    with pytest.raises(TriangulationError, match="not a conforming triangulation"):
+        certify(SQUARE, best[1:])
+    dropped = shapely.Polygon([(0, 0), (4, 0), (8, 0), (8, 8), (0, 8)])
+    with pytest.raises(TriangulationError, match="T-junction"):
+        certify(dropped, np.array([[0, 2, 3], [0, 3, 4]]))
+
+
+class TestChecker:
+    def claim(self, name="half-perimeter"):
+        polygon = shapely.Polygon(star(30).exterior, [[(480, 500), (530, 520), (510, 560)]])
+        found = solve(polygon, name)
+        check_certificate(polygon, found.triangles, name, found.certificate)
+        return polygon, found.triangles, found.certificate
+
+    def refused(self, certificate, match, polygon, triangles):
+        with pytest.raises(TriangulationError, match=match):
+            check_certificate(polygon, triangles, "half-perimeter", certificate)
+
+    def test_a_corrupted_triangulation(self):
+        polygon, triangles, certificate = self.claim()
+        broken = triangles.copy()
+        broken[0, 0] = next(k for k in range(len(vertices(polygon))) if k not in broken[0])
+        self.refused(certificate, "not a conforming", polygon, broken)
+        other = triangulate(polygon, "ear-clipping", repair=True)
+        self.refused(certificate, "the cost is", polygon, other)
+
+    def test_a_corrupted_dual(self):
+        polygon, triangles, certificate = self.claim()
+        evidence = certificate.evidence
+        leaf = evidence.root
+        refusals = 0
+        for edge in range(len(evidence.edges)):
+            for change in (1 << 40, -(1 << 40)):
+                potentials = leaf.potentials.copy()
+                potentials[edge] += change
+                changed = replace(evidence, root=Leaf(potentials, leaf.lift))
+                try:
+                    check_certificate(
+                        polygon, triangles, "half-perimeter", replace(certificate, evidence=changed)
+                    )
+                except Refused:
+                    refusals += 1
+        # An excluded edge's potential is not looked at; any other holds something in place.
+        assert refusals >= 2 * (len(evidence.edges) - len(evidence.excluded)) - 6
+        lifted = replace(evidence, root=Leaf(leaf.potentials, leaf.lift + (1 << 40)))
+        self.refused(replace(certificate, evidence=lifted), "potentials exceed", polygon, triangles)
+
+    def test_a_wrong_claim(self):
+        polygon, _, _ = self.claim()
+        other = triangulate(polygon, "worst:half-perimeter")
+        true = certify(polygon, other)
+        cost, bound = true.cost, true.lower_bound
+        self.refused(replace(true, proven=True), "not proven", polygon, other)
+        self.refused(replace(true, gap=0.0), "not proven", polygon, other)
+        self.refused(replace(true, lower_bound=cost), f"the bound is {bound}", polygon, other)
+        self.refused(replace(true, evidence=None), "no evidence", polygon, other)
+
+    def test_an_edge_of_an_optimum_that_is_excluded(self):
+        polygon, triangles, certificate = self.claim()
+        evidence = certificate.evidence
+        used = {tuple(sorted((t[k], t[k - 1]))) for t in triangles.tolist() for k in range(3)}
+        for number, edge in enumerate(map(tuple, evidence.edges.tolist())):
+            if edge in used:
+                more = replace(evidence, excluded=np.r_[evidence.excluded, np.int32(number)])
+                claim = replace(certificate, evidence=more)
+                self.refused(claim, "is excluded, but may be", polygon, triangles)
+        early = replace(evidence, excluded=evidence.excluded[::-1])
+        self.refused(replace(certificate, evidence=early), "is excluded, but", polygon, triangles)
+        twice = replace(evidence, excluded=np.r_[evidence.excluded, evidence.excluded[:1]])
+        self.refused(replace(certificate, evidence=twice), "excluded twice", polygon, triangles)
+
+    def test_units_that_hide_the_noise(self):
+        polygon, triangles, certificate = self.claim()
+        small = replace(certificate.evidence, factor=4)
+        self.refused(replace(certificate, evidence=small), "noise", polygon, triangles)
