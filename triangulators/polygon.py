@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import InvalidPolygon
-from triangulators.predicates import on_segment, tolerance, touching
+from triangulators.predicates import on_segment, touching
 from triangulators.simple_ring import LEFT, UNSURE, winding
 
 Result = TypeVar("Result")
