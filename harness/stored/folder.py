@@ -204,7 +204,7 @@ class Store:
                         os.fsync(file.fileno())
                 Path(temporary).chmod(0o644)
                 Path(temporary).replace(place)
-            except OSError:
+            except BaseException:
                 Path(temporary).unlink(missing_ok=True)
                 raise
 
