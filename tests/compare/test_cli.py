@@ -251,6 +251,7 @@ def test_another_triangulator_under_the_same_name_is_found(harness, tmp_path, mo
         code, _, err = harness(
             *("run", "--scene", "city:buildings=20", "--quick", "--quiet", "--out", name),
             *("--triangulators", "delaunay,mine:cut", "--rasterisers", "reference"),
+            *("--timeout", "600"),
         )
         assert code == 0, err
     code, out, err = harness("compare", "base", "head", "--format", "markdown")
