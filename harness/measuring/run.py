@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from harness import environment
 from harness.measuring.backends import find_backends
+from harness.measuring.beside import Beside, head_records
 from harness.measuring.cases import Job, measure_scene
 from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
 from harness.measuring.loading import load_scene
@@ -24,6 +25,7 @@ from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted
 from harness.triangulating.names import Recipe
 from scenes import Scene
+from scenes.spec import label as scene_label
 
 
 class Part(NamedTuple):
@@ -68,6 +70,7 @@ def run(
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
     database: Path | None = None,
+    beside: Beside | None = None,
 ) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -76,6 +79,7 @@ def run(
     open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
     database : model database that triangulations are read from and written to; None for none
+    beside : another version of the code to measure in the same rounds
 
     Raises
     ------
@@ -84,9 +88,9 @@ def run(
     """
     began = time.perf_counter()
     scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-    bench = Bench(open_worker, plan.timeout_s, database)
+    bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
     try:
-        return _run(plan, scene, out, reporter, bench, began, resume, force, split)
+        return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside)
     finally:
         bench.close(at_once=bench.stopping)
 
@@ -101,15 +105,19 @@ def _run(
     resume: bool,
     force: bool,
     split: Split | None,
+    beside: Beside | None,
 ) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
-    label = Path(plan.scene).name
+    label = scene_label(plan.scene)
     parts = split(label, scene) if split else [Part(label, scene)]
     plans = [_plan_of(part, plan) for part in parts]
     plan = replace(plan, triangulators=_union(plans))
     usable = find_backends(plan, bench, reporter)
     broken = find_broken(plan.triangulators, bench)
     facts = _facts(plan, scene)
+    if beside:
+        facts["beside"] = beside.facts()
+        plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]
     store, records = open_store(out, facts, resume=resume, force=force)
     counted = {} if force else read_counted(out)
     bench.seconds["prepare"] = time.perf_counter() - began
@@ -137,7 +145,7 @@ def _run(
             store.write_facts(facts)
         if not bench.stopping:
             store.drop_counted()
-    return RunResult(out, list(records.values()), bench.stopping, hurried)
+    return RunResult(out, head_records(records.values()), bench.stopping, hurried)
 
 
 def _keep(
@@ -207,7 +215,7 @@ def _union(plans: Sequence[Plan]) -> tuple[Recipe, ...]:
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
     """Return the content of a new run.json."""
-    machine = environment.collect(plan.seed)
+    machine = environment.collect(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "plan": plan.to_json(),
@@ -222,6 +230,7 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
             "dropped": [list(note) for note in scene.dropped],
             "repaired": [list(note) for note in scene.repaired],
+            "notes": list(scene.notes),
         },
         "environment": machine,
         "warnings": environment.warnings(machine),

@@ -83,7 +83,7 @@ function drawChart() {
 function noteOn(marks) {
   const view = state.report.views[group().view];
   const base = isRatio() ? `, in ratio to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
-  const line = isRatio() ? " On the dashed line the prediction is right." : "";
+  const line = isRatio() ? " On the dashed line both ratios are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
     ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
   const same = chart.same ? ` ${number(chart.same)} marks on 1, where nothing differs from ${group().base}, are left out.` : "";
@@ -145,7 +145,7 @@ function correlationText(criterion) {
 }
 
 function diagonal(marks, i, colour) {
-  const values = marks.map((m) => m.y);
+  const values = marks.flatMap((m) => [m.y, ...m.x]).filter(positive);
   const low = Math.min(1, ...sampleEnds(values)), high = Math.max(1, ...sampleEnds(values));
   return { type: "line", xAxisIndex: i, yAxisIndex: i, data: [[low, low], [high, high]], symbol: "none", silent: true,
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
