@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import InvalidPolygon
-from triangulators.predicates import on_segment, tolerance, touching
+from triangulators.predicates import on_segment, touching
 from triangulators.simple_ring import LEFT, UNSURE, winding
 
 Result = TypeVar("Result")
@@ -158,7 +158,12 @@ def boundary_of_rings(points: np.ndarray, ends: np.ndarray) -> Boundary:
 
 
 def _split_where_rings_touch(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    allowed = tolerance(points)
+    """Split edges at the vertices that lie on them, exactly: as GEOS judges validity.
+
+    A vertex beside an edge by less than a rounding error is not on it: what is between them is a
+    sliver of the polygon, and triangulated as one.
+    """
+    allowed = 0.0
     if len(edges) <= _BRUTE_FORCE:
         found = touching(points, edges, allowed)
     else:
@@ -177,7 +182,9 @@ def _split_where_rings_touch(points: np.ndarray, edges: np.ndarray) -> np.ndarra
     chains = []
     for e, (a, b) in enumerate(edges.tolist()):
         direction = points[b] - points[a]
-        between = sorted(inside.get(e, ()), key=lambda v: float(np.dot(points[v], direction)))
+        # Once each, also where several rings touch the edge at one point.
+        on_it = set(inside.get(e, ()))
+        between = sorted(on_it, key=lambda v: float(np.dot(points[v] - points[a], direction)))
         chain = [a, *between, b]
         chains += list(pairwise(chain))
     return np.array(chains, dtype=edges.dtype)

@@ -16,7 +16,7 @@ from numba import njit
 
 from triangulators.order import walk_of
 from triangulators.predicates import turn
-from triangulators.small_ring import SMALL, ring_optimum
+from triangulators.small_ring import SMALL, ring_optimum, weight
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -81,6 +81,9 @@ def holes_optimum(
         for k in range(most):
             corners[k, 0], corners[k, 1] = points[cycle[holes, k], 0], points[cycle[holes, k], 1]
         cost = ring_optimum(corners, box, found)
+        for level in range(holes):  # a cut is a side of the ring, but a diagonal of the polygon
+            a, b = cycle[level + 1, 0], ring[tip[level]]
+            cost += weight(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)
         if cost < least:
             least = cost
             for row in range(most - 2):

@@ -135,7 +135,7 @@ def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: fl
                 continue
             a, b = rx[k], ry[k]
             if k > i + 1 and k - i < n - 1:
-                cost += _weight(a, b, box)
+                cost += weight(a, b, box)
             table[i, k] = cost
             first = np.uint64((k + 1) & ~(_LANES - 1))
             low_x, high_x, low_y, high_y = min(0.0, a), max(0.0, a), min(0.0, b), max(0.0, b)
@@ -174,12 +174,12 @@ def _sides(
 
 
 @njit(cache=True, nogil=True)
-def _weight(dx: float, dy: float, box: np.ndarray) -> float:
+def weight(dx: float, dy: float, box: np.ndarray) -> float:
     """What a diagonal costs: it is an edge of two triangles, and so twice half its L1 length."""
-    weight = box[0] * (abs(dx) + abs(dy))
+    cost = box[0] * (abs(dx) + abs(dy))
     if box[2] != 0.0:
-        weight += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)
-    return weight
+        cost += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)
+    return cost
 
 
 @njit(cache=True, nogil=True)
