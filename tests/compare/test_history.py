@@ -145,7 +145,7 @@ def test_what_one_run_alone_measured_has_no_history(harness):
     write_run(Path("runs/one"), seed=1)
     code, out, _ = harness("history", "runs", "--out", "plots")
     assert code == 0
-    assert "1 run, 0 series: no case was measured by two runs; 15 more series" in out
+    assert "1 run, 0 series: no case was measured by two runs; 16 more series" in out
     assert not Path("plots").exists()
 
 
