@@ -31,7 +31,7 @@ from triangulators.small_ring import box_of, grid_unit
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
 
-_NONE: dict[Any, Any] = {
+_NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
     np.dtype(np.float64): np.float64(1e300),

@@ -260,7 +260,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
         sign = 1 if box[0] >= 0.0 else -1
         base = 0 if sign > 0 else int((w + h) / unit)
         whole = _fill_int(x, y, n, sign, base)
-        if not _trace(whole, x, y, n, 0.0, True, _NO_INT, triangles):
+        if not _trace(whole, x, y, n, 0.0, True, float(_NO_INT), triangles):
             return np.inf
         total = abs(box[0]) * unit * float(whole[0, n - 1])
     else:
