@@ -23,7 +23,7 @@ from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
 from harness.export.triangulation import triangulate_batch
 from harness.export.writer import About, Output, Writer
-from harness.triangulating.database import Cache
+from harness.triangulating.database import ModelDatabase
 from scenes import load
 from scenes.files import read_chunks
 from scenes.projection import Projection
@@ -108,7 +108,7 @@ def export_file(
     where: str | None = None,
     limit: int | None = None,
     project: bool | None = None,
-    cache: Cache | None = None,
+    database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
     chunk: int = CHUNK,
     **parameters: Any,
@@ -119,9 +119,10 @@ def export_file(
     `criterion` is given; `criterion` alone means the optimum of that criterion.
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
-    `chunk` at a time, so memory does not grow with the file. `cache` is the model database to use,
-    or None for none. `progress` is called with the number of polygons done so far. `parameters` go
-    to the triangulator. `out` appears when all is written; on an error it stays as it was.
+    `chunk` at a time, so memory does not grow with the file. `database` is the model database to
+    use, or None for none. `progress` is called with the number of polygons done so far.
+    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays
+    as it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.
@@ -143,7 +144,7 @@ def export_file(
                     continue
                 if writer is None:
                     writer = make(output, About(triangulator=name, **part.about))
-                mesh = _triangulated(part, name, parameters, extrude, cache, report)
+                mesh = _triangulated(part, name, parameters, extrude, database, report)
                 writer.add(mesh)
                 _count(report, mesh)
                 if progress is not None:
@@ -260,11 +261,11 @@ def _triangulated(
     name: str,
     parameters: dict[str, Any],
     extrude: str | float | None,
-    cache: Cache | None,
+    database: ModelDatabase | None,
     report: Report,
 ) -> meshes.Mesh:
     begun = time.perf_counter()
-    batch = triangulate_batch(part.polygons, name, parameters, cache)
+    batch = triangulate_batch(part.polygons, name, parameters, database)
     report.triangulate_s += time.perf_counter() - begun
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
