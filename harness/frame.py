@@ -27,7 +27,7 @@ SUBPIXEL = 256
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
 
-Fit = Literal["box", "circle"]
+FitMode = Literal["box", "circle"]
 """How the scene is laid on the viewport."""
 
 MAX_RESOLUTION = 16384
@@ -45,7 +45,7 @@ class View:
 
     resolution: int = 1024
     rotation: float = 0.0
-    fit: Fit = "box"
+    fit: FitMode = "box"
 
     def __post_init__(self) -> None:
         if not 8 <= self.resolution <= MAX_RESOLUTION:

@@ -97,7 +97,8 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     where = members[0]
     figure.suptitle(
         f"Which criterion predicts {find(measure).label}? {where['scene']} at "
-        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; one mark a polygon",
+        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; "
+        "one mark per polygon",
         fontsize=9,
     )
     handles, labels = axes[0].get_legend_handles_labels()
@@ -132,7 +133,7 @@ def _scatter(
             label=name,
             rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )
-    panel.set_xlabel(f"predicted {find(criterion).title},\nratio to {base}")
+    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {base}")
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:
@@ -152,7 +153,7 @@ def _share_axes(panels: Sequence[Axes]) -> None:
             axis.set_minor_formatter(NullFormatter())
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
     panels[0].annotate(
-        "as predicted",
+        "equal ratios",
         (high, high),
         (-3, -8),
         textcoords="offset points",
@@ -218,8 +219,10 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.set_xlim(0, 1.55 * max(max(ratio.high, 1.0) for _, ratio in pairs))
     panel.grid(visible=False, axis="y")
     left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
-    note = f"\nnot drawn, as it left polygons out: {', '.join(left_out)}" if left_out else ""
-    panel.set_xlabel(f"draw time, ratio to {base['triangulator']}, 95 % interval{note}")
+    note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
+    panel.set_xlabel(
+        f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
+    )
     first = whole[0]
     figure.suptitle(
         f"What is fastest to draw? {first['scene']}, {first['resolution']} px,\n"

@@ -11,11 +11,12 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.files import Raw, Source
+from scenes.damage import noted, refused
+from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
 _WANTED = ("RoofSurface", "GroundSurface")
-_FAULTS = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)
+_PLAN = "surfaces seen from above, their height is an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
@@ -28,12 +29,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     """
     model = _model(str(source.path), source.path.read_bytes)
     found = _Surfaces(source)
-    try:
-        vertices = _vertices(model, model)
-        objects = dict(model["CityObjects"])
-    except _FAULTS as error:
-        raise SceneError(f"{source.path} is not sound CityJSON: {_reason(error)}") from error
-    found.add(objects, vertices)
+    found.add(dict(model["CityObjects"]), _vertices(model, model))
     yield found.taken(_crs(model))
 
 
@@ -49,13 +45,11 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
         for number, line in enumerate(lines, start=2):
             if not line.strip():
                 continue
-            try:
+            with noted(found.dropped, f"line {number}", "is not sound"):
                 feature = json.loads(line)
                 if feature["type"] != "CityJSONFeature":
                     raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
                 found.add(dict(feature["CityObjects"]), _vertices(feature, head))
-            except (RecursionError, *_FAULTS) as error:
-                found.dropped.append((f"line {number}", f"is not sound: {_reason(error)}"))
             if number % size == 0:
                 yield found.taken(crs)
     yield found.taken(crs)
@@ -81,38 +75,29 @@ class _Surfaces:
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
         """Take in the surfaces of objects that share vertices."""
         for identifier, thing in objects.items():
-            try:
+            with noted(self.dropped, str(identifier), "is not a sound city object"):
                 for number, (kind, polygon, height) in enumerate(_surfaces(thing, vertices)):
                     if kind in self._wanted:
                         self._geometries.append(polygon)
                         self._labels.append(f"{identifier} surface {number}")
                         kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
                         self._rows.append({**kinds, "height": height})
-            except _FAULTS as error:
-                reason = f"is not a sound city object: {_reason(error)}"
-                self.dropped.append((str(identifier), reason))
 
     def taken(self, crs: str | None) -> Raw:
         """What was gathered since the last call."""
         columns = ["id", "type", "surface", "height"]
         table = pd.DataFrame(self._rows, columns=columns)
-        raw = Raw(self._geometries, self._labels, table, crs, "m", self.dropped)
+        raw = Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
         self._clear()
         return raw
 
 
 def _model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
-    try:
+    with refused(name, "JSON"):
         model = json.loads(content())
-    except (ValueError, RecursionError, OSError) as error:
-        raise SceneError(f"{name} is not readable JSON: {error}") from error
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
         raise SceneError(f"{name} is JSON, but its type is not CityJSON")
     return model
-
-
-def _reason(error: Exception) -> str:
-    return f"no {error}" if isinstance(error, KeyError) else str(error)
 
 
 def _crs(model: dict[str, Any]) -> str | None:

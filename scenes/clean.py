@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,12 +37,26 @@ class Cleaned:
     repaired: list[Note]
 
 
-def clean(geometries: Any, labels: list[str] | None = None) -> Cleaned:
+Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""(n, 2) coordinates to those of the source, by which a user finds the place."""
+
+
+def clean(
+    geometries: Any, labels: list[str] | None = None, locate: Locate | None = None
+) -> Cleaned:
     """Explode, flatten, repair and orient.
 
     `geometries` is a sequence of shapely geometries or None; `labels` name them in the notes
     ("feature 0", "feature 1", ... unless given). Multi-polygons become one polygon a part. An
     invalid polygon is repaired with `shapely.make_valid`; what has no area after that is dropped.
+    Where the geometries were projected, `locate` leads back: notes then name the source's places.
+
+    >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
+    >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])
+    >>> [polygon.area for polygon in cleaned.polygons], cleaned.source.tolist()
+    ([1.0, 12.0, 12.0], [0, 1, 1])
+    >>> cleaned.dropped, cleaned.repaired[0][0]
+    ([('feature 2', 'is a Point, not a polygon')], 'feature 1')
     """
     given = np.asarray(geometries, dtype=object).ravel()
     dropped: list[Note] = []
@@ -55,7 +70,7 @@ def clean(geometries: Any, labels: list[str] | None = None) -> Cleaned:
     parts = shapely.force_2d(parts)
     valid = shapely.is_valid(parts)
     if not valid.all():
-        parts, source = _repair(parts, source, valid, label, dropped, repaired)
+        parts, source = _repair(parts, source, valid, label, locate, dropped, repaired)
     with np.errstate(over="ignore"):
         area = shapely.area(parts)
     keep = (area > 0) & np.isfinite(area)
@@ -102,6 +117,7 @@ def _repair(
     source: NDArray[np.int64],
     valid: NDArray[np.bool_],
     label: Any,
+    locate: Locate | None,
     dropped: list[Note],
     repaired: list[Note],
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
@@ -111,7 +127,7 @@ def _repair(
     for part, index, good in zip(parts, source, valid, strict=True):
         pieces = [part] if good else _valid_pieces(part)
         if not good:
-            fault = _fault(part)
+            fault = _fault(part, locate)
             if pieces:
                 repaired.append((label(index), f"{fault}; repaired into {len(pieces)} polygon(s)"))
             else:
@@ -154,11 +170,13 @@ def _without_empty_holes(polygon: shapely.Polygon) -> shapely.Polygon:
     return shapely.Polygon(polygon.exterior, holes)
 
 
-def _fault(part: shapely.Polygon) -> str:
+def _fault(part: shapely.Polygon, locate: Locate | None) -> str:
     """The reason GEOS gives for invalidity, as a phrase: "self-intersects at 3.0 4.0"."""
     text = shapely.is_valid_reason(part)
     match = re.fullmatch(r"(.*?)\[(.*)\]", text)
     reason, place = match.groups() if match else (text, "")
     phrase = _REASONS.get(reason, f"is invalid ({reason})")
-    where = " ".join(str(float(number)) for number in place.split())
-    return f"{phrase} at {where}" if where else phrase
+    numbers = [float(number) for number in place.split()]
+    if locate is not None and len(numbers) == 2:
+        numbers = np.round(locate(np.array([numbers]))[0], 9).tolist()
+    return f"{phrase} at {' '.join(map(str, numbers))}" if numbers else phrase

@@ -12,7 +12,7 @@ import pandas as pd
 import shapely
 
 from scenes.clean import clean
-from scenes.projection import to_metres
+from scenes.projection import Projection
 from scenes.scene import Scene, SceneError
 
 _DATABASE = Path("_data", "geographic_boundaries.db")
@@ -35,7 +35,8 @@ def build(*, seed: int = 0, level: str = "county", states: str = "contiguous") -
         raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
     tables = [json.loads(metadata) for _, metadata, _ in rows]
     outlines = shapely.from_wkb([geometry for _, _, geometry in rows])
-    flat = shapely.transform(outlines, lambda degrees: to_metres(degrees, _CENTRE))
+    # TIGER/Line coordinates are those of NAD 83
+    flat = Projection("EPSG:4269", _CENTRE).project(outlines)
     labels = [str(t.get("detailed_name", t.get("name", i))) for i, t in enumerate(tables)]
     cleaned = clean(flat, labels)
     return Scene(

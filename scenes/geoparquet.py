@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.files import Raw, Source
+from scenes.names import suggestion
+from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
+from scenes.tables import to_pandas
 
 _NATIVE = {"polygon": 2, "multipolygon": 3}
 """Native encodings that hold polygons, and how many lists lie about their coordinates."""
@@ -24,41 +27,46 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     writers do, or natively, as lists of lists of coordinates.
     """
     try:
-        import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
         raise SceneError(
             f'{source.path} needs pyarrow to be read: pip install "raster-harness[geoparquet]"'
         ) from error
-    try:
-        with parquet.ParquetFile(source.path) as file:
-            column, encoding, crs = _geometry_column(source, file.schema_arrow)
-            start = 0
-            for batch in file.iter_batches(batch_size=size):
-                yield _raw(batch, column, encoding, crs, start)
-                start += batch.num_rows
-    except (pa.ArrowException, OSError, ValueError, shapely.GEOSException) as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(f"{source.path} cannot be read as Parquet: {reason}") from error
+    with parquet.ParquetFile(source.path) as file:
+        column, encoding, crs, notes = _geometry_column(source, file.schema_arrow)
+        start = 0
+        for batch in file.iter_batches(batch_size=size):
+            raw = _raw(batch, column, encoding, crs, start)
+            yield replace(raw, notes=notes + raw.notes)
+            start += batch.num_rows
 
 
-def _geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None]:
-    """Name, encoding and reference system of the column to read."""
-    try:
-        geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
-        column = source.layer or geo["primary_column"]
-        about = geo["columns"][column]
-        encoding = about["encoding"]
-    except (ValueError, TypeError, KeyError) as error:
-        what = "no geometry column" + (f" {source.layer!r}" if source.layer else "")
-        raise SceneError(f"{source.path} has {what} in its GeoParquet metadata") from error
+def _geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, tuple[str, ...]]:
+    """Name, encoding and reference system of the column to read, and a note on other ones."""
+    geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
+    if not geo:
+        raise SceneError(
+            f"{source.path} has no geometry column in its GeoParquet metadata: "
+            "write it with a program that knows GeoParquet"
+        )
+    columns = geo["columns"]
+    column = source.layer or geo["primary_column"]
+    if column not in columns:
+        raise SceneError(
+            f"{source.path} has no geometry column {column!r}; "
+            + suggestion(column, columns, "it has")
+        )
+    about = columns[column]
+    encoding = about["encoding"]
+    others = [name for name in columns if name != column]
+    notes = (f"geometry column {column}, not {', '.join(others)}",) if others else ()
     there = column in schema.names
     if not there or encoding not in ("WKB", _nesting(schema.field(column).type)):
         raise SceneError(
             f"{source.path}: column {column} is encoded as {encoding}, which is not read: "
             "write it as WKB"
         )
-    return column, encoding, _code(about.get("crs", "OGC:CRS84"))
+    return column, encoding, _code(about.get("crs", "OGC:CRS84")), notes
 
 
 def _nesting(kind: Any) -> str:
@@ -89,21 +97,21 @@ def _decoded(values: Any, encoding: str) -> NDArray[Any]:
 
 
 def _code(crs: Any) -> str | None:
-    """PROJJSON to an authority code, or to the head of WKT that tells degrees from metres."""
+    """PROJJSON to an authority code, or else to its own text."""
     if not isinstance(crs, dict):
         return crs if isinstance(crs, str) else None
     identifier = crs.get("id")
     if isinstance(identifier, dict) and {"authority", "code"} <= identifier.keys():
         return f"{identifier['authority']}:{identifier['code']}"
-    return "GEOGCRS" if crs.get("type") == "GeographicCRS" else None
+    return json.dumps(crs)
 
 
 def _raw(batch: Any, column: str, encoding: str, crs: str | None, start: int) -> Raw:
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
-    table = batch.remove_column(index).to_pandas()
+    table, notes = to_pandas(batch.remove_column(index))
     if encoding != "WKB":
-        return Raw(_decoded(batch.column(index), encoding), labels, table, crs)
+        return Raw(_decoded(batch.column(index), encoding), labels, table, crs, notes=notes)
     values = batch.column(index).to_pylist()
     geometries = shapely.from_wkb(np.array([*values, None], dtype=object), on_invalid="ignore")[:-1]
     broken = [
@@ -119,4 +127,5 @@ def _raw(batch: Any, column: str, encoding: str, crs: str | None, start: int) ->
         table.iloc[keep].reset_index(drop=True),
         crs,
         dropped=dropped,
+        notes=notes,
     )

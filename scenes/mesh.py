@@ -10,10 +10,11 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes import obj, ply
-from scenes.files import Raw, Source
 from scenes.layout import in_rows
+from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
+_FLAT = "each face in its own plane, side by side"
 _PLANAR = 1e-3
 """A face that leaves its plane by more than this share of its size is noted."""
 
@@ -48,7 +49,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
             repaired.append((label, f"is not planar by {off:.2g} of its size; projected"))
         polygons.append(polygon)
         labels.append(label)
-    yield Raw(in_rows(polygons), labels, dropped=dropped, repaired=repaired)
+    yield Raw(in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
 
 
 def _flat(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
@@ -79,17 +80,13 @@ def _joined(source: Source) -> Iterator[Raw]:
     """Faces of a format that has triangles only: neighbours in one plane become one polygon."""
     import trimesh  # slow to import, and needed for these formats alone
 
-    try:
-        model = trimesh.load_mesh(source.path, process=True)
-    except Exception as error:  # each of trimesh's loaders raises what it likes
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise SceneError(f"{source.path} is not a readable model: {reason}") from error
+    model = trimesh.load_mesh(source.path, process=True)
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
     if len(triangles) == 0:
         raise SceneError(f"{source.path} holds no face: give a model with faces")
     polygons, dropped = facets(np.asarray(model.vertices, dtype=float), triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
-    yield Raw(in_rows(polygons), labels, dropped=dropped)
+    yield Raw(in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
 
 
 def facets(

@@ -1,81 +1,206 @@
-"""Longitude and latitude to metres on a local map, without a projection library."""
+"""Longitude and latitude to metres, on a map made for the data; PROJ decides and projects.
+
+Readers give coordinates with x (east, longitude) first, whatever order the reference system
+defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
 
-_A = 6378137.0  # WGS 84, metres
-_E = 0.0818191908426215  # first eccentricity of WGS 84
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.crs import ProjectedCRS
+from pyproj.crs.coordinate_operation import (
+    LambertAzimuthalEqualAreaConversion,
+    LambertCylindricalEqualAreaConversion,
+)
+from pyproj.exceptions import CRSError
+
+REACH = 90.0
+"""Degrees from its centre up to which data get an azimuthal map; beyond, shapes fold."""
+
+LONG_EDGE = 90.0
+"""Degrees of longitude from which an edge is meant straight in the plane of longitude and latitude,
+not on the globe."""
+
+_POLE = 89.999
+
+
+@cache
+def system(crs: str | None) -> CRS | None:
+    """The horizontal reference system of this name, code, WKT or PROJJSON; None if PROJ knows none.
+
+    >>> system("EPSG:7844").name
+    'GDA2020'
+    >>> system("EPSG:999999") is None
+    True
+    """
+    if not crs:
+        return None
+    try:
+        found = CRS.from_user_input(crs)
+    except CRSError:
+        return None
+    if found.is_bound and found.source_crs is not None:
+        found = found.source_crs
+    if found.is_compound:
+        found = found.sub_crs_list[0]
+    return found.to_2d() if found.is_geographic else found
 
 
 def is_geographic(crs: str | None, coordinates: NDArray[np.float64]) -> bool:
-    """Whether coordinates of this reference system are degrees.
+    """Whether these (n, 2) coordinates are longitude and latitude, by their reference system.
 
-    `crs` is what pyogrio reports: an authority code, WKT, or None. GDAL calls every GeoJSON
-    without a `crs` member EPSG:4326, so coordinates no globe has are taken as planar.
+    One that PROJ does not know never is. GDAL calls every GeoJSON without a `crs` member EPSG:4326,
+    so coordinates that no globe has are taken as planar.
+
+    >>> is_geographic("EPSG:6318", np.array([[-96.0, 38.0]]))
+    True
+    >>> is_geographic("EPSG:4326", np.array([[386_000.0, 6_672_000.0]]))
+    False
     """
-    if crs is None or len(coordinates) == 0:
+    known = system(crs)
+    if known is None or not known.is_geographic or len(coordinates) == 0:
         return False
-    head = crs.strip().upper()
-    code = head.removeprefix("EPSG:")
-    # EPSG keeps its two-dimensional geographic systems in 4001..4904
-    by_code = head.startswith("EPSG:") and code.isdigit() and 4001 <= int(code) <= 4904
-    degrees = by_code or head.startswith(("OGC:CRS84", "GEOGCS", "GEOGCRS"))
-    finite = coordinates[np.isfinite(coordinates).all(axis=1)]
+    finite = coordinates[np.isfinite(coordinates).all(axis=1)] * _degrees_per_unit(known)
     lon, lat = np.abs(finite).max(axis=0, initial=0.0)
-    return bool(degrees and lon <= 360.0 and lat <= 90.0)
+    return bool(lon <= 360.0 and lat <= 90.0 + 1e-9)
 
 
-def to_metres(
-    degrees: NDArray[np.float64], centre: tuple[float, float] | None = None
-) -> NDArray[np.float64]:
-    """Project (n, 2) longitude, latitude in degrees to (n, 2) metres east and north of `centre`.
+def units(crs: str | None) -> str | None:
+    """The unit of a reference system's coordinates: "m", "degree", "US survey foot", ..."""
+    known = system(crs)
+    if known is None or not known.axis_info:
+        return None
+    return {"metre": "m"}.get(known.axis_info[0].unit_name, known.axis_info[0].unit_name)
 
-    Lambert's azimuthal equal-area projection about `centre` (longitude, latitude; by default the
-    mean direction of the points), with authalic latitudes so that areas are those on the WGS 84
-    ellipsoid: Snyder, Map Projections - A Working Manual (1987), eqs 3-11, 3-12, 3-13 and 24-2 to
-    24-4. Within 50 km of the centre lengths are right to about 0.4 %.
+
+@dataclass(frozen=True)
+class Projection:
+    """A map of a data set, in metres; areas on it are those on the ellipsoid.
+
+    `crs` is the geographic system of the data, whose datum is kept. `centre` is longitude and
+    latitude, in degrees from that system's own prime meridian, of Lambert's azimuthal equal-area
+    projection: lengths are right at the centre and to 0.1 % within 500 km. None stands for
+    Lambert's cylindrical equal-area projection, on which the whole globe lies as it does in the
+    file: meridians and parallels stay straight, and nothing folds or collapses.
     """
-    if centre is None:
+
+    crs: str
+    centre: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, crs: str, geometries: Any) -> Projection:
+        """The map for geometries in longitude and latitude.
+
+        It is azimuthal unless they reach further than `REACH` from their centre, or have edges
+        longer than `LONG_EDGE`, such as a box from -180 to 180 has.
+        """
+        known = system(crs)
+        scale = _degrees_per_unit(known) if known is not None else 1.0
+        degrees = shapely.get_coordinates(geometries) * scale
         centre = mean_direction(degrees)
-    lon = np.radians(degrees[:, 0] - centre[0])
-    beta, beta0 = _authalic(degrees[:, 1]), _authalic(np.array([centre[1]]))[0]
-    cos_distance = np.sin(beta0) * np.sin(beta) + np.cos(beta0) * np.cos(beta) * np.cos(lon)
-    # the antipode of the centre has no image; keep it far away but finite
-    k = np.sqrt(2.0 / np.maximum(1.0 + cos_distance, 1e-9))
-    x = _RADIUS * k * np.cos(beta) * np.sin(lon)
-    north = np.cos(beta0) * np.sin(beta) - np.sin(beta0) * np.cos(beta) * np.cos(lon)
-    return np.column_stack([x, _RADIUS * k * north])
+        lon, lat = np.radians(degrees).T
+        lon0, lat0 = np.radians(centre)
+        cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
+        near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(REACH))
+        return cls(crs, centre if near and not _has_long_edges(geometries, scale) else None)
 
+    def __str__(self) -> str:
+        if self.centre is None:
+            return "Lambert cylindrical equal-area"
+        lon, lat = (round(degrees, 2) + 0.0 for degrees in self.centre)
+        return f"Lambert azimuthal equal-area about {lon:g}, {lat:g}"
 
-def to_degrees(metres: NDArray[np.float64], centre: tuple[float, float]) -> NDArray[np.float64]:
-    """Undo `to_metres`: (n, 2) metres about `centre` to longitude and latitude in degrees.
+    @cached_property
+    def _to_metres(self) -> Transformer:
+        known = system(self.crs) or CRS("OGC:CRS84")
+        base = known.source_crs if known.is_derived and known.source_crs is not None else known
+        conversion = (
+            LambertCylindricalEqualAreaConversion()
+            if self.centre is None
+            else LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
+        )
+        # about the data's own datum: nothing is shifted to another
+        return Transformer.from_crs(
+            known, ProjectedCRS(conversion, geodetic_crs=base), always_xy=True
+        )
 
-    Snyder, eqs 20-14, 20-15, 20-18 and the iteration 3-16; exact to about 1e-11 degrees.
-    """
-    x, y = metres.T
-    beta0 = _authalic(np.array([centre[1]]))[0]
-    rho = np.hypot(x, y)
-    c = 2.0 * np.arcsin(np.clip(rho / (2.0 * _RADIUS), -1.0, 1.0))
-    slope = np.divide(y * np.sin(c), rho, out=np.zeros_like(rho), where=rho > 0)
-    sine = np.cos(c) * np.sin(beta0) + slope * np.cos(beta0)
-    lon = np.arctan2(x * np.sin(c), rho * np.cos(beta0) * np.cos(c) - y * np.sin(beta0) * np.sin(c))
-    lon = np.where(rho > 0, lon, 0.0)
-    lat = np.arcsin(np.clip(sine, -1.0, 1.0))
-    wanted = sine * _Q_POLE
-    for _ in range(4):
-        # Newton's step for q(lat) = wanted; at the poles it is 0 / 0 and lat is right already
-        slope = 2.0 * (1 - _E**2) * np.cos(lat) / (1 - (_E * np.sin(lat)) ** 2) ** 2
-        off = wanted - _q(np.degrees(lat))
-        lat = lat + np.divide(off, slope, out=np.zeros_like(lat), where=slope > 1e-9)
-    degrees = np.column_stack([np.degrees(lon) + centre[0], np.degrees(lat)])
-    degrees[:, 0] = (degrees[:, 0] + 180.0) % 360.0 - 180.0
-    return degrees
+    def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) coordinates of the source to (n, 2) metres east and north; infinite off the map.
+
+        >>> there = Projection("EPSG:4326", (25.0, 60.0))
+        >>> there.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
+        [[0.0, 0.0], [0.0, 11141.3]]
+        """
+        if self.centre is not None:
+            # the two sides of the 180th meridian, and all longitudes of a pole, are one place: with
+            # the same numbers for it, the seam of a ring round a pole vanishes
+            lon, lat = coordinates.T
+            lon = np.where(lon == -self._turn / 2, self._turn / 2, lon)
+            lon = np.where(np.abs(lat) == self._turn / 4, 0.0, lon)
+            return np.column_stack(self._to_metres.transform(lon, lat))
+        # longitudes beyond 180 are of rings that cross it: they go on, where PROJ would wrap them
+        turns = np.round(coordinates[:, 0] / self._turn)
+        lon = coordinates[:, 0] - turns * self._turn
+        x, y = self._to_metres.transform(lon, coordinates[:, 1])
+        return np.column_stack([x + turns * self._width, y])
+
+    def inverse(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undo `forward`, to about 1e-11 degrees; longitudes come between -180 and 180."""
+        if self.centre is None:
+            metres = metres - np.round(metres[:, :1] / self._width) * [self._width, 0.0]
+        x, y = metres.T
+        lon, lat = self._to_metres.transform(x, y, direction="INVERSE")
+        # PROJ's inverse is right to some millimetres; a step of Newton's method, with differences
+        # for derivatives, brings back what the source had
+        dlon, dlat = (np.copysign(1e-5, -each) for each in (lon, lat))
+        here = np.array(self._to_metres.transform(lon, lat))
+        with np.errstate(all="ignore"):
+            along = (np.array(self._to_metres.transform(lon + dlon, lat)) - here) / dlon
+            up = (np.array(self._to_metres.transform(lon, lat + dlat)) - here) / dlat
+            miss = np.array([x, y]) - here
+            steps = np.array([_cross(miss, up), _cross(along, miss)]) / _cross(along, up)
+            # a pole has no longitude to mend
+            steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
+        return np.column_stack([lon + steps[0], lat + steps[1]])
+
+    @cached_property
+    def _turn(self) -> float:
+        """A turn in the source's unit: 360 degrees, or 400 gon."""
+        known = system(self.crs)
+        return 360.0 if known is None else 360.0 / _degrees_per_unit(known)
+
+    @cached_property
+    def _width(self) -> float:
+        """The cylindrical map's, in metres."""
+        east, _ = self._to_metres.transform(np.array([self._turn / 2]), np.zeros(1))
+        return 2.0 * float(east[0])
+
+    def project(self, geometries: Any) -> NDArray[Any]:
+        """Geometries (shapely's, or None) in metres, two-dimensional.
+
+        An edge of more than 180 degrees crosses the 180th meridian, one of just 360 does not.
+        """
+        given = np.array(geometries, dtype=object)
+        if self.centre is None:
+            for i in np.flatnonzero(_crosses(given, self._turn)):
+                given[i] = _unwrapped(given[i], self._turn)
+        projected: NDArray[Any] = shapely.transform(given, self.forward)
+        return projected
 
 
 def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Longitude and latitude of the mean of the points as vectors; right across the 180th."""
+    """Longitude and latitude of the mean of the points as vectors; right across the 180th.
+
+    >>> mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
+    180.0
+    """
     finite = degrees[np.isfinite(degrees).all(axis=1)]
     lon, lat = np.radians(finite[:, 0]), np.radians(finite[:, 1])
     x, y, z = (np.cos(lat) * np.cos(lon)).mean(), (np.cos(lat) * np.sin(lon)).mean(), np.sin(lat)
@@ -83,16 +208,66 @@ def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
     return float(centre[0]), float(centre[1])
 
 
-def _q(lat: NDArray[np.float64]) -> NDArray[np.float64]:
-    sine = np.sin(np.radians(lat))
-    return (1 - _E**2) * (
-        sine / (1 - (_E * sine) ** 2) - np.log((1 - _E * sine) / (1 + _E * sine)) / (2 * _E)
-    )
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
+    return product
 
 
-def _authalic(lat: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.arcsin(np.clip(_q(lat) / _Q_POLE, -1.0, 1.0))
+def _degrees_per_unit(geographic: CRS) -> float:
+    """Some systems of France and of old maps count in grads of 400 to the turn."""
+    return float(np.degrees(geographic.axis_info[0].unit_conversion_factor))
 
 
-_Q_POLE = float(_q(np.array([90.0]))[0])
-_RADIUS = float(_A * np.sqrt(_Q_POLE / 2.0))  # of the sphere that has the ellipsoid's area
+def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Of each edge of each ring: its step in longitude, its middle's latitude, its geometry."""
+    parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
+    parts, inner = shapely.get_parts(parts, return_index=True)
+    polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    rings, part = shapely.get_rings(parts[polygonal], return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    middle = (xy[1:, 1] + xy[:-1, 1]) / 2
+    return np.diff(xy[:, 0])[same], middle[same], owner[inner][polygonal][part][ring[1:]][same]
+
+
+def _has_long_edges(geometries: Any, scale: float) -> bool:
+    step, lat, _ = _steps(geometries)
+    step, lat = np.abs(step * scale), np.abs(lat * scale)
+    long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
+    return bool((long & (lat < _POLE)).any())
+
+
+def _across(step: NDArray[np.float64], turn: float) -> NDArray[np.bool_]:
+    size = np.abs(step)
+    return (size > turn / 2) & (size < turn * (1 - 1e-12))
+
+
+def _crosses(geometries: NDArray[Any], turn: float) -> NDArray[np.bool_]:
+    """Which geometries have a ring that crosses the 180th meridian."""
+    step, _, owner = _steps(geometries)
+    found = np.zeros(len(geometries), dtype=bool)
+    found[owner[_across(step, turn)]] = True
+    return found
+
+
+def _unwrapped(geometry: Any, turn: float) -> Any:
+    """The geometry with each ring in one piece, beyond 180 degrees if need be."""
+    if not isinstance(geometry, shapely.Polygon):
+        parts = [_unwrapped(part, turn) for part in shapely.get_parts(geometry)]
+        return shapely.GeometryCollection(parts)
+    rings = [_ring(ring, turn) for ring in (geometry.exterior, *geometry.interiors)]
+    middle = rings[0][:, 0].mean()
+    shifts = [np.round((middle - ring[:, 0].mean()) / turn) * turn for ring in rings]
+    moved = [ring + [shift, 0.0] for ring, shift in zip(rings, shifts, strict=True)]
+    return shapely.Polygon(moved[0], moved[1:])
+
+
+def _ring(ring: Any, turn: float) -> NDArray[np.float64]:
+    xy = shapely.get_coordinates(ring)
+    step = np.diff(xy[:, 0])
+    xy[1:, 0] += turn * np.cumsum(np.where(_across(step, turn), -np.sign(step), 0.0))
+    if xy[0, 0] == xy[-1, 0]:
+        return xy
+    # it runs round a pole, which is a line on this map: close it along that
+    pole = np.copysign(turn / 4, xy[:, 1].mean())
+    return np.vstack([xy, [xy[-1, 0], pole], [xy[0, 0], pole]])

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
-import re
-import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin
+from typing import Any
 
 import numpy as np
 import shapely
 
 from scenes.clean import clean
+from scenes.damage import debugging, reason
+from scenes.names import suggestion
 from scenes.scene import Scene, SceneError, UnknownScene
+from scenes.spec import arguments_for, converted, exists, is_function, is_path, parsed
 
 GROUP = "raster_harness.scenes"
 """Entry-point group by which other packages add scenes."""
@@ -100,78 +100,80 @@ def names() -> list[str]:
 
 
 def entry(name: str) -> Entry:
-    """The entry of a registered scene. Raises UnknownScene, suggesting the nearest name."""
+    """The entry of a registered scene, or of a user's function given as "module:function".
+
+    Raises UnknownScene, suggesting the nearest name.
+
+    >>> entry("paper").description
+    "test polygon of the paper's Table 1"
+    """
     if name in ENTRIES:
         return ENTRIES[name]
     for point in _installed():
         if point.name == name:
             package = point.dist.name if point.dist else point.module
             return Entry(name, point.value, f"added by {package}", licence="see " + package)
-    nearest = difflib.get_close_matches(name, names(), n=1)
-    hint = f"did you mean {nearest[0]}?" if nearest else "there are: " + ", ".join(names())
-    raise UnknownScene(f"no scene is called {name!r}; {hint} (a file needs its suffix or a path)")
+    if is_function(name):
+        base, _, rest = name.partition(":")
+        if base in names() or exists(base):
+            raise UnknownScene(f"{name}: what does {rest} stand for? Give {base}:NAME={rest}")
+        return Entry(name, name, f"user's function {name}", licence="the user's")
+    raise UnknownScene(
+        f"no scene is called {name!r}; {suggestion(name, names())} "
+        "(a file needs its suffix or a path, a function is given as module:function)"
+    )
 
 
 def load(name_or_path: str | Path, *, seed: int = 0, **parameters: Any) -> Scene:
-    """Load a scene by name, or the polygons of a file.
+    """Load a scene by name, the polygons of a file, or what a function of the user's returns.
 
     `name_or_path` may carry parameters: "city:buildings=2000,seed=3". Anything that exists as a
-    path, contains a path separator or has a suffix is a file. Every scene takes `limit`, the
-    number of polygons to keep; files also take `layer`, `where` and `project` (see
-    `scenes.files.read`).
+    path, contains a path separator or has a suffix is a file. "module:function" is a function that
+    returns a Scene or polygons, and is called with `seed`, if it takes that, and the parameters by
+    keyword. Every scene takes `limit`, the number of polygons to keep; files also take `layer`,
+    `where` and `project` (see `scenes.files.read`).
 
     Raises UnknownScene for a name that is not registered and SceneError for anything else that
     stops the scene from being loaded: a parameter that it does not have, a missing or unreadable
-    file, no polygon in it.
+    file, no polygon in it, a function that fails.
+
+    >>> scene = load("city:buildings=20", limit=5)
+    >>> len(scene.polygons), scene.units, scene.parameters["buildings"]
+    (5, 'm', 20)
     """
-    name, given = _split(str(name_or_path))
+    name, given = parsed(str(name_or_path))
     parameters = {**given, **parameters}
-    seed = _converted("seed", parameters.pop("seed", seed), int)
+    seed = converted("seed", parameters.pop("seed", seed), int)
     limit = parameters.pop("limit", None)
-    if _is_path(name):
+    if is_path(name):
         function: Callable[..., Scene] = importlib.import_module("scenes.files").read
-        arguments = _arguments(name, function, parameters)
+        arguments = arguments_for(name, function, parameters)
         if limit is not None:
-            arguments["limit"] = _converted("limit", limit, int)
+            arguments["limit"] = converted("limit", limit, int)
         return function(name, **arguments)
-    function = _function(entry(name))
-    scene = function(seed=seed, **_arguments(name, function, parameters))
-    scene = _as_scene(name, scene, {**parameters, "seed": seed})
-    return scene if limit is None else scene.head(_converted("limit", limit, int))
+    found = entry(name)
+    function = _function(found)
+    arguments = arguments_for(name, function, parameters)
+    if _takes_seed(function):
+        arguments["seed"] = seed
+    made = function(**arguments) if name in ENTRIES else _called(name, function, arguments)
+    scene = _as_scene(name, made, {**parameters, "seed": seed})
+    return scene if limit is None else scene.head(converted("limit", limit, int))
 
 
 def split(text: str) -> tuple[str, dict[str, Any], bool]:
     """ "name:key=value" to the name, its parameters as `load` would pass them, and if it is a file.
 
     An existing path stays whole. Parameters of a file are converted and checked; raises SceneError.
+
+    >>> split("town.gpkg:layer=parks,limit=9")
+    ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
     """
-    name, given = _split(text)
-    if not _is_path(name):
+    name, given = parsed(text)
+    if not is_path(name):
         return name, given, False
     function = importlib.import_module("scenes.files").read
-    return name, _arguments(name, function, given), True
-
-
-def _split(text: str) -> tuple[str, dict[str, Any]]:
-    """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole."""
-    if _exists(text):
-        return text, {}
-    match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
-    if not match:
-        return text, {}
-    pairs = re.split(r",(?=[A-Za-z_]\w*=)", match[2])
-    return match[1], dict(pair.split("=", 1) for pair in pairs)
-
-
-def _is_path(name: str) -> bool:
-    return "/" in name or "\\" in name or Path(name).suffix != "" or _exists(name)
-
-
-def _exists(name: str) -> bool:
-    try:
-        return Path(name).exists()
-    except (OSError, ValueError):  # too long for a path, or a NUL in it
-        return False
+    return name, arguments_for(name, function, given), True
 
 
 def _function(scene: Entry) -> Callable[..., Any]:
@@ -179,59 +181,55 @@ def _function(scene: Entry) -> Callable[..., Any]:
     if missing:
         raise SceneError(f"scene {scene.name} needs data that are not installed: {missing}")
     try:
-        loaded: Callable[..., Any] = EntryPoint(scene.name, scene.builder, GROUP).load()
-    except Exception as error:
+        loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:  # a module may also end the process as it is imported
         raise SceneError(
-            f"scene {scene.name} ({scene.builder}) cannot be imported: {error}"
+            f"scene {scene.name} ({scene.builder}) cannot be imported: {_said(error)}"
         ) from error
+    if not callable(loaded):
+        raise SceneError(f"scene {scene.name} ({scene.builder}) is not a function")
     return loaded
 
 
-def _arguments(
-    name: str, function: Callable[..., Any], parameters: dict[str, Any]
-) -> dict[str, Any]:
-    """Parameters converted to the types the builder declares; unknown ones are refused."""
-    declared = inspect.signature(function, eval_str=True).parameters
-    if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
-        return dict(parameters)
-    known = [k for k, p in declared.items() if p.kind is p.KEYWORD_ONLY and k != "seed"]
-    for key in parameters:
-        if key not in known:
-            nearest = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean {nearest[0]}?" if nearest else f"it has: {', '.join(known)}"
-            raise SceneError(f"scene {name} has no parameter {key!r}; {hint}")
-    return {k: _converted(k, v, declared[k].annotation) for k, v in parameters.items()}
+def _takes_seed(function: Callable[..., Any]) -> bool:
+    declared = inspect.signature(function).parameters
+    return "seed" in declared or any(p.kind is p.VAR_KEYWORD for p in declared.values())
 
 
-def _converted(key: str, value: Any, kind: Any) -> Any:
-    """A value given as text, turned into the declared type; other values as they are."""
-    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
-    if not isinstance(value, str) or inspect.Parameter.empty in kinds:
-        return value
-    for each in kinds:
-        if each is bool and value.lower() in ("true", "yes", "1", "false", "no", "0"):
-            return value.lower() in ("true", "yes", "1")
-        if each in (int, float):
-            try:
-                return each(value)
-            except ValueError:
-                continue
-        if each is str:
-            return value
-    wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
-    raise SceneError(f"parameter {key}={value!r} is not {wanted}: give a value like {key}=10")
+def _called(name: str, function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
+    """What another's function returns; if it fails, or ends the process, that is one line."""
+    try:
+        made = function(**arguments)
+        if isinstance(made, Iterable):
+            made = list(made)
+    except (SceneError, KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:
+        if debugging():
+            raise
+        raise SceneError(f"scene {name} failed: {_said(error)}") from error
+    if isinstance(made, (Scene, list)):
+        return made
+    raise SceneError(f"scene {name} returned {type(made).__name__}, not a Scene or polygons")
 
 
-def _as_scene(name: str, made: Any, parameters: dict[str, Any]) -> Scene:
-    """What a builder returned, as a Scene: one of another package may return bare polygons."""
+def _said(error: BaseException) -> str:
+    """An error in one line; one that would have ended the process by its name."""
+    if isinstance(error, Exception):
+        return reason(error)
+    return f"it raised {type(error).__name__}({error})"
+
+
+def _as_scene(name: str, made: Scene | list[Any], parameters: dict[str, Any]) -> Scene:
+    """What a builder returned, as a Scene: another's may return bare polygons."""
     if isinstance(made, Scene):
         return replace(made, parameters=parameters | made.parameters)
     try:
-        cleaned = clean(list(made))
+        cleaned = clean(made)
     except TypeError as error:
-        raise SceneError(
-            f"scene {name} returned {type(made).__name__}, not a Scene or polygons"
-        ) from error
+        raise SceneError(f"scene {name} returned what are not polygons: {error}") from error
     if not len(cleaned.polygons):
         raise SceneError(f"scene {name} holds no polygon")
     return Scene(

@@ -32,7 +32,8 @@ class Scene:
     `polygons` are valid, two-dimensional and oriented (exterior counter-clockwise with y up,
     interiors clockwise); holes are allowed. `dropped` names every geometry of the source that is
     not among them and `repaired` every one that was changed to make it valid. `attributes`, where
-    the source has any, is a table with one row a polygon.
+    the source has any, is a table with one row a polygon. `notes` say what was chosen and changed
+    as a whole: the layer, the projection, heights.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Scene:
     dropped: list[Note] = field(default_factory=list)
     repaired: list[Note] = field(default_factory=list)
     attributes: pd.DataFrame | None = None
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Scene({self.name!r}, {len(self.polygons)} polygons, {self.units})"

@@ -16,7 +16,8 @@ from fontTools.pens.transformPen import TransformPen  # type: ignore[import-unty
 from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
 
 from scenes.contours import filled
-from scenes.files import Raw, Source
+from scenes.damage import noted
+from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
 _SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
@@ -27,35 +28,24 @@ _STEPS = 8
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawing is one chunk
     """Every filled shape of the drawing, y turned up, in the drawing's user units."""
-    try:
-        root = ElementTree.parse(source.path).getroot()
-    except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:
-        raise SceneError(f"{source.path} is not readable SVG: {error}") from error
+    root = ElementTree.parse(source.path).getroot()
     if _tag(root) != "svg":
         raise SceneError(f"{source.path} is XML, but not SVG: its root is {_tag(root)}")
     geometries: list[Any] = []
     labels: list[str] = []
     identifiers: list[str] = []
     dropped: list[Note] = []
-    try:
-        shapes = list(_shapes(root, Identity, "nonzero"))
-    except (ValueError, OverflowError) as error:
-        raise SceneError(f"{source.path} has a transform that cannot be read: {error}") from error
-    for number, (element, transform, rule) in enumerate(shapes):
+    for number, (element, transform, rule) in enumerate(_shapes(root, Identity, "nonzero")):
         identifier = element.get("id") or ""
         label = f"{_tag(element)} {identifier or number}"
-        try:
+        with noted(dropped, label, "cannot be read as SVG"):
             contours = _contours(element, transform)
-        except (ValueError, IndexError, TypeError, OverflowError, AttributeError) as error:
-            dropped.append((label, f"cannot be read as SVG: {error}"))
-            continue
-        if not all(np.isfinite(contour).all() for contour in contours):
-            dropped.append((label, "has a NaN or infinite coordinate"))
-            continue
-        area = filled(contours, "evenodd" if rule == "evenodd" else "nonzero")
-        geometries.append(area[0] if area else None)
-        labels.append(label)
-        identifiers.append(identifier)
+            if not all(np.isfinite(contour).all() for contour in contours):
+                raise ValueError("it has a NaN or infinite coordinate")
+            area = filled(contours, "evenodd" if rule == "evenodd" else "nonzero")
+            geometries.append(area[0] if area else None)
+            labels.append(label)
+            identifiers.append(identifier)
     table = pd.DataFrame({"id": identifiers}, dtype=object)
     yield Raw(geometries, labels, table, None, "px", dropped)
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
+import json
+import re
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,22 +17,13 @@ import pandas as pd
 import pyogrio
 import shapely
 from numpy.typing import NDArray
-from pyogrio import errors
 
-from scenes.files import Raw, Source
+from scenes.damage import reason
+from scenes.names import suggestion
+from scenes.projection import system
+from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
-
-_FAULTS = (
-    errors.DataSourceError,
-    errors.DataLayerError,
-    errors.FieldError,
-    errors.FeatureError,
-    errors.GeometryError,
-    errors.CRSError,
-    RuntimeError,
-    ValueError,
-    OSError,
-)
+from scenes.tables import to_pandas
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
@@ -39,16 +34,15 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     with warnings.catch_warnings():
         # GDAL's remarks on single features come back as our own notes
         warnings.simplefilter("ignore")
-        try:
-            layer = _layer(source)
-            # OSM files have no index and are read in one go
-            whole = source.path.suffix.lower() in (".pbf", ".osm")
-            if find_spec("pyarrow") is not None and not whole:
-                yield from _streamed(source, layer, size)
-            else:
-                yield from _by_skipping(source, layer, None if whole else size)
-        except _FAULTS as error:
-            raise SceneError(_message(source, error)) from error
+        layer, notes = _layer(source)
+        # OSM files have no index and are read in one go
+        whole = source.path.suffix.lower() in (".pbf", ".osm")
+        if find_spec("pyarrow") is not None and not whole:
+            raws = _streamed(source, layer, size)
+        else:
+            raws = _by_skipping(source, layer, None if whole else size)
+        for raw in raws:
+            yield replace(raw, crs=_true_crs(source.path, raw.crs), notes=notes + raw.notes)
 
 
 def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
@@ -67,8 +61,9 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
         for batch in batches:
             # the feature's number, its attributes, its geometry
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
-            table = batch.select(range(1, batch.num_columns - 1)).to_pandas()
-            yield _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
+            table, notes = to_pandas(batch.select(range(1, batch.num_columns - 1)))
+            raw = _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
+            yield replace(raw, notes=notes)
 
 
 def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
@@ -124,28 +119,68 @@ def _geometries(
     return geometries, dropped, repaired
 
 
-def _layer(source: Source) -> str:
+def _layer(source: Source) -> tuple[str, tuple[str, ...]]:
+    """The layer to read, and a note on it where there are others."""
     layers = pyogrio.list_layers(source.path)
     known = [str(name) for name, _ in layers]
     if not known:
         raise SceneError(f"{source.path} has no layer: give a file with polygons")
-    if source.layer is not None:
-        if source.layer not in known:
-            nearest = difflib.get_close_matches(source.layer, known, n=1)
-            hint = f"did you mean {nearest[0]}?" if nearest else "it has: " + ", ".join(known)
-            raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
-        return source.layer
+    if source.layer is not None and source.layer not in known:
+        hint = suggestion(source.layer, known, "it has")
+        raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
+    layer = source.layer or _first_with_polygons(layers)
+    others = [name for name in known if name != layer]
+    return layer, (f"layer {layer}, not {', '.join(others)}",) if others else ()
+
+
+def _first_with_polygons(layers: NDArray[Any]) -> str:
     for name, kind in layers:
         if kind is not None and any(word in kind for word in ("Polygon", "Surface")):
             return str(name)
     for name, kind in layers:
         if kind in ("Unknown", "GeometryCollection"):
             return str(name)
-    return known[0]
+    return str(layers[0][0])
 
 
-def _message(source: Source, error: Exception) -> str:
-    text = " ".join(str(error).split())
+def _true_crs(path: Path, crs: str | None) -> str | None:
+    """The reference system, unless it is GDAL's guess for GeoJSON that names one unknown to it.
+
+    GeoJSON of 2008 may name a system in `crs`, or say by null that there is none. Where GDAL does
+    not know the name it takes longitude and latitude.
+    """
+    if crs != "EPSG:4326" or path.suffix.lower() not in (".geojson", ".json") or path.is_dir():
+        return crs
+    given = _crs_member(path)
+    if given is _ABSENT:
+        return crs
+    name = given.get("properties", {}).get("name") if isinstance(given, dict) else None
+    if isinstance(name, str):
+        return crs if system(name) is not None else name
+    return None if given is None else "named by a link"
+
+
+_ABSENT: Any = object()
+_EDGE = 65_536
+
+
+def _crs_member(path: Path) -> Any:
+    """The value of the collection's `crs`, which stands before its features or after them."""
+    with path.open("rb") as stream:
+        head = stream.read(_EDGE)
+        stream.seek(max(0, path.stat().st_size - _EDGE))
+        tail = stream.read()
+    for text in (head.partition(b'"features"')[0], tail.rpartition(b"]")[2]):
+        match = re.search(r'"crs"\s*:\s*', text.decode("utf-8", "replace"))
+        if match:
+            with suppress(ValueError):
+                return json.JSONDecoder().raw_decode(match.string, match.end())[0]
+    return _ABSENT
+
+
+def explain(source: Source, error: Exception) -> str | None:
+    """A better message than the general one for what GDAL says, where there is one."""
+    text = reason(error)
     if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
         return f"{source.path}: condition {source.where!r} is not valid: {text}"
     if "not recognized as being in a supported file format" in text:
@@ -153,4 +188,4 @@ def _message(source: Source, error: Exception) -> str:
             return f"{source.path} is a folder: give a file in it"
         kind = f"{source.path.suffix} file" if source.path.suffix else "file with geometries"
         return f"{source.path} is not a readable {kind}: it is damaged, or of an unknown format"
-    return f"{source.path} cannot be read: {text.split('. It might help')[0]}"
+    return None

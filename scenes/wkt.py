@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.files import Raw, Source
 from scenes.lines import numbered_lines
-from scenes.scene import Note, SceneError
+from scenes.reader import Raw, Source
+from scenes.scene import Note
 
 _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
 
@@ -66,20 +66,13 @@ def _parsed(text: str) -> tuple[Any | None, str | None]:
     if "\0" in body:
         return None, None
     parse = shapely.from_wkb if re.fullmatch(r"[0-9A-Fa-f]+", body) else shapely.from_wkt
-    try:
-        geometry = parse(body)
-    except (shapely.GEOSException, ValueError, UnicodeError):
-        return None, None
-    return geometry, crs or _embedded(geometry)
+    geometry = parse(body, on_invalid="ignore")
+    return (None, None) if geometry is None else (geometry, crs or _embedded(geometry))
 
 
 def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - one geometry
     """One geometry in (E)WKB."""
-    try:
-        geometry = shapely.from_wkb(source.path.read_bytes())
-    except (shapely.GEOSException, ValueError, MemoryError) as error:
-        reason = str(error).splitlines()[0]
-        raise SceneError(f"{source.path} is not readable WKB: {reason}") from error
+    geometry = shapely.from_wkb(source.path.read_bytes())
     parts = shapely.get_parts(geometry)
     labels = [f"geometry {i}" for i in range(len(parts))]
     yield Raw(np.asarray(parts, dtype=object), labels, crs=_embedded(geometry))

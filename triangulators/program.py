@@ -49,11 +49,13 @@ def solve(
 ) -> Solution:
     """Solve the program over the `allowed` triangles (t,); weights: (t,) float64.
 
-    start: numbers of triangles that are a triangulation, allowed or not.
+    start: numbers of triangles that are a triangulation; with them the program has a solution from
+    the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
     """
     edges, triangles = candidates.edges, candidates.triangles
     signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
     inside = np.flatnonzero(allowed)
+    weights = np.where(allowed, weights, weights + 10.0 * np.abs(weights[start]).sum())
     free = _off_tree(len(candidates.points), edges, candidates.side, candidates.sides[start])
     model = highspy.Highs()
     model.setOptionValue("output_flag", False)

@@ -51,16 +51,14 @@ class _Search:
             if not split.any() and whole.any():
                 self.offer(np.flatnonzero(whole))
             elif found.bound < self.least / self.units.factor - _WHOLE and depth < 40:
-                return self._branch(allowed, found, split, depth)
+                return self._branch(allowed, found, depth)
         return self._leaf(allowed, found)
 
-    def _branch(
-        self, allowed: np.ndarray, found: Solution, split: np.ndarray, depth: int
-    ) -> Branch:
+    def _branch(self, allowed: np.ndarray, found: Solution, depth: int) -> Branch:
         """Branch on the diagonal that is most nearly half chosen."""
         c = self.candidates
         chosen = np.zeros(len(c.edges))
-        np.add.at(chosen, c.sides[split].ravel(), np.repeat(found.share[split], 3) / 2.0)
+        np.add.at(chosen, c.sides.ravel(), np.repeat(found.share, 3) / 2.0)  # from both sides
         chosen[c.side != 0] = 0.0
         edge = int(np.argmin(np.abs(chosen - 0.5)))
         a, b = c.edges[edge].tolist()

@@ -13,7 +13,7 @@ from harness import rasterisers
 from harness.commands.options import CALIBRATIONS, Quiet, Seed
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -55,7 +55,7 @@ def calibrate(
             backend,
             bench,
             loaded,
-            Settings(
+            TimingSettings(
                 precision=0.005, budget_s=budget, warm_up_s=0.05, min_batch_s=5e-3, paired=False
             ),
             Options(work=work, order="walk"),

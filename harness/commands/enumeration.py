@@ -46,7 +46,7 @@ def enumerate_(
     kind: Literal["conforming", "paper"] = "paper" if mode == "paper" else "conforming"
     folder = out or default_folder(loaded.name, before="enumerate-")
     try:
-        table = enumeration.tabulate(loaded.polygons[polygon], kind)
+        table = enumeration.triangulation_table(loaded.polygons[polygon], kind)
         enumeration.write(table, loaded.polygons[polygon], folder)
     except (Skipped, TriangulationError) as reason:
         raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason

@@ -11,7 +11,7 @@ from rich.console import Console
 from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.triangulating.database import Cache
+from harness.triangulating.database import ModelDatabase
 
 
 def triangulate(
@@ -64,7 +64,7 @@ def triangulate(
             height = float(extrude)
         except ValueError:
             height = extrude
-    cache = Cache(say=reporter.warn) if cached else None
+    database = ModelDatabase(say=reporter.warn) if cached else None
     try:
         with reporter.counting(f"triangulating {file}") as counting:
             report = export_file(
@@ -76,12 +76,14 @@ def triangulate(
                 layer=layer,
                 where=where,
                 limit=limit,
-                cache=cache,
+                database=database,
                 progress=counting,
             )
     finally:
-        if cache is not None:
-            cache.close()
+        if database is not None:
+            database.close()
+    if report.notes:
+        reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
     Console().print(
@@ -100,7 +102,7 @@ def cache(
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: say info or clear")
     console = Console(highlight=False)
-    with Cache(say=Reporter().warn) as database:
+    with ModelDatabase(say=Reporter().warn) as database:
         if action == "clear":
             count = database.clear()
             console.print(f"forgot {count:,} triangulations in {database.path}", markup=False)

@@ -35,7 +35,7 @@ def gains(
     from harness.study import gains as study
 
     wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
-    table = study.tabulate([read_run(path).records for path in runs], wanted)
+    table = study.gain_table([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")

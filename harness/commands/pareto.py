@@ -14,11 +14,12 @@ from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.stored.folder import read_run
 from harness.triangulating.names import parse_all
 from scenes import Scene
+from scenes.spec import label
 
 POLYGONS = 6
 
@@ -64,11 +65,11 @@ def pareto(
         rasterisers=split_names(rasterisers),
         devices=split_names(device),
         views=(view,),
-        timing=Settings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+        timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
     folder = folder_for(scene, out, resume, before="pareto-")
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    fronts: dict[str, study.Front] = {}
+    fronts: dict[str, study.MeasuredFront] = {}
 
     def take_apart(label: str, whole: Scene) -> list[Part]:
         parts, found = study.take_apart(label, whole, polygons, view)
@@ -81,13 +82,13 @@ def pareto(
     console = Console(highlight=False)
     require_finished(outcome, console, f"continue with the same command and --resume {folder}")
     run = read_run(folder)
-    table = study.tabulate(run, fronts)
+    table = study.pareto_table(run, fronts)
     with reporter.stage("plotting", 1):
-        study.tabulate_fronts(fronts).to_csv(folder / "fronts.csv", index=False)
+        study.front_table(fronts).to_csv(folder / "fronts.csv", index=False)
         table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
-        pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
+        pareto_plot.plot(table, fronts, Path(label(scene)).stem, folder / "plots")
         write_report(run)
-    pareto_answer.print_table(table, Path(scene).name, console)
+    pareto_answer.print_table(table, label(scene), console)
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)

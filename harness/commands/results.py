@@ -12,6 +12,7 @@ from rich.console import Console
 from harness.errors import INTERRUPTED, NothingMeasured, UsageError
 from harness.measuring.run import RunResult
 from harness.stored.folder import file_stem
+from scenes.spec import label
 
 
 def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = "") -> Path:
@@ -31,7 +32,7 @@ def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = 
 
 def default_folder(scene: str, before: str = "") -> Path:
     """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
-    name = before + file_stem(Path(scene).stem)
+    name = before + file_stem(Path(label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder, number = first, 2
     while folder.exists():  # two short runs may begin within a second

@@ -26,13 +26,13 @@ from harness.commands.options import (
 )
 from harness.commands.results import folder_for, require_finished
 from harness.errors import UsageError
-from harness.frame import Fit, View
+from harness.frame import FitMode, View
 from harness.measuring.beside import FOLDER as BASE_FOLDER
 from harness.measuring.beside import Beside, version
 from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import RunResult
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
@@ -40,8 +40,9 @@ from harness.stored.folder import clear_errors, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
 from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
+from scenes.spec import joined
 
-QUICK = Settings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
 
 
@@ -49,10 +50,15 @@ def run(
     scene: Annotated[
         str,
         typer.Option(
-            help="A scene's name, e.g. city or city:buildings=2000, or a file: GeoJSON, "
-            "GeoPackage, Shapefile, SVG, WKT and more. See: harness list scenes.",
+            help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
+            "Shapefile, SVG, WKT and more), or module:function. See: harness list scenes.",
         ),
     ] = "",
+    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Filter by attributes, as in SQL: height > 10.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
     triangulators: Annotated[
         str, typer.Option(help="Comma-separated; see: harness list triangulators.")
     ] = ",".join(DEFAULT_TRIANGULATORS),
@@ -69,7 +75,8 @@ def run(
         str, typer.Option(help="Degrees, counter-clockwise; comma-separated.")
     ] = "0",
     fit: Annotated[
-        Fit, typer.Option(help="circle keeps the scale the same at every rotation; box does not.")
+        FitMode,
+        typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
     samples: Annotated[
         str, typer.Option(help="Samples per pixel: 1, 4 or 8; comma-separated.")
@@ -81,10 +88,10 @@ def run(
     seed: Seed = 0,
     precision: Annotated[
         float, typer.Option(help="Wanted half-width of the 95 % interval over the median.")
-    ] = Settings.precision,
+    ] = TimingSettings.precision,
     budget: Annotated[
         float, typer.Option(help="Seconds of drawing per case, on average.")
-    ] = Settings.budget_s,
+    ] = TimingSettings.budget_s,
     timeout: Annotated[
         float | None,
         typer.Option(
@@ -131,7 +138,7 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
-    timing = QUICK if quick else Settings(precision=precision, budget_s=budget)
+    timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     plan = None
     if resume and not scene:
         plan = _stored_plan(resume)
@@ -139,7 +146,7 @@ def run(
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         plan = Plan(
-            scene=scene,
+            scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=_recipes(triangulators, seed, calibration, device),
             rasterisers=split_names(rasterisers),

@@ -14,7 +14,7 @@ from harness.frame import View
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part
 from harness.measuring.run import run as carry_out
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored.folder import read_run
@@ -77,7 +77,7 @@ def validate(
         views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
         # In one kind of order, so that nothing but the diagonals differs.
         options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
-        timing=Settings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
+        timing=TimingSettings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
     folder = folder_for(scene, out, resume, before="validate-")
     reporter = Reporter(quiet=quiet, verbose=verbose)
@@ -95,11 +95,11 @@ def validate(
     console = Console()
     require_finished(outcome, console, f"continue with the same command and --resume {folder}")
     with reporter.stage("correlating", 1):
-        table = analysis.tabulate(outcome.records)
+        table = analysis.measure_table(outcome.records)
         correlations, sizes = analysis.write(table, folder)
         matrix.plot_study(correlations, table, folder)
         matrix.plot_sizes(sizes, folder)
-        ends = extremes.tabulate(outcome.records)
+        ends = extremes.extremes_table(outcome.records)
         ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
         if ends["scene"].nunique() == 1:
             extremes.plot_polygon(outcome.records, folder / "plots")

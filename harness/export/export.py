@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,10 @@ from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
 from harness.export.triangulation import triangulate_batch
 from harness.export.writer import About, Output, Writer
-from harness.triangulating.database import Cache
+from harness.triangulating.database import ModelDatabase
 from scenes import load
 from scenes.files import read_chunks
-from scenes.projection import to_degrees
+from scenes.projection import Projection
 from scenes.registry import split
 from triangulators import TriangulationError, UnknownName, full_name
 
@@ -59,6 +59,7 @@ class Report:
         that the triangulator could not do; `counts` has all of them, by kind and reason
     read : triangulations that came from the model database
     flat : polygons whose height attribute was not usable, which stayed flat
+    notes : what was read, projected and changed as a whole, a line each
     seconds, triangulate_s : wall time of all and of triangulating alone
     """
 
@@ -72,6 +73,7 @@ class Report:
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     read: int = 0
     flat: int = 0
+    notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     triangulate_s: float = 0.0
 
@@ -92,6 +94,7 @@ class _Part:
     about: dict[str, Any]
     dropped: list[tuple[str, str]]
     repaired: list[tuple[str, str]]
+    notes: tuple[str, ...] = ()
 
 
 def export_file(
@@ -105,7 +108,7 @@ def export_file(
     where: str | None = None,
     limit: int | None = None,
     project: bool | None = None,
-    cache: Cache | None = None,
+    database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
     chunk: int = CHUNK,
     **parameters: Any,
@@ -116,9 +119,10 @@ def export_file(
     `criterion` is given; `criterion` alone means the optimum of that criterion.
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
-    `chunk` at a time, so memory does not grow with the file. `cache` is the model database to use,
-    or None for none. `progress` is called with the number of polygons done so far. `parameters` go
-    to the triangulator. `out` appears when all is written; on an error it stays as it was.
+    `chunk` at a time, so memory does not grow with the file. `database` is the model database to
+    use, or None for none. `progress` is called with the number of polygons done so far.
+    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays
+    as it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.
@@ -135,11 +139,12 @@ def export_file(
             for part in parts:
                 report.note("dropped", part.dropped)
                 report.note("repaired", part.repaired)
+                report.notes += part.notes
                 if len(part.polygons) == 0:
                     continue
                 if writer is None:
                     writer = make(output, About(triangulator=name, **part.about))
-                mesh = _triangulated(part, name, parameters, extrude, cache, report)
+                mesh = _triangulated(part, name, parameters, extrude, database, report)
                 writer.add(mesh)
                 _count(report, mesh)
                 if progress is not None:
@@ -205,7 +210,7 @@ def _parts(
     for part in whole:
         if left is not None and len(part.polygons) >= left:
             table = None if part.attributes is None else part.attributes.iloc[:left]
-            yield _Part(part.polygons[:left], table, part.about, part.dropped, part.repaired)
+            yield replace(part, polygons=part.polygons[:left], attributes=table)
             return
         left = None if left is None else left - len(part.polygons)
         yield part
@@ -226,21 +231,29 @@ def _scene_parts(source: str, size: int) -> Iterator[_Part]:
             about,
             scene.dropped if first else [],
             scene.repaired if first else [],
+            scene.notes if first else (),
         )
 
 
 def _file_parts(path: str, options: dict[str, Any], size: int) -> Iterator[_Part]:
     for chunk in read_chunks(path, size=size, **options):
         about: dict[str, Any] = {"units": chunk.units, "crs": chunk.crs}
-        if chunk.centre is not None:
-            about["to_source"] = partial(_degrees, centre=chunk.centre)
+        if chunk.projection is not None:
+            about["to_source"] = partial(_degrees, projection=chunk.projection)
         cleaned = chunk.cleaned
-        yield _Part(cleaned.polygons, chunk.attributes, about, cleaned.dropped, cleaned.repaired)
+        yield _Part(
+            cleaned.polygons,
+            chunk.attributes,
+            about,
+            cleaned.dropped,
+            cleaned.repaired,
+            chunk.notes,
+        )
 
 
-def _degrees(metres: NDArray[np.float64], centre: tuple[float, float]) -> NDArray[np.float64]:
+def _degrees(metres: NDArray[np.float64], projection: Projection) -> NDArray[np.float64]:
     # eleven decimals are a micrometre, and give most sources back the very numbers they had
-    return np.round(to_degrees(metres, centre), 11)
+    return np.round(projection.inverse(metres), 11)
 
 
 def _triangulated(
@@ -248,11 +261,11 @@ def _triangulated(
     name: str,
     parameters: dict[str, Any],
     extrude: str | float | None,
-    cache: Cache | None,
+    database: ModelDatabase | None,
     report: Report,
 ) -> meshes.Mesh:
     begun = time.perf_counter()
-    batch = triangulate_batch(part.polygons, name, parameters, cache)
+    batch = triangulate_batch(part.polygons, name, parameters, database)
     report.triangulate_s += time.perf_counter() - begun
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
 from harness.export.writer import About, Output, plain
+from scenes.projection import system
 
 _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
 
@@ -64,8 +65,8 @@ class GeoJsonWriter:
 class GeoParquetWriter:
     """GeoParquet 1.1, WKB in column `geometry`, a row group for each batch.
 
-    A reference system other than longitude and latitude is named in the file's metadata under
-    "raster_harness" only: GeoParquet wants PROJJSON, which needs a projection library to make.
+    The reference system is that of the source, as PROJJSON; null where the source has none that
+    PROJ knows.
     """
 
     def __init__(self, output: Output, about: About) -> None:
@@ -118,8 +119,9 @@ class GeoParquetWriter:
     def _metadata(self, mesh: Mesh) -> dict[str, Any]:
         kind = "MultiPolygon Z" if mesh.vertices.shape[1] == 3 else "MultiPolygon"
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
-        if self._about.to_source is None:
-            column["crs"] = None
+        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # which are meant where none is named
+            known = system(self._about.crs)
+            column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 
 

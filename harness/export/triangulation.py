@@ -41,7 +41,7 @@ def triangulate_batch(
     polygons: NDArray[Any],
     name: str,
     parameters: dict[str, Any],
-    database: model.Cache | None = None,
+    database: model.ModelDatabase | None = None,
 ) -> Batch:
     """Triangulate valid polygons; what fails is named in `failed` and has no triangles.
 

@@ -30,7 +30,7 @@ from harness.frame import Frame, View
 from harness.measuring.elsewhere import Place, package_of, triangulate_elsewhere
 from harness.measuring.plan import Case
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import Settings, Times
+from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import OpenWorker
 from harness.rasterisers.base import Options, Triangles
 from harness.stored.drawings import FOLDER as FRAMES
@@ -225,7 +225,7 @@ class _Bench(Bench):
         backend: Backend,
         candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
-        settings: Settings,
+        settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:

@@ -6,10 +6,11 @@ from harness.errors import UsageError
 from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from scenes import Scene, SceneError, load, registry
+from scenes.spec import is_function
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
-    """Load a scene and say what it left out.
+    """Load a scene and say what was read, projected and left out.
 
     Raises
     ------
@@ -17,6 +18,8 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         if it cannot be loaded, or is a third party's and ends its process
     """
     scene = _load_apart(name, seed, open_worker) if _is_foreign(name) else _load(name, seed)
+    if scene.notes:
+        reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
         if notes:
             which, reason = notes[0]
@@ -48,4 +51,6 @@ def _is_foreign(name: str) -> bool:
         base, _, is_file = registry.split(name)
     except SceneError:
         return False  # a file's parameters are wrong, which `load` says, too
-    return not is_file and base not in registry.ENTRIES and base in registry.names()
+    if is_file or base in registry.ENTRIES:
+        return False
+    return base in registry.names() or is_function(base)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from harness.frame import View
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Options
 from harness.triangulating.names import Recipe, parse_all
 
@@ -17,6 +17,7 @@ DEFAULT_TRIANGULATORS = (
     "fan",
     "ear-clipping",
     "delaunay",
+    "refined:half-perimeter",
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
@@ -40,7 +41,7 @@ class Plan:
     devices: tuple[str, ...] = ()
     views: tuple[View, ...] = (View(),)
     options: tuple[Options, ...] = (Options(),)
-    timing: Settings = field(default_factory=Settings)
+    timing: TimingSettings = field(default_factory=TimingSettings)
     timeout_s: float = 600.0
 
     def to_json(self) -> dict[str, Any]:
@@ -72,7 +73,7 @@ class Plan:
                 "devices": tuple(parts["devices"]),
                 "views": tuple(View(**view) for view in parts["views"]),
                 "options": tuple(Options(**options) for options in parts["options"]),
-                "timing": Settings(**parts["timing"]),
+                "timing": TimingSettings(**parts["timing"]),
             }
         )
 

@@ -16,7 +16,7 @@ from shapely import Polygon
 
 from harness.frame import Frame
 from harness.measuring import tasks
-from harness.measuring.timing import Settings, Times
+from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import Executor, OpenWorker, TaskFailed, TaskTimedOut
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons, warm_up
@@ -183,7 +183,7 @@ class Bench:
         backend: Backend,
         candidates: Mapping[str, tuple[Frame, Triangles]],
         options: Options,
-        settings: Settings,
+        settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:

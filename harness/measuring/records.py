@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.measuring.plan import Case
-from harness.measuring.timing import EMPTY, REFERENCE, Settings, TimerTest, Times
+from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.rasterisers.base import Counters
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
@@ -122,7 +122,7 @@ def incomplete(triangulation: FrameTriangulation) -> str | None:
 
 
 def time_fields(
-    group: Mapping[str, Times], key: str, test: TimerTest, settings: Settings
+    group: Mapping[str, Times], key: str, test: TimerTest, settings: TimingSettings
 ) -> dict[str, Any]:
     """Return a record's `time` for the drawing `key` of a group timed together.
 

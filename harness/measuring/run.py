@@ -25,6 +25,7 @@ from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted
 from harness.triangulating.names import Recipe
 from scenes import Scene
+from scenes.spec import label as scene_label
 
 
 class Part(NamedTuple):
@@ -110,7 +111,7 @@ def _run(
     base: str | None,
 ) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
-    label = Path(plan.scene).name
+    label = scene_label(plan.scene)
     parts = split(label, scene) if split else [Part(label, scene)]
     plans = [_plan_of(part, plan) for part in parts]
     plan = replace(plan, triangulators=_union(plans))
@@ -232,6 +233,7 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
             "parameters": {key: str(value) for key, value in scene.parameters.items()},
             "dropped": [list(note) for note in scene.dropped],
             "repaired": [list(note) for note in scene.repaired],
+            "notes": list(scene.notes),
         },
         "environment": machine,
         "warnings": environment.warnings(machine),

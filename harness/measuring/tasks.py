@@ -18,9 +18,9 @@ from harness.frame import SUBPIXEL, Frame, View
 from harness.measuring.timing import (
     EMPTY,
     REFERENCE,
-    Settings,
     TimerTest,
     Times,
+    TimingSettings,
     self_test,
     time_together,
 )
@@ -101,7 +101,7 @@ def time_group(
     device: Device,
     candidates: Mapping[str, tuple[Frame, Triangles]],
     options: Options,
-    settings: Settings,
+    settings: TimingSettings,
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:

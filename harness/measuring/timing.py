@@ -43,7 +43,7 @@ class Timeable(Protocol):
 
 
 @dataclass(frozen=True)
-class Settings:
+class TimingSettings:
     """How carefully to time.
 
     precision : wanted half-width of the 95 % interval of the median, relative to the median
@@ -130,7 +130,7 @@ def self_test(big_draw: Timeable) -> TimerTest:
 
 def time_together(
     drawings: Mapping[str, Timeable],
-    settings: Settings,
+    settings: TimingSettings,
     test: TimerTest,
     *,
     seed: int = 0,

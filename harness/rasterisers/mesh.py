@@ -35,7 +35,7 @@ class Upload:
             buffer.release()
 
 
-class Mesh:
+class BoundMesh:
     """Triangles on the device, bound to a program and a framebuffer."""
 
     def __init__(

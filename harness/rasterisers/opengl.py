@@ -21,7 +21,7 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.context import Context, Target
 from harness.rasterisers.gl import GLRasteriser
-from harness.rasterisers.mesh import Mesh, batches
+from harness.rasterisers.mesh import BoundMesh, batches
 from harness.rasterisers.tally import COUNTED, open_tally
 
 STATISTICS = {
@@ -83,7 +83,7 @@ class OpenGL(GLRasteriser):
         """Draw once, without counting: storage writes change what a driver may skip."""
         targets = {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
         with (
-            Mesh(self.context, self._draw, target, frame, triangles) as mesh,
+            BoundMesh(self.context, self._draw, target, frame, triangles) as mesh,
             self.context.queries(len(targets)) as queries,
         ):
             mesh.bind()
@@ -97,14 +97,14 @@ class OpenGL(GLRasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
         target = self.context.target(frame.width, frame.height, options.samples)
-        mesh = Mesh(self.context, self._draw, target, frame, triangles)
+        mesh = BoundMesh(self.context, self._draw, target, frame, triangles)
         return _Timed(self.context, mesh, options.work, self.device.software)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
         target = self.context.target(frame.width, frame.height, options.samples)
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
-        with Mesh(self.context, self._draw, target, frame, triangles) as mesh:
+        with BoundMesh(self.context, self._draw, target, frame, triangles) as mesh:
             mesh.program["work"] = options.work
             mesh.bind()
             mesh.draw()
@@ -118,7 +118,7 @@ class OpenGL(GLRasteriser):
 
 
 class _Timed(Drawing):
-    def __init__(self, owner: Context, mesh: Mesh, work: int, software: bool) -> None:
+    def __init__(self, owner: Context, mesh: BoundMesh, work: int, software: bool) -> None:
         self.context = owner
         self.mesh = mesh
         self.work = work

@@ -9,7 +9,7 @@ from harness.errors import NoRasteriser
 from harness.frame import Frame, View
 from harness.rasterisers.base import Triangles
 from harness.rasterisers.context import Context, Target
-from harness.rasterisers.mesh import Mesh
+from harness.rasterisers.mesh import BoundMesh
 
 COUNTED = ("fragments", "quads", "helper_lanes")
 
@@ -37,7 +37,7 @@ class Tally:
         # llvmpipe forgets what it has collected for a tile, storage writes and all, when an
         # opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
         target.framebuffer.color_mask = KEEP_ALPHA
-        with Mesh(self.context, self.program, target, frame, triangles) as mesh:
+        with BoundMesh(self.context, self.program, target, frame, triangles) as mesh:
             mesh.bind()
             self._submit(mesh)
         target.framebuffer.color_mask = WRITE_ALL
@@ -46,7 +46,7 @@ class Tally:
         counts.release()
         return found.reshape(polygons, 3).astype(np.int64)
 
-    def _submit(self, mesh: Mesh) -> None:
+    def _submit(self, mesh: BoundMesh) -> None:
         mesh.draw()
 
     def close(self) -> None:
@@ -70,7 +70,7 @@ class TallyInOrder(Tally):
         counts[:, 2] = 4 * counts[:, 1] - counts[:, 0]
         return counts
 
-    def _submit(self, mesh: Mesh) -> None:
+    def _submit(self, mesh: BoundMesh) -> None:
         # One draw a triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
         for number in range(mesh.upload.triangles):
             self.program["triangle"] = number + 1

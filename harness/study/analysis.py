@@ -60,7 +60,7 @@ def measures_of(table: pd.DataFrame) -> list[str]:
     return counted + [name for name in table.columns if name.startswith(TIME)]
 
 
-def tabulate(records: Sequence[Record]) -> pd.DataFrame:
+def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row per polygon, triangulation, rasteriser, device and view, measures as columns.
 
     Triangulators that give a polygon the same triangulation, as their criteria show, stand for
@@ -161,7 +161,7 @@ def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimat
 
 
 def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write what `tabulate` gave, and what `correlate` and `by_resolution` make of it.
+    """Write what `measure_table` gave, and what `correlate` and `by_resolution` make of it.
 
     Returns the latter two; correlations_by_resolution.csv is written where there are several.
     """

@@ -17,7 +17,7 @@ from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import REFERENCE, Settings
+from harness.measuring.timing import REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration
@@ -52,7 +52,7 @@ def calibrate(
     backend: Backend,
     bench: Bench,
     scene: Scene,
-    settings: Settings,
+    settings: TimingSettings,
     options: Options,
     resolution: int,
     reporter: Reporter,
@@ -128,7 +128,7 @@ def held_out_draws(
 def time_draws(
     backend: Backend,
     bench: Bench,
-    settings: Settings,
+    settings: TimingSettings,
     options: Options,
     reporter: Reporter,
     draws: Sequence[Draw],

@@ -64,7 +64,7 @@ wrong for the others."""
 BETWEEN = 0.3
 """Weight of the differences between sets of polygons; those within a set have weight 1."""
 
-Design = NDArray[np.float64]
+DesignMatrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def terms(predicted: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 def fit(
-    design: Design,
+    design: DesignMatrix,
     seconds: NDArray[np.float64],
     groups: Sequence[int],
     seed: int = 0,
@@ -201,7 +201,7 @@ def fit(
 
 
 def _solve(
-    design: Design, seconds: NDArray[np.float64], labels: NDArray[np.int64]
+    design: DesignMatrix, seconds: NDArray[np.float64], labels: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Non-negative least squares of relative errors with a soft L1 loss.
 
@@ -235,7 +235,7 @@ def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np
     return np.asarray(np.bincount(labels, values) / np.bincount(labels))
 
 
-def predict(fitted: Mapping[str, float], design: Design) -> NDArray[np.float64]:
+def predict(fitted: Mapping[str, float], design: DesignMatrix) -> NDArray[np.float64]:
     """Return the (k,) seconds that coefficients predict for (k, 9) rows of `TERMS`."""
     return design @ np.array([fitted[name] for name in TERMS])
 

@@ -18,7 +18,7 @@ from triangulators.pareto import pareto_front
 COLUMNS = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 
 
-def tabulate(polygon: Polygon, mode: Literal["conforming", "paper"]) -> pd.DataFrame:
+def triangulation_table(polygon: Polygon, mode: Literal["conforming", "paper"]) -> pd.DataFrame:
     """Return one row per triangulation, least overdraw first: `COLUMNS`, conforming, diagonals.
 
     Diagonals are written as pairs of vertex numbers, "1-3 3-5".

@@ -31,7 +31,7 @@ COLUMNS = (
 )
 
 
-def tabulate(records: Sequence[Record]) -> pd.DataFrame:
+def extremes_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return `COLUMNS`: worst in ratio to best of each polygon, by each criterion and measure.
 
     among : "conforming", or "all" if allowing T-junctions changes which is best or worst

@@ -29,7 +29,7 @@ KEYS = (*AXES, "fit", "order")
 """What rows of one view share, besides the scene and the device."""
 
 
-def tabulate(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.DataFrame:
+def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times and of helper lanes.
 
     runs : records of each run; if several runs have a view, the first run's is used, because times

@@ -75,7 +75,7 @@ WITHOUT_C, WITH_C = mixture(1, 1), mixture(1, 1, 1)
 
 
 @dataclass(frozen=True)
-class Front:
+class MeasuredFront:
     """The exact front of one polygon of a scene, as it is drawn.
 
     costs : (f, 2), A in px^2 and D in degrees, ascending in A
@@ -101,7 +101,7 @@ def named() -> tuple[str, ...]:
 
 def take_apart(
     label: str, scene: Scene, polygons: int, view: View
-) -> tuple[list[Part], dict[str, Front]]:
+) -> tuple[list[Part], dict[str, MeasuredFront]]:
     """Return what is measured, and the front of each single polygon by the label of its part.
 
     polygons : how many single polygons to take; of a scene of one, that one is all
@@ -112,7 +112,7 @@ def take_apart(
         if there is no polygon to take
     """
     alone = len(scene.polygons) == 1
-    fronts: dict[str, Front] = {}
+    fronts: dict[str, MeasuredFront] = {}
     parts = []
     if alone or polygons:
         design = Design(polygons=max(polygons, 1), most_vertices=LIMIT)
@@ -132,7 +132,7 @@ def take_apart(
     return parts, fronts
 
 
-def _front(number: int, scene: Scene, view: View) -> Front | None:
+def _front(number: int, scene: Scene, view: View) -> MeasuredFront | None:
     """Return the front of a scene's only polygon, None if the grid breaks it."""
     frame = make_frame(scene.polygons, view)
     if len(frame.polygons) != 1 or frame.polygons[0].interiors:
@@ -142,12 +142,14 @@ def _front(number: int, scene: Scene, view: View) -> Front | None:
     steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
     chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
     if count_triangulations(polygon) > MOST_SHOWN:
-        return Front(number, costs, chosen)
+        return MeasuredFront(number, costs, chosen)
     every = exhaustive.tabulate(polygon)
-    return Front(number, costs, chosen, np.column_stack((every["overdraw"], every["shape"])))
+    return MeasuredFront(
+        number, costs, chosen, np.column_stack((every["overdraw"], every["shape"]))
+    )
 
 
-def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
+def front_table(fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     """Return the contents of fronts.csv: one row per point, measured or not."""
     rows = [
         {"polygon": front.polygon, "k": k, "overdraw": a, "shape": d, "measured": k in front.chosen}
@@ -157,7 +159,7 @@ def tabulate_fronts(fronts: Mapping[str, Front]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["polygon", "k", "overdraw", "shape", "measured"])
 
 
-def tabulate(run: Run, fronts: Mapping[str, Front]) -> pd.DataFrame:
+def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
     Triangulators that left polygons out are not in it: their sums are over fewer polygons.
@@ -182,7 +184,7 @@ def least_overdraw_end(records: Sequence[Record]) -> Record | None:
     return by_name.get("pareto#0", by_name.get(SWEEP[0]))
 
 
-def _row(run: Run, record: Record, base: Record, front: Front | None) -> dict[str, object]:
+def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
     name = record["triangulator"]
     ratio = time_ratio(record, base)
     overdraw, shape = _normalised(run, record, base)
@@ -248,7 +250,7 @@ def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
     )
 
 
-def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, Front]) -> pd.DataFrame:
+def _with_undominated(table: pd.DataFrame, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     """Add `undominated`: whether nothing is as good in A and in D and better in one.
 
     For a single polygon that is the whole front, for a scene the other rows.

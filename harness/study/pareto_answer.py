@@ -12,7 +12,7 @@ from rich.table import Table
 from harness.figures.groups import groups
 from harness.figures.ratios import FASTER, SLOWER
 from harness.stored.folder import Record
-from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, Front
+from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, MeasuredFront
 
 CORNERS = "front"
 """Kind of the points that are judged; `sweep` in a row about a whole scene."""
@@ -169,7 +169,7 @@ def gamma_changes(records: Sequence[Record]) -> tuple[int, int]:
     return changed, compared
 
 
-def remarks(records: Sequence[Record], fronts: Mapping[str, Front]) -> list[str]:
+def remarks(records: Sequence[Record], fronts: Mapping[str, MeasuredFront]) -> list[str]:
     """Say what a reader must know: what C does, and what was not measured or left out."""
     said = []
     changed, compared = gamma_changes(records)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.figures.ratios import FASTER
 from harness.looks import STYLE, save
-from harness.study.pareto import NAMED, NORMALISED, WHOLE, Front
+from harness.study.pareto import NAMED, NORMALISED, WHOLE, MeasuredFront
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,9 @@ TEXT = 0.045
 """Height of a line of text, as a share of the panel's height."""
 
 
-def plot(table: pd.DataFrame, fronts: Mapping[str, Front], scene: str, folder: Path) -> list[Path]:
+def plot(
+    table: pd.DataFrame, fronts: Mapping[str, MeasuredFront], scene: str, folder: Path
+) -> list[Path]:
     """Draw one figure for each rasteriser and device, PNG and SVG, into `folder`."""
     import matplotlib
 
@@ -57,7 +59,7 @@ def plot(table: pd.DataFrame, fronts: Mapping[str, Front], scene: str, folder: P
     return files
 
 
-def _figure(rows: pd.DataFrame, fronts: Mapping[str, Front], title: str) -> Figure:
+def _figure(rows: pd.DataFrame, fronts: Mapping[str, MeasuredFront], title: str) -> Figure:
     from matplotlib.figure import Figure
 
     parts = [part for _, part in rows.groupby("polygon", sort=False)]
@@ -97,7 +99,12 @@ def _norm(rows: pd.DataFrame) -> Normalize | None:
 
 
 def _panel(
-    panel: Axes, part: pd.DataFrame, front: Front | None, norm: Normalize | None, *, large: bool
+    panel: Axes,
+    part: pd.DataFrame,
+    front: MeasuredFront | None,
+    norm: Normalize | None,
+    *,
+    large: bool,
 ) -> None:
     if front is not None and front.everything is not None:
         cloud = front.everything / _scale(part)
@@ -124,7 +131,7 @@ def _scale(part: pd.DataFrame) -> NDArray[np.float64]:
     return np.array([area, first["shape"] / first["shape_a_triangle"]])
 
 
-def _legend(panel: Axes, front: Front | None) -> None:
+def _legend(panel: Axes, front: MeasuredFront | None) -> None:
     """Say what the marks are."""
     if front is None:
         line = "alpha to beta swept from A alone to D alone"
@@ -140,7 +147,7 @@ def _legend(panel: Axes, front: Front | None) -> None:
     panel.legend(handles=marks, loc=place, fontsize=6.5)
 
 
-def _points(front: Front | None) -> str:
+def _points(front: MeasuredFront | None) -> str:
     size = 0 if front is None else len(front.costs)
     return f"{size} {'point' if size == 1 else 'points'}"
 
@@ -190,7 +197,7 @@ def _number(panel: Axes, part: pd.DataFrame) -> list[str]:
     return [str(NUMBERS[name]) for name in rows.loc[~inside, "triangulator"]]
 
 
-def _line(panel: Axes, part: pd.DataFrame, front: Front | None) -> None:
+def _line(panel: Axes, part: pd.DataFrame, front: MeasuredFront | None) -> None:
     """Draw the front: of a polygon as its steps, of a scene as the hull that the sweep reaches."""
     if front is None:
         sweep = part[(part["kind"] == "sweep") & (part["gamma"] == 0)]

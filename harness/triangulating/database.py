@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 import triangulators
 from harness.errors import UsageError
@@ -51,7 +52,7 @@ class _Model(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CacheInfo:
+class DatabaseInfo:
     """What `harness cache info` shows: entries and bytes of triangles for each triangulator."""
 
     path: Path
@@ -64,11 +65,10 @@ def default_path() -> Path:
     """`RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
     if given := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(given)
-    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(folder, "raster-harness", "triangulations.sqlite")
+    return user_cache_path("raster-harness", appauthor=False) / "triangulations.sqlite"
 
 
-class Cache:
+class ModelDatabase:
     """Triangulations by key; see `key`. Use as a context manager, or call `close`.
 
     Raises UsageError if the file's folder cannot be written. Damage is never an error: `say` is
@@ -83,17 +83,18 @@ class Cache:
             self._database = self._opened()
         except (OSError, sqlite3.OperationalError) as error:
             raise UsageError(
-                f"the cache {self.path} cannot be opened: {error}; set RASTER_HARNESS_CACHE"
+                f"the model database {self.path} cannot be opened: {error}; "
+                "set RASTER_HARNESS_CACHE"
             ) from error
 
-    def __enter__(self) -> Cache:
+    def __enter__(self) -> ModelDatabase:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Close the file; the cache must not be used afterwards."""
+        """Close the file; it must not be used afterwards."""
         self._database.close()
 
     def get_many(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
@@ -120,19 +121,21 @@ class Cache:
         """Forget everything; returns how many triangulations there were."""
         return self._safely(self._emptied, 0)
 
-    def info(self) -> CacheInfo:
+    def info(self) -> DatabaseInfo:
         """Count what is kept."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
         nothing: list[tuple[str, int, int]] = []
         rows = self._safely(lambda: self._database.execute(query).fetchall(), nothing)
         kinds = {name: (count, size) for name, count, size in sorted(rows)}
         entries = sum(count for count, _ in kinds.values())
-        return CacheInfo(self.path, entries, self.path.stat().st_size, kinds)
+        return DatabaseInfo(self.path, entries, self.path.stat().st_size, kinds)
 
     def _put(self, triangulator: str, items: list[tuple[bytes, _Model]]) -> None:
         if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
             size = f"{LIMIT_BYTES / 2**30:g} GiB"
-            self._say(f"cache {self.path} is full ({size}), keeps no more: harness cache clear")
+            self._say(
+                f"model database {self.path} is full ({size}), keeps no more: harness cache clear"
+            )
             return
         rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
         self._safely(lambda: self._write(rows), None)
@@ -149,7 +152,9 @@ class Cache:
             for key, value in self._database.execute(query, batch):
                 model = _unsealed(key, value)
                 if model is None:
-                    self._say(f"cache {self.path}: an entry is damaged and is computed again")
+                    self._say(
+                        f"model database {self.path}: an entry is damaged and is computed again"
+                    )
                 else:
                     found[key] = model
         return found
@@ -170,7 +175,7 @@ class Cache:
             return act()
         except sqlite3.OperationalError as error:
             # locked for too long, or the disk is full: the file is sound, go on without it
-            self._say(f"cache {self.path} was not used: {error}")
+            self._say(f"model database {self.path} was not used: {error}")
         except sqlite3.DatabaseError as error:
             self._database.close()
             self._database = self._opened(error)
@@ -220,7 +225,10 @@ class Cache:
         self.path.rename(aside)
         for suffix in ("-wal", "-shm"):
             self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
-        self._say(f"cache {self.path} was damaged ({error}): set aside as {aside.name}, begun anew")
+        self._say(
+            f"model database {self.path} was damaged ({error}): set aside as {aside.name}, "
+            "begun anew"
+        )
 
 
 def key(
@@ -241,12 +249,12 @@ def key(
 
 def prefix(triangulator: str, parameters: dict[str, Any]) -> Any:
     """A hash begun with what the triangulations of one batch have in common."""
-    about = [SCHEMA, triangulator, sorted(parameters.items()), code_version()]
+    about = [SCHEMA, triangulator, sorted(parameters.items()), triangulators_version()]
     return hashlib.blake2b(json.dumps(about).encode(), digest_size=20)
 
 
 @once
-def code_version() -> str:
+def triangulators_version() -> str:
     """A hash of the triangulators' source and the versions of the libraries they call."""
     digest = hashlib.blake2b(digest_size=12)
     for path in sorted(Path(triangulators.__file__).parent.rglob("*.py")):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from harness.frame import Frame
+from harness.triangulating.lookup import Lookup
 from harness.triangulating.names import Recipe
-from harness.triangulating.remembered import Kept
 from triangulators import Skipped, vertices
 from triangulators.verify import verify
 
@@ -85,7 +85,7 @@ def triangulate_polygons(
     if not recipe.builtin:
         database = None
     parameters = {} if database is None else recipe.parameters
-    with Kept(database, recipe.base, parameters) as kept:
+    with Lookup(database, recipe.base, parameters) as kept:
         known = kept.find(polygons)
         if None in known:
             warm_up(recipe)

@@ -15,7 +15,7 @@ from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
 from harness.export.triangulation import COMPILED, triangulate_batch
-from harness.triangulating.database import Cache
+from harness.triangulating.database import ModelDatabase
 from scenes import load
 from tests.paths import ROOT
 from triangulators.batch import ragged
@@ -106,13 +106,13 @@ def test_reading_beats_computing_where_the_database_is_used(hundred_thousand, tm
         ("delaunay", plain & (sizes <= 12)),
     ):
         polygons = sample[chosen][:1000]
-        with Cache(tmp_path / "model.sqlite") as cache:
-            triangulate_batch(polygons, name, {}, cache)  # compiles, computes, keeps
+        with ModelDatabase(tmp_path / "model.sqlite") as database:
+            triangulate_batch(polygons, name, {}, database)  # compiles, computes, keeps
             begun = time.perf_counter()
             triangulate_batch(polygons, name, {})
             computing = time.perf_counter() - begun
             begun = time.perf_counter()
-            batch = triangulate_batch(polygons, name, {}, cache)
+            batch = triangulate_batch(polygons, name, {}, database)
             reading = time.perf_counter() - begun
         each = 1e6 / len(polygons)
         print(f"{name}: computing {computing * each:.0f} us, reading {reading * each:.0f} us")

@@ -15,7 +15,7 @@ from harness import rasterisers
 from harness.figures.ratios import Ratio, paired_ratio
 from harness.frame import Frame, View, make_frame
 from harness.measuring import tasks
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
@@ -25,8 +25,8 @@ from scenes import load
 COMPARISONS_SAME = 200
 COMPARISONS_SLOWER = 100
 
-DEFAULT = Settings()
-SHORT = Settings(budget_s=0.25)
+DEFAULT = TimingSettings()
+SHORT = TimingSettings(budget_s=0.25)
 """An error rate does not depend on the budget; 200 comparisons should not take half an hour."""
 
 
@@ -51,7 +51,7 @@ def compare(
     second: NDArray[np.int32],
     options: Options,
     seed: int,
-    settings: Settings = DEFAULT,
+    settings: TimingSettings = DEFAULT,
 ) -> Ratio:
     device, worker = llvmpipe
     test = worker.call(tasks.open_device, "opengl", device).timer

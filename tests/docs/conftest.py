@@ -14,7 +14,7 @@ import pytest
 from shapely import Polygon, box
 
 from harness.measuring.run import run
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Executor, Worker
 from tests.conftest import exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
@@ -23,7 +23,7 @@ from tests.paths import ROOT
 FULL = bool(os.environ.get("DOCS_FULL"))
 """Whether everything is run as a reader would: in a shell, at full length, the slow ones too."""
 
-BRIEF = Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
+BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
 
 
 class _Kept:
@@ -32,7 +32,7 @@ class _Kept:
     def __init__(self, worker: Worker) -> None:
         self.call = worker.call
 
-    def close(self) -> None:
+    def close(self, *, at_once: bool = False) -> None:
         pass
 
 
@@ -48,7 +48,7 @@ class Workers:
         self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
     ) -> Executor:
         # A reader's own module may change between two runs: its worker is started anew.
-        if name.startswith("triangulator "):
+        if name.startswith(("triangulator ", "rasteriser ", "scene ")):
             return Worker(name, environment, memory_bytes)
         if name not in self._workers:
             self._workers[name] = self._thread.submit(self._start, name, environment).result()

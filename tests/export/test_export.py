@@ -214,9 +214,13 @@ def test_maps_keep_place_and_attributes(tmp_path, houses, suffix):
     else:
         table = pd.read_parquet(out)
         wkb, names, tall = table["geometry"], list(table["name"]), list(table["height"])
-        assert (
-            json.loads(parquet.read_schema(out).metadata[b"raster_harness"])["crs"] == "EPSG:3067"
-        )
+        metadata = parquet.read_schema(out).metadata
+        assert json.loads(metadata[b"raster_harness"])["crs"] == "EPSG:3067"
+        about = json.loads(metadata[b"geo"])["columns"]["geometry"]
+        assert about["crs"]["id"] == {"authority": "EPSG", "code": 3067}
+        assert about["crs"]["type"] == "ProjectedCRS"
+        assert pyogrio.read_info(houses)["crs"] == "EPSG:3067"
+        assert load(out).notes == load(houses).notes
     geometries = shapely.from_wkb(list(wkb))
     assert [g.geom_type for g in geometries] == ["MultiPolygon"] * 3
     assert shapely.area(geometries) == pytest.approx(HOUSE_AREAS, rel=1e-9)

@@ -21,7 +21,7 @@ from harness.measuring.beside import MARK, Beside, version
 from harness.measuring.elsewhere import triangulate_elsewhere
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline, TaskFailed
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -44,7 +44,7 @@ PLAN = Plan(
     scene="city:buildings=6",
     triangulators=(Recipe("fan"), THEIRS),
     rasterisers=("tests.mock:MockRasteriser",),
-    timing=Settings(precision=0.1, budget_s=0.001, warm_up_s=0.0, min_batch_s=1e-5),
+    timing=TimingSettings(precision=0.1, budget_s=0.001, warm_up_s=0.0, min_batch_s=1e-5),
 )
 POLYGONS = load("city:buildings=2", seed=0).polygons
 

@@ -16,7 +16,7 @@ from harness.errors import UsageError
 from harness.frame import Frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunResult, run
-from harness.measuring.timing import MIN_ROUNDS, Settings
+from harness.measuring.timing import MIN_ROUNDS, TimingSettings
 from harness.measuring.worker import Inline, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
@@ -27,7 +27,7 @@ from tests.conftest import write_geojson
 from tests.mock import MockRasteriser
 
 MOCK = "tests.mock:MockRasteriser"
-FAST = Settings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
+FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
 

@@ -13,8 +13,8 @@ from harness.measuring.timing import (
     EMPTY,
     MIN_ROUNDS,
     REFERENCE,
-    Settings,
     TimerTest,
+    TimingSettings,
     median_interval,
     self_test,
     time_together,
@@ -36,7 +36,7 @@ def scripted(costs: dict[str, float], noise: float = 0.0, clock: Clock | None = 
 
 def test_every_round_times_every_drawing_once_in_changing_order():
     drawings, clock, log = scripted({"a": 2e-3, "b": 3e-3, "c": 4e-3})
-    times = time_together(drawings, Settings(), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(), WALL, clock=clock)
     rounds = len(times["a"].samples_s)
     tail = log[-3 * rounds :]
     seen = [tuple(tail[i : i + 3]) for i in range(0, len(tail), 3)]
@@ -47,7 +47,7 @@ def test_every_round_times_every_drawing_once_in_changing_order():
 
 def test_steady_drawings_stop_at_the_fewest_rounds():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
-    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
     assert all(entry.precision_reached for entry in times.values())
     assert times["b"].median_s == pytest.approx(3e-3)
@@ -55,14 +55,16 @@ def test_steady_drawings_stop_at_the_fewest_rounds():
 
 def test_the_least_share_of_the_budget_is_drawn_however_steady_it_is():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
-    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
     assert clock.now == pytest.approx(0.65 * 2, rel=0.05)
     assert all(entry.precision_reached for entry in times.values())
 
 
 def test_noise_costs_rounds_until_the_interval_is_narrow():
     drawings, clock, _ = scripted({"a": 2e-3}, noise=0.05)
-    entry = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)["a"]
+    entry = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)[
+        "a"
+    ]
     low, high = entry.ci95_s
     assert entry.precision_reached
     assert len(entry.samples_s) > 3 * MIN_ROUNDS
@@ -86,7 +88,7 @@ class Alternating:
 @pytest.mark.parametrize(("share", "reached"), [(0.008, True), (0.012, False)])
 def test_precision_is_half_the_width_of_the_interval(share, reached):
     clock = Clock()
-    settings = Settings(precision=0.01, budget_s=0.1, warm_up_s=0.0)
+    settings = TimingSettings(precision=0.01, budget_s=0.1, warm_up_s=0.0)
     entry = time_together({"a": Alternating(share, clock)}, settings, WALL, clock=clock)["a"]
     low, high = entry.ci95_s
     assert (high - low) / 2 == pytest.approx(share * 1e-3)
@@ -95,7 +97,7 @@ def test_precision_is_half_the_width_of_the_interval(share, reached):
 
 def test_budget_ends_what_never_gets_precise():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, noise=0.5)
-    times = time_together(drawings, Settings(budget_s=0.5), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=0.5), WALL, clock=clock)
     assert not any(entry.precision_reached for entry in times.values())
     assert clock.now == pytest.approx(1.0, rel=0.1)
 
@@ -103,13 +105,13 @@ def test_budget_ends_what_never_gets_precise():
 def test_an_empty_draw_does_not_keep_the_others_waiting():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)
-    times = time_together(drawings, Settings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
 def test_short_draws_are_batched_until_they_can_be_timed():
     drawings, clock, _ = scripted({"short": 1e-6, "long": 5e-3})
-    settings = Settings(min_batch_s=1e-3, paired=False)
+    settings = TimingSettings(min_batch_s=1e-3, paired=False)
     times = time_together(drawings, settings, WALL, clock=clock)
     assert times["short"].repeats >= 1000
     assert times["long"].repeats == 1
@@ -119,7 +121,7 @@ def test_short_draws_are_batched_until_they_can_be_timed():
 def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
     drawings, clock, _ = scripted({"a": 1.1e-4, "b": 0.9e-4, "c": 4e-4}, noise=0.2)
     drawings[REFERENCE] = ScriptedDrawing(REFERENCE, 1e-5, clock)
-    times = time_together(drawings, Settings(budget_s=1), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
     assert len({times[name].repeats for name in "abc"}) == 1
     assert times["a"].repeats >= 8
     assert times[REFERENCE].repeats > 2 * times["a"].repeats
@@ -127,7 +129,7 @@ def test_drawings_that_are_compared_are_drawn_equally_often_a_batch():
 
 def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
     drawings, clock, _ = scripted({"tiny": 2e-6, "long": 5e-3, "as long": 5.1e-3})
-    times = time_together(drawings, Settings(budget_s=1e-3, warm_up_s=0.0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=1e-3, warm_up_s=0.0), WALL, clock=clock)
     assert times["tiny"].repeats >= 400
     assert times["long"].repeats == 2
     assert clock.now < 3 * MIN_ROUNDS * 10e-3
@@ -136,7 +138,7 @@ def test_a_tiny_drawing_does_not_make_the_long_ones_wait():
 def test_a_coarse_timer_needs_longer_batches():
     coarse = TimerTest("wall", 0.01, None, 1e-4, "scripted")
     drawings, clock, _ = scripted({"a": 1e-3})
-    times = time_together(drawings, Settings(), coarse, clock=clock)
+    times = time_together(drawings, TimingSettings(), coarse, clock=clock)
     assert times["a"].repeats >= 10
 
 
@@ -147,7 +149,7 @@ def test_a_machine_that_slows_down_by_a_fifth_does_not_change_a_verdict(slower_a
         return 1.2 if now > slower_at else 1.0
 
     drawings, clock, _ = scripted({"a": truth * 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed))
-    times = time_together(drawings, Settings(precision=1e-9, budget_s=0.5), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(precision=1e-9, budget_s=0.5), WALL, clock=clock)
     ratio = paired_ratio(times["a"].samples_s, times["b"].samples_s)
     assert ratio.verdict == ("faster" if truth < 1 else "slower")
     assert ratio.value == pytest.approx(truth, abs=0.005)
@@ -160,7 +162,7 @@ def test_drift_alone_is_no_difference():
     verdicts = []
     for seed in range(100):
         drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed), seed)
-        settings = Settings(precision=1e-9, budget_s=0.5)
+        settings = TimingSettings(precision=1e-9, budget_s=0.5)
         times = time_together(drawings, settings, WALL, seed=seed, clock=clock)
         verdicts.append(paired_ratio(times["a"].samples_s, times["b"].samples_s).verdict)
     assert verdicts.count("no difference shown") >= 92

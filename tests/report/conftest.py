@@ -17,7 +17,7 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.records import predict_frame
 from harness.measuring.run import run
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
@@ -51,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         triangulators=parse_all(NAMES),
         rasterisers=("reference",),
         views=VIEWS,
-        timing=Settings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
+        timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
     )
     reporter = Reporter(quiet=True, console=Console(quiet=True))
     run(plan, path, reporter, open_worker=lambda *_: Inline())

@@ -1,7 +1,11 @@
-"""Fuzz: whatever bytes a file holds, its reader gives sound polygons or one clear line."""
+"""Whatever bytes a file holds, its reader gives sound polygons or one clear line.
+
+The inputs here are the same every time; tests/fuzz/targets/readers.py searches at random.
+"""
 
 import json
 import random
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -9,89 +13,95 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scenes import Scene, SceneError, load
-from tests.scenes.conftest import assert_sound, feature
-from tests.scenes.test_files import write as write_vector
-from tests.scenes.test_readers import FACES, GABLE, HOLED, cityjson, geoparquet, ply
+from scenes import SceneError, damage, limits, load
+from tests.scenes.conftest import SQUARE, feature
+from tests.scenes.samples import NAMES, damaged, packed, sample, sound_or_refused, unpacked
+from tests.scenes.test_readers import HOLED, geoparquet
 
 FUZZ = settings(
     max_examples=40,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-SVG = (
-    '<svg><g transform="scale(2)"><path d="M0 0h10v10h-10z M2 2h4v4h-4z"/><circle r="4"/></g></svg>'
-)
-
-
-class Samples(dict[str, bytes]):
-    """Files by name; a failing example must not print them all."""
-
-    def __repr__(self) -> str:
-        return f"Samples of {len(self)} formats"
-
-
-@pytest.fixture(scope="module")
-def samples(tmp_path_factory) -> Samples:
-    """A sound file of each format."""
-    folder = tmp_path_factory.mktemp("sound")
-    for suffix in (".geojson", ".gpkg", ".fgb"):
-        write_vector(folder / f"a{suffix}")
-    geoparquet(folder / "a.parquet", [HOLED, None], h=[1.0, 2.0])
-    (folder / "a.wkt").write_text(f"{HOLED.wkt}\n{HOLED.wkb_hex}\n")
-    (folder / "a.wkb").write_bytes(HOLED.wkb)
-    (folder / "a.svg").write_text(SVG)
-    (folder / "a.city.json").write_text(cityjson())
-    (folder / "a.obj").write_text(GABLE + "".join(f"f {face}\n" for face in FACES))
-    (folder / "a.ply").write_bytes(ply("binary_little_endian"))
-    (folder / "ascii.ply").write_bytes(ply("ascii"))
-    return Samples({path.name: path.read_bytes() for path in folder.iterdir()})
-
-
-def sound_or_refused(path: Path) -> Scene | None:
-    refusal = ""
-    try:
-        scene = load(path)
-    except SceneError as error:
-        refusal = str(error)
-    if refusal:
-        assert "\n" not in refusal
-        assert path.name in refusal
-        return None
-    assert_sound(scene.polygons)
-    return scene
-
-
-NAMES = (
-    *("a.geojson", "a.gpkg", "a.fgb", "a.parquet", "a.wkt", "a.wkb", "a.svg"),
-    *("a.city.json", "a.obj", "a.ply", "ascii.ply"),
-)
 
 
 @pytest.mark.parametrize("name", NAMES)
 @FUZZ
-@given(seed=st.integers(0, 2**32), cuts=st.integers(0, 3), flips=st.integers(0, 6))
-def test_damaged_files(samples, tmp_path, name, seed, cuts, flips):
-    """Bytes flipped, pieces removed or doubled, the end cut off."""
-    data, rng = bytearray(samples[name]), random.Random(seed)
-    for _ in range(flips):
-        data[rng.randrange(len(data))] = rng.randrange(256)
-    for _ in range(cuts):
-        at, length = rng.randrange(len(data)), rng.randrange(1, 40)
-        piece = data[at : at + length]
-        data[at : at + length] = piece * rng.randrange(3)
-    if rng.random() < 0.3:
-        data = data[: rng.randrange(len(data))]
+@given(data=st.data())
+def test_damaged_files(tmp_path, name, data):
     path = tmp_path / name
-    path.write_bytes(data)
+    path.write_bytes(data.draw(damaged(name)))
     sound_or_refused(path)
 
 
+def test_a_header_that_arrow_cannot_read(tmp_path):
+    """Four bytes of a FlatGeobuf file changed, for which pyarrow has an exception of its own."""
+    whole, rng = bytearray(sample("a.fgb")), random.Random(930)
+    for _ in range(4):
+        whole[rng.randrange(len(whole))] = rng.randrange(256)
+    path = tmp_path / "a.fgb"
+    path.write_bytes(whole)
+    assert sound_or_refused(path) is None
+
+
+def test_packed_bytes_come_back():
+    assert unpacked(packed(sample("a.gpkg"))) == sample("a.gpkg")
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_undamaged_samples_are_read(samples, tmp_path, name):
+def test_undamaged_samples_are_read(tmp_path, name):
     path = tmp_path / name
-    path.write_bytes(samples[name])
+    path.write_bytes(sample(name))
     assert sound_or_refused(path) is not None
+
+
+class StrangeError(Exception):
+    """What no list of exceptions has."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, name):
+    path = tmp_path / name
+    path.write_bytes(sample(name))
+
+    def fail(*_, **__):
+        raise StrangeError("first line\nsecond")
+
+    # each reader comes by its geometries through one of these
+    for module, function in (("shapely", "from_wkb"), ("shapely", "from_wkt")):
+        monkeypatch.setattr(f"{module}.{function}", fail)
+    for place in ("scenes.svg.filled", "scenes.cityjson._vertices", "scenes.mesh.in_rows"):
+        monkeypatch.setattr(place, fail)
+    with pytest.raises(SceneError, match="first line second") as caught:
+        load(path)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+    monkeypatch.setenv(damage.DEBUG, "1")
+    with pytest.raises(StrangeError):
+        load(path)
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt, SystemExit])
+def test_what_ends_a_program_is_no_damage(tmp_path, monkeypatch, ending):
+    def fail(*_, **__):
+        raise ending
+
+    monkeypatch.setattr("shapely.from_wkb", fail)
+    path = tmp_path / "a.wkb"
+    path.write_bytes(sample("a.wkb"))
+    with pytest.raises(ending):
+        load(path)
+
+
+def test_lack_of_memory_is_called_so(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("shapely.from_wkb", fail)
+    path = tmp_path / "a.wkb"
+    path.write_bytes(sample("a.wkb"))
+    with pytest.raises(SceneError, match="needs more memory than there is"):
+        load(path)
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".wkt", ".svg", ".obj", ".ply", ".json", ".wkb"])
@@ -147,4 +157,52 @@ def test_a_gigabyte_of_nothing(tmp_path, suffix):
     path = tmp_path / f"huge{suffix}"
     with path.open("wb") as stream:  # a hole: it takes no room on the disk
         stream.truncate(2**30)
+    assert sound_or_refused(path) is None
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".svg", ".wkb", ".city.json", ".stl"])
+def test_what_is_read_whole_has_a_limit(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
+    monkeypatch.setenv(limits.VARIABLE, str(2**20))
+    with pytest.raises(SceneError, match="the limit is 1 MiB") as caught:
+        load(path)
+    assert f"set {limits.VARIABLE}={path.stat().st_size}" in str(caught.value)
+    monkeypatch.setenv(limits.VARIABLE, "plenty")
+    with pytest.raises(SceneError, match="not a number of bytes"):
+        load(path)
+
+
+def town(features: int) -> bytes:
+    collection = {"type": "FeatureCollection", "features": [feature([SQUARE])] * features}
+    return json.dumps(collection).encode()
+
+
+def zipped(path: Path, content: bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.geojson", content)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".3mf", ".shz"])
+def test_an_archive_that_unpacks_to_far_too_much(tmp_path, monkeypatch, suffix):
+    bomb = zipped(tmp_path / f"a{suffix}", town(1) + b" " * 2**22)
+    monkeypatch.setenv(limits.VARIABLE, str(2**20))
+    with pytest.raises(SceneError, match="unpacks to 4 MiB, more than 100 times its size"):
+        load(bomb)
+
+
+def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
+    assert len(load(zipped(tmp_path / "a.zip", town(1) + b" " * 2**22)).polygons) == 1
+    monkeypatch.setenv(limits.VARIABLE, "1000")
+    path = zipped(tmp_path / "b.zip", town(30))
+    assert path.stat().st_size < 1000 < len(town(30))
+    assert len(load(path).polygons) == 30
+
+
+def test_entities_that_unfold(tmp_path):
+    lines = ['<!ENTITY a0 "M0 0h9v9z">']
+    lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]
+    path = tmp_path / "laughs.svg"
+    path.write_text(f'<!DOCTYPE svg [{"".join(lines)}]><svg><path d="&a11;"/></svg>')
     assert sound_or_refused(path) is None

@@ -1,46 +1,101 @@
+import json
+from pathlib import Path
+
 import numpy as np
+import pyogrio
+import pyproj
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenes.projection import is_geographic, mean_direction, to_degrees, to_metres
+from scenes import SceneError, load
+from scenes.files import read_chunks
+from scenes.projection import Projection, is_geographic, mean_direction, units
+from tests.scenes.conftest import assert_sound
+
+GLOBE = pyproj.Geod(ellps="WGS84")
+FINLAND = [[25, 60], [25.01, 60], [25.01, 60.01], [25, 60.01], [25, 60]]
+
+
+def box(west, south, east, north) -> list[list[float]]:
+    return [[west, south], [east, south], [east, north], [west, north], [west, south]]
+
+
+def geojson(folder: Path, *rings, **collection) -> Path:
+    features = [
+        {
+            "type": "Feature",
+            "properties": {},
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        }
+        for ring in rings
+    ]
+    path = folder / "a.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", **collection, "features": features}))
+    return path
+
+
+def named(name: str) -> dict:
+    return {"type": "name", "properties": {"name": name}}
+
+
+def area_on_globe(ring) -> float:
+    """By geodesics, which is how WGS 84's own library has it; rings here have short edges."""
+    lon, lat = np.array(ring, dtype=float).T
+    return abs(GLOBE.polygon_area_perimeter(lon, lat)[0])
 
 
 @given(lon=st.floats(-180, 180), lat=st.floats(-80, 80))
-def test_lengths_near_the_centre_are_those_of_the_ellipsoid(lon, lat):
+def test_lengths_and_areas_at_the_centre_are_those_of_the_ellipsoid(lon, lat):
     step = 1e-3
     points = np.array([[lon, lat], [lon + step, lat], [lon, lat + step]])
-    at, east, north = to_metres(points, (lon, lat))
-    phi = np.radians(lat)
-    w = 1 - 0.00669437999014 * np.sin(phi) ** 2
-    metres_east = np.radians(step) * 6378137 / np.sqrt(w) * np.cos(phi)
-    metres_north = np.radians(step) * 6378137 * (1 - 0.00669437999014) / w**1.5
-    assert np.hypot(*(east - at)) == pytest.approx(metres_east, rel=4e-3)
-    assert np.hypot(*(north - at)) == pytest.approx(metres_north, rel=4e-3)
-    # what is lost in one direction is won in the other: areas are right
-    area = (east - at)[0] * (north - at)[1] - (east - at)[1] * (north - at)[0]
-    assert area == pytest.approx(metres_east * metres_north, rel=1e-4)
-
-
-def test_orientation_is_north_up():
-    east, north = to_metres(np.array([[25.1, 60.0], [25.0, 60.1]]), (25.0, 60.0))
+    at, east, north = Projection("EPSG:4326", (lon, lat)).forward(points)
+    assert np.abs(at).max() < 1e-6
+    for place, (to_lon, to_lat) in ((east, points[1]), (north, points[2])):
+        length = GLOBE.inv(lon, lat, to_lon, to_lat)[2]
+        assert np.hypot(*(place - at)) == pytest.approx(length, rel=1e-5)
     assert east[0] > 0
-    assert abs(east[1]) < 10
     assert north[1] > 0
-    assert abs(north[0]) < 10
 
 
-def test_across_the_date_line():
-    points = np.array([[179.9, -17.0], [-179.9, -17.0]])
-    lon, lat = mean_direction(points)
+@given(
+    st.sampled_from(["EPSG:4326", "EPSG:7844", "EPSG:4807", "EPSG:4979"]),
+    st.tuples(st.floats(-180, 180), st.floats(-85, 85)),
+    st.lists(st.tuples(st.floats(-8, 8), st.floats(-4, 4)), min_size=1, max_size=6),
+)
+def test_there_and_back_again(crs, centre, offsets):
+    """EPSG:4807 counts in grads, from Paris."""
+    turn = 400 if crs == "EPSG:4807" else 360
+    given_ = (np.array(offsets) + centre) * turn / 360
+    for projection in (Projection(crs, centre), Projection(crs, None)):
+        error = projection.inverse(projection.forward(given_)) - given_
+        error[:, 0] -= np.round(error[:, 0] / turn) * turn
+        assert np.abs(error).max() < 1e-10
+
+
+def test_grads_from_paris_are_projected(tmp_path):
+    path = tmp_path / "paris.gpkg"
+    square = shapely.box(0, 54, 0.01, 54.01)
+    pyogrio.raw.write(
+        path, shapely.to_wkb(np.array([square])), [], [], geometry_type="Polygon", crs="EPSG:4807"
+    )
+    (polygon,) = load(path).polygons
+    assert np.abs(shapely.get_coordinates(polygon)).max() < 700
+    # a hundredth of a grad is 1000 m northwards: so the metre was made
+    assert polygon.bounds[3] - polygon.bounds[1] == pytest.approx(1000, rel=2e-3)
+
+
+def test_the_mean_direction_is_right_across_the_date_line():
+    lon, lat = mean_direction(np.array([[179.9, -17.0], [-179.9, -17.0]]))
     assert abs(lon) == pytest.approx(180)
     assert lat == pytest.approx(-17, abs=1e-3)
-    assert np.ptp(to_metres(points)[:, 0]) < 25_000
 
 
 @given(st.lists(st.tuples(st.floats(-180, 180), st.floats(-90, 90)), min_size=1, max_size=9))
-def test_whole_globe_stays_finite(points):
-    assert np.isfinite(to_metres(np.array(points))).all()
+def test_the_whole_globe_stays_finite(points):
+    projection = Projection.of("EPSG:4326", shapely.points(points))
+    assert np.isfinite(projection.forward(np.array(points))).all()
 
 
 @pytest.mark.parametrize(
@@ -48,10 +103,20 @@ def test_whole_globe_stays_finite(points):
     [
         ("EPSG:4326", True),
         ("OGC:CRS84", True),
-        ('GEOGCS["x"', True),
+        ("EPSG:7844", True),  # GDA 2020
+        ("EPSG:6318", True),  # NAD 83 (2011)
+        ("EPSG:4979", True),  # WGS 84 with heights
+        (pyproj.CRS("EPSG:4258").to_wkt(), True),
+        (pyproj.CRS("EPSG:4258").to_json(), True),
+        ("EPSG:4326+5773", True),
         ("EPSG:3067", False),
-        ("EPSG:32635", False),
-        ('PROJCS["x"', False),
+        ("EPSG:4037", False),  # projected, among the numbers of geographic ones
+        ("EPSG:4978", False),  # geocentric
+        (pyproj.CRS("EPSG:32635").to_wkt(), False),
+        ("EPSG:4899999", False),
+        ("GEOGCS", False),
+        ("no such system", False),
+        ("", False),
         (None, False),
     ],
 )
@@ -63,13 +128,154 @@ def test_coordinates_off_the_globe_are_planar():
     assert not is_geographic("EPSG:4326", np.array([[386_000.0, 6_672_000.0]]))
 
 
-@given(
-    centre=st.tuples(st.floats(-180, 180), st.floats(-85, 85)),
-    offsets=st.lists(st.tuples(st.floats(-8, 8), st.floats(-4, 4)), min_size=1, max_size=6),
+def test_units():
+    assert units("EPSG:3067") == "m"
+    assert units("EPSG:2263") == "US survey foot"
+    assert units("EPSG:4326") == "degree"
+    assert units("no such system") is None
+
+
+@pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:6318", "urn:ogc:def:crs:OGC:1.3:CRS84"])
+def test_any_geographic_system_becomes_metres(tmp_path, crs):
+    scene = load(geojson(tmp_path, FINLAND, crs=named(crs)))
+    assert scene.units == "m"
+    assert scene.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
+    assert "projected to metres, Lambert azimuthal equal-area about 25, 60" in scene.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("crs", "note"),
+    [
+        (named("EPSG:999999"), "reference system EPSG:999999 is not known"),
+        (named("of our town"), "reference system of our town is not known"),
+        ({"type": "link", "properties": {"href": "x.prj"}}, "named by a link is not known"),
+        (None, None),
+    ],
 )
-def test_there_and_back_again(centre, offsets):
-    degrees = np.array(offsets) + centre
-    back = to_degrees(to_metres(degrees, centre), centre)
-    error = back - degrees
-    error[:, 0] = (error[:, 0] + 180) % 360 - 180
-    assert np.abs(error).max() < 1e-10
+@pytest.mark.parametrize("last", [False, True])
+def test_an_unknown_system_is_never_longitude_and_latitude(tmp_path, crs, note, last):
+    """GDAL takes GeoJSON of a system that it does not know for WGS 84."""
+    path = geojson(tmp_path, FINLAND, **({} if last else {"crs": crs}))
+    if last:
+        path.write_text(path.read_text()[:-1] + f', "crs": {json.dumps(crs)}}}')
+    scene = load(path)
+    assert scene.units == "units"
+    assert scene.polygons[0].bounds == (25, 60, 25.01, 60.01)
+    assert [note in line for line in scene.notes] == [True] if note else scene.notes == ()
+
+
+def test_geojson_without_a_word_is_longitude_and_latitude(tmp_path):
+    assert load(geojson(tmp_path, FINLAND)).units == "m"
+
+
+def test_project_decides_against_the_file(tmp_path):
+    kept = load(geojson(tmp_path, FINLAND), project=False)
+    assert kept.units == "degree"
+    assert kept.polygons[0].bounds == (25, 60, 25.01, 60.01)
+    path = tmp_path / "a.wkt"
+    path.write_text(shapely.Polygon(FINLAND).wkt)
+    assert load(path).units == "units"
+    forced = load(path, project=True)
+    assert forced.units == "m"
+    assert forced.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
+    assert "taken as WGS 84" in forced.notes[0]
+    with pytest.raises(SceneError, match="is in ETRS89 / TM35FIN"):
+        load(geojson(tmp_path, FINLAND, crs=named("EPSG:3067")), project=True)
+    path.write_text(shapely.box(0, 0, 1000, 1000).wkt)
+    with pytest.raises(SceneError, match="no longitude and latitude"):
+        load(path, project=True)
+
+
+def parallel(lat: float, step: int = 10) -> list[list[float]]:
+    return [[lon, lat] for lon in range(-180, 181, step)]
+
+
+ANTARCTICA = [*parallel(-70), [180, -90], [-180, -90], [-180, -70]]
+"""As maps of the world have it: round the pole, and along the map's lower edge back."""
+
+
+def authalic(lat: float) -> float:
+    """The sine of the authalic latitude: the share of the ellipsoid's area south of it."""
+    if abs(lat) == 90:
+        return np.sign(lat)
+    squared, sine = GLOBE.es, np.sin(np.radians(lat))
+    e = np.sqrt(squared)
+
+    def q(s):
+        return (1 - squared) * (s / (1 - squared * s**2) + np.arctanh(e * s) / e)
+
+    return q(sine) / q(1.0)
+
+
+AREA = 4 * np.pi * 6371007.1809**2
+"""Of the ellipsoid, in square metres."""
+
+DISC = AREA / 2 * (1 - authalic(70)) * np.sinc(1 / 18)
+"""What 36 chords leave of the cap beyond 70 degrees."""
+
+
+def test_a_ring_round_the_pole_is_a_disc_about_it(tmp_path):
+    scene = load(geojson(tmp_path, ANTARCTICA))
+    assert_sound(scene.polygons)
+    (polygon,) = scene.polygons
+    assert polygon.area == pytest.approx(DISC, rel=1e-6)
+    assert len(polygon.exterior.coords) == 37
+    west, south, east, north = polygon.bounds
+    assert (east - west) == pytest.approx(north - south, rel=0.02)
+    assert "-180.0 -70.0" in scene.repaired[0][1] or "-90.0" in scene.repaired[0][1]
+
+
+def test_a_ring_round_the_pole_without_a_seam_is_the_same_disc(tmp_path):
+    ring = parallel(-70)[:-1]
+    scene = load(geojson(tmp_path, [*ring, ring[0]]))
+    assert scene.repaired == scene.dropped == []
+    assert scene.polygons[0].area == pytest.approx(DISC, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [(-180, -90, 180, -60), (-180, -85, 180, -60), (-180, 30, 180, 90), (-180, -90, 180, 90)],
+)
+def test_a_box_from_180_to_180_keeps_its_area(tmp_path, bounds):
+    """Its corners are one and the same place east and west: on most maps nothing is left of it."""
+    scene = load(geojson(tmp_path, box(*bounds)))
+    assert_sound(scene.polygons)
+    south, north = (authalic(lat) for lat in bounds[1::2])
+    wanted = AREA / 2 * (north - south)
+    assert scene.polygons[0].area == pytest.approx(wanted, rel=1e-6)
+    assert "Lambert cylindrical equal-area" in scene.notes[0]
+
+
+def test_a_world_with_shapes_across_the_date_line(tmp_path):
+    fiji, finland = box(177, -20, -178, -15), FINLAND
+    far = [box(lon, 0, lon + 1, 1) for lon in (-120, 0, 120)]
+    scene = load(geojson(tmp_path, fiji, finland, *far))
+    assert_sound(scene.polygons)
+    assert "cylindrical" in scene.notes[0]
+    assert scene.polygons[0].area == pytest.approx(area_on_globe(fiji), rel=0.01)
+    # in one piece, beyond the map's right edge
+    assert np.ptp(shapely.get_coordinates(scene.polygons[0])[:, 0]) == pytest.approx(
+        5 / 360 * 2 * np.pi * 6378137, rel=1e-6
+    )
+    back = np.vstack(
+        [
+            chunk.projection.inverse(shapely.get_coordinates(chunk.cleaned.polygons))
+            for chunk in read_chunks(str(tmp_path / "a.geojson"))
+        ]
+    )
+    assert np.abs(back[:4] - np.array(fiji)[[0, 1, 2, 3]]).max() < 400
+
+
+def test_a_shape_across_the_date_line_alone(tmp_path):
+    fiji = box(177, -20, -178, -15)
+    (polygon,) = load(geojson(tmp_path, fiji)).polygons
+    assert polygon.area == pytest.approx(area_on_globe(fiji), rel=0.01)
+    assert np.ptp(shapely.get_coordinates(polygon), axis=0).max() < 600_000
+
+
+def test_repairs_are_named_by_the_places_of_the_source(tmp_path):
+    bow_tie = [[25, 60], [25.006, 60.008], [25.006, 60], [25, 60.008], [25, 60]]
+    scene = load(geojson(tmp_path, bow_tie))
+    ((_, reason),) = scene.repaired
+    x, y = map(float, reason.split(" at ")[1].split(";")[0].split())
+    assert (x, y) == pytest.approx((25.003, 60.004), abs=1e-6)

@@ -100,7 +100,7 @@ class TestSvg:
 
     def test_errors(self, tmp_path):
         for text, message in (
-            ("<svg", "not readable SVG"),
+            ("<svg", "cannot be read as SVG"),
             ("<html/>", "its root is html"),
             ("<svg/>", "holds no polygon"),
             ('<svg><g transform="spin(3)"><rect/></g></svg>', r"spin\(3\) is not known"),
@@ -155,7 +155,7 @@ class TestGeoParquet:
         for path, message in (
             (tmp_path / "plain.parquet", "no geometry column"),
             (native, "encoded as polygon"),
-            (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as Parquet"),
+            (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as GeoParquet"),
         ):
             with pytest.raises(SceneError, match=message):
                 load(path)
@@ -236,7 +236,7 @@ class TestNativeGeoParquet:
         short = kind, xy, (np.array([0, 2, 10]), polygons)
         monkeypatch.setattr(shapely, "to_ragged_array", lambda _: short)
         path = native(tmp_path / "a.parquet", [SQUARE, SQUARE])
-        with pytest.raises(SceneError, match="cannot be read as Parquet"):
+        with pytest.raises(SceneError, match="cannot be read as GeoParquet"):
             load(path)
 
 
@@ -266,7 +266,7 @@ class TestCityJsonSequence:
     def test_errors(self, tmp_path):
         lines = cityjson_sequence(1)
         path = write(tmp_path / "a.city.jsonl", lines[0][:-1] + "\n" + lines[1])
-        with pytest.raises(SceneError, match="line 1 is not readable JSON"):
+        with pytest.raises(SceneError, match="line 1 cannot be read as JSON"):
             load(path)
         with pytest.raises(SceneError, match="give RoofSurface or GroundSurface"):
             load(write(tmp_path / "b.city.jsonl", "\n".join(lines)), layer="Roof")
@@ -301,8 +301,8 @@ class TestCityJson:
             }
         }
         for text, message in (
-            (cityjson()[:200], "not readable JSON"),
-            (cityjson(vertices="no"), "not sound CityJSON"),
+            (cityjson()[:200], "cannot be read as JSON"),
+            (cityjson(vertices="no"), "cannot be read as CityJSON"),
             (cityjson(CityObjects=broken), "house is not a sound city object"),
             (cityjson(CityObjects={}), "holds no polygon"),
         ):
@@ -392,11 +392,11 @@ class TestModels:
         [
             ("a.obj", "v 0 0\nf 1 2 3\n", "line 1 is not OBJ"),
             ("a.obj", "v 0 0 0\n", "holds no face"),
-            ("a.ply", "plx\n", "does not begin with"),
-            ("a.ply", ply("ascii")[:300], "cut short"),
-            ("a.ply", ply("binary_little_endian")[:-9], "cut short"),
-            ("a.ply", b"ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "no 'face'"),
-            ("a.glb", b"glTF rubbish", "not a readable model"),
+            ("a.ply", "plx\n", "expected 'ply'"),
+            ("a.ply", ply("ascii")[:300], "early end-of-line"),
+            ("a.ply", ply("binary_little_endian")[:-9], "early end-of-file"),
+            ("a.ply", b"ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "PLY"),
+            ("a.glb", b"glTF rubbish", "cannot be read as a 3D model"),
             ("a.stl", b"solid nothing\nendsolid\n", "model"),
         ],
     )

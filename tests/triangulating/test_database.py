@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
-from harness.export import Cache, default_path, export_file
+from harness.export import ModelDatabase, default_path, export_file
 from harness.export.triangulation import COMPILED, triangulate_batch
 from harness.triangulating import database as model
 from scenes import load
@@ -26,20 +26,20 @@ def key(number: int) -> bytes:
 
 
 def test_what_was_put_is_there_for_the_next(path):
-    with Cache(path) as cache:
-        assert cache.get_many([key(1)]) == {}
-        cache.put_many("delaunay", [(key(1), SOME), (key(2), SOME[:1])])
-    with Cache(path) as cache:
-        found = cache.get_many([key(k) for k in range(1200)])
+    with ModelDatabase(path) as database:
+        assert database.get_many([key(1)]) == {}
+        database.put_many("delaunay", [(key(1), SOME), (key(2), SOME[:1])])
+    with ModelDatabase(path) as database:
+        found = database.get_many([key(k) for k in range(1200)])
         assert {k: v.tolist() for k, v in found.items()} == {
             key(1): SOME.tolist(),
             key(2): SOME[:1].tolist(),
         }
-        info = cache.info()
+        info = database.info()
         assert (info.entries, info.by_triangulator) == (2, {"delaunay": (2, 8 + 24 + 8 + 12)})
         assert info.file_bytes > 0
-        assert cache.clear() == 2
-        assert cache.info().entries == 0
+        assert database.clear() == 2
+        assert database.info().entries == 0
 
 
 @given(
@@ -64,17 +64,17 @@ def test_keys_differ_where_content_does(points, index, name):
 
 def test_another_version_of_the_triangulators_has_other_keys(monkeypatch):
     before = key(1)
-    monkeypatch.setattr(model, "code_version", lambda: "another")
+    monkeypatch.setattr(model, "triangulators_version", lambda: "another")
     assert key(1) != before
 
 
 def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
     said: list[str] = []
-    with Cache(path, said.append) as cache:
-        cache.put_many("delaunay", [(key(1), SOME)])
+    with ModelDatabase(path, said.append) as database:
+        database.put_many("delaunay", [(key(1), SOME)])
         monkeypatch.setattr(model, "LIMIT_BYTES", 0)
-        cache.put_many("delaunay", [(key(2), SOME)])
-        assert list(cache.get_many([key(1), key(2)])) == [key(1)]
+        database.put_many("delaunay", [(key(2), SOME)])
+        assert list(database.get_many([key(1), key(2)])) == [key(1)]
     assert [
         line.endswith("is full (0 GiB), keeps no more: harness cache clear") for line in said
     ] == [True]
@@ -82,8 +82,8 @@ def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
 
 class TestDamage:
     def put(self, path: Path) -> None:
-        with Cache(path) as cache:
-            cache.put_many("delaunay", [(key(k), SOME) for k in range(500)])
+        with ModelDatabase(path) as database:
+            database.put_many("delaunay", [(key(k), SOME) for k in range(500)])
 
     @pytest.mark.parametrize("how", ["rubbish", "cut", "holes", "other schema", "no table"])
     def test_a_damaged_file_is_set_aside_and_begun_anew(self, path, how):
@@ -102,10 +102,10 @@ class TestDamage:
                 database.execute(change)
             database.close()
         said: list[str] = []
-        with Cache(path, said.append) as cache:
-            cache.get_many([key(k) for k in range(500)])
-            cache.put_many("delaunay", [(key(1), SOME)])
-            assert cache.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+        with ModelDatabase(path, said.append) as database:
+            database.get_many([key(k) for k in range(500)])
+            database.put_many("delaunay", [(key(1), SOME)])
+            assert database.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
         if how == "no table":  # which an empty file lacks too: it is made, nothing was damaged
             return
         assert len(said) == 1
@@ -127,30 +127,30 @@ class TestDamage:
             database.execute("UPDATE model SET value=? WHERE key=?", [value, key(11)])
         database.close()
         said: list[str] = []
-        with Cache(path, said.append) as cache:
-            found = cache.get_many([key(k) for k in range(500)])
+        with ModelDatabase(path, said.append) as database:
+            found = database.get_many([key(k) for k in range(500)])
         assert set(range(500)) - {k for k in range(500) if key(k) in found} == {7, 8, 9, 10, 11}
         assert len(said) == 5
 
     def test_a_folder_that_cannot_be_written(self, tmp_path):
         (tmp_path / "file").write_text("x")
         with pytest.raises(UsageError, match="set RASTER_HARNESS_CACHE"):
-            Cache(tmp_path / "file" / "model.sqlite")
+            ModelDatabase(tmp_path / "file" / "model.sqlite")
 
 
 def _work(path: Path, worker: int, damage: bool) -> int:
     """Write and read in one process of several; one of them damages the file on the way."""
     wrong = 0
     keys = {key(k): k for k in range(60)}
-    with Cache(path, lambda _: None) as cache:
+    with ModelDatabase(path, lambda _: None) as database:
         for turn in range(40):
             number = (worker * 7 + turn) % 60
-            cache.put_many("delaunay", [(key(number), SOME + number)])
+            database.put_many("delaunay", [(key(number), SOME + number)])
             if damage and turn == 20:
                 with path.open("r+b") as stream:
                     stream.seek(0)
                     stream.write(b"\0" * 3000)
-            for each, triangles in cache.get_many(list(keys)).items():
+            for each, triangles in database.get_many(list(keys)).items():
                 wrong += triangles.tolist() != (SOME + keys[each]).tolist()
     return wrong
 
@@ -161,9 +161,9 @@ def test_several_processes_share_the_file(path, damage):
     with context.Pool(3) as pool:
         jobs = [(path, worker, damage and worker == 2) for worker in range(3)]
         assert pool.starmap_async(_work, jobs).get(timeout=60) == [0, 0, 0]
-    with Cache(path, lambda _: None) as cache:
-        cache.put_many("delaunay", [(key(1), SOME)])
-        assert cache.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+    with ModelDatabase(path, lambda _: None) as database:
+        database.put_many("delaunay", [(key(1), SOME)])
+        assert database.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
 
 
 def test_default_path(monkeypatch, tmp_path):
@@ -178,9 +178,9 @@ def test_default_path(monkeypatch, tmp_path):
 def test_a_second_batch_reads_what_the_first_computed(path, name):
     polygons = np.asarray(load("city", buildings=80).polygons)
     plain = triangulate_batch(polygons, name, {})
-    with Cache(path) as cache:
-        first = triangulate_batch(polygons, name, {}, cache)
-        second = triangulate_batch(polygons, name, {}, cache)
+    with ModelDatabase(path) as database:
+        first = triangulate_batch(polygons, name, {}, database)
+        second = triangulate_batch(polygons, name, {}, database)
     assert first.read == 0
     sizes = np.diff(np.r_[0, plain.arrays.ring_ends][np.r_[0, plain.arrays.polygon_ends]])
     holed = np.array([len(p.interiors) > 0 for p in polygons])
@@ -193,9 +193,9 @@ def test_a_second_batch_reads_what_the_first_computed(path, name):
 
 def test_failures_are_not_kept(path):
     polygons = np.asarray(load("city", buildings=60).polygons)
-    with Cache(path) as cache:
-        first = triangulate_batch(polygons, "fan", {}, cache)
-        second = triangulate_batch(polygons, "fan", {}, cache)
+    with ModelDatabase(path) as database:
+        first = triangulate_batch(polygons, "fan", {}, database)
+        second = triangulate_batch(polygons, "fan", {}, database)
     assert first.failed
     assert second.failed == first.failed
     assert second.read == 60 - len(first.failed)
@@ -203,9 +203,9 @@ def test_failures_are_not_kept(path):
 
 def test_a_users_function_is_not_kept(path):
     polygons = np.asarray(load("city", buildings=5).polygons)
-    with Cache(path) as cache:
-        triangulate_batch(polygons, f"{__name__}:by_delaunay", {}, cache)
-        assert cache.info().entries == 0
+    with ModelDatabase(path) as database:
+        triangulate_batch(polygons, f"{__name__}:by_delaunay", {}, database)
+        assert database.info().entries == 0
 
 
 def by_delaunay(polygon):
@@ -215,8 +215,8 @@ def by_delaunay(polygon):
 
 
 def test_an_export_reads_what_another_computed(path, tmp_path):
-    with Cache(path) as cache:
-        first = export_file("city:buildings=40", tmp_path / "a.obj", "delaunay", cache=cache)
-        second = export_file("city:buildings=40", tmp_path / "b.obj", "delaunay", cache=cache)
+    with ModelDatabase(path) as database:
+        first = export_file("city:buildings=40", tmp_path / "a.obj", "delaunay", database=database)
+        second = export_file("city:buildings=40", tmp_path / "b.obj", "delaunay", database=database)
     assert (first.read, second.read) == (0, 40)
     assert (tmp_path / "a.obj").read_bytes() == (tmp_path / "b.obj").read_bytes()

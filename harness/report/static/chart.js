@@ -1,4 +1,4 @@
-/* Predicted against measured: two panels, one mark a polygon or a case. */
+/* Predicted against measured: two panels, one mark per polygon or case. */
 
 const chart = { plot: null, marks: [], at: -1 };
 
@@ -83,7 +83,7 @@ function drawChart() {
 function noteOn(marks) {
   const view = state.report.views[group().view];
   const base = isRatio() ? `, in ratio to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
-  const line = isRatio() ? " On the dashed line the prediction is right." : "";
+  const line = isRatio() ? " On the dashed line both ratios are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
     ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
   const same = chart.same ? ` ${number(chart.same)} marks on 1, where nothing differs from ${group().base}, are left out.` : "";
@@ -129,7 +129,7 @@ function chartOption(marks, stacked) {
     title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: 13, fontWeight: 600, color: ink },
       left: stacked || !i ? 62 : "55%", top: stacked && i ? "51%" : 8 })),
     grid: [panel(0), panel(1)],
-    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted ${words(criterion)}`, unitOf(criterion)), i, false)),
+    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
     tooltip: { trigger: "item", confine: true, backgroundColor: styled("--panel"), borderColor: line, textStyle: { color: ink, fontSize: 13 },
       formatter: (point) => (point.data && point.data.length === 4 ? tooltip(chart.marks[point.data[2]]) : "") },
@@ -145,7 +145,7 @@ function correlationText(criterion) {
 }
 
 function diagonal(marks, i, colour) {
-  const values = marks.map((m) => m.y);
+  const values = marks.flatMap((m) => [m.y, ...m.x]).filter(positive);
   const low = Math.min(1, ...sampleEnds(values)), high = Math.max(1, ...sampleEnds(values));
   return { type: "line", xAxisIndex: i, yAxisIndex: i, data: [[low, low], [high, high]], symbol: "none", silent: true,
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
@@ -171,7 +171,7 @@ function linesOn(mark) {
   const lines = [row.triangulator, which, `${at.rasteriser} on ${at.device}, ${at.condition}`];
   lines.push(`measured ${words(chosen("measure"))}: ${number(mark.y)}${of}`);
   for (const [i, criterion] of [a, b].entries()) {
-    if (!i || a !== b) lines.push(`predicted ${words(criterion)}: ${number(mark.x[i])}${of}`);
+    if (!i || a !== b) lines.push(`predicted by ${words(criterion)}: ${number(mark.x[i])}${of}`);
   }
   return lines;
 }

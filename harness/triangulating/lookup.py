@@ -27,7 +27,7 @@ WRITE_S = 2.0
 """Seconds of computing after which what was computed is written, so that a kill loses no more."""
 
 
-class Kept:
+class Lookup:
     """The model database for one triangulator; use as a context manager.
 
     Where the database cannot be used, nothing is found and nothing kept, and `notes` says why.
@@ -42,43 +42,43 @@ class Kept:
         self._name = name
         # A time of another machine would be a lie about this one.
         self._parameters = {**parameters, "cpu": cpu_name()}
-        self._cache: database.Cache | None = None
+        self._database: database.ModelDatabase | None = None
         self._keys: list[bytes] = []
         self._fresh: list[tuple[bytes, database.Timed]] = []
         if path is not None:
             try:
-                self._cache = database.Cache(path, self.notes.append)
+                self._database = database.ModelDatabase(path, self.notes.append)
             except UsageError as error:
                 self.notes.append(f"{error}; this run does without")
 
-    def __enter__(self) -> Kept:
+    def __enter__(self) -> Lookup:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._cache is not None:
+        if self._database is not None:
             self._write()
-            self._cache.close()
+            self._database.close()
 
     def find(self, polygons: Sequence[Polygon]) -> list[database.Timed | None]:
         """Return for each polygon what is known of it."""
-        if self._cache is None:
+        if self._database is None:
             return [None] * len(polygons)
         self._keys = []
         for polygon in polygons:
             points, ends = rings_of(polygon)
             self._keys.append(database.key(self._name, self._parameters, points, ends.tolist()))
-        found = self._cache.get_timed(self._keys)
+        found = self._database.get_timed(self._keys)
         return [found.get(key) for key in self._keys]
 
     def keep(self, number: int, triangles: NDArray[np.int32], seconds: float) -> None:
         """Keep the triangles of a polygon of `find`, if computing them took long enough."""
-        if self._cache is None or seconds < KEEP_S:
+        if self._database is None or seconds < KEEP_S:
             return
         self._fresh.append((self._keys[number], database.Timed(triangles, seconds)))
         if sum(timed.seconds for _, timed in self._fresh) > WRITE_S:
             self._write()
 
     def _write(self) -> None:
-        if self._cache is not None and self._fresh:
-            self._cache.put_timed(self._name, self._fresh)
+        if self._database is not None and self._fresh:
+            self._database.put_timed(self._name, self._fresh)
             self._fresh = []

@@ -13,11 +13,11 @@ import pytest
 from harness.frame import View, make_frame
 from harness.measuring.run import run
 from harness.triangulating import database as store
-from harness.triangulating import frames, remembered
-from harness.triangulating.database import Cache, Timed
+from harness.triangulating import frames, lookup
+from harness.triangulating.database import ModelDatabase, Timed
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
+from harness.triangulating.lookup import KEEP_S, Lookup
 from harness.triangulating.names import Recipe, parse
-from harness.triangulating.remembered import KEEP_S, Kept
 from scenes import load
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, plan_for, quiet
@@ -44,7 +44,7 @@ def database(tmp_path) -> Path:
 
 @pytest.fixture
 def all_kept(monkeypatch):
-    monkeypatch.setattr(remembered, "KEEP_S", 0.0)
+    monkeypatch.setattr(lookup, "KEEP_S", 0.0)
 
 
 @pytest.fixture
@@ -119,18 +119,18 @@ def test_what_is_computed_as_quickly_as_read_is_not_kept(
 
     monkeypatch.setattr(Recipe, "triangulate", timed)
     cut("ear-clipping", small, 0, None, database)
-    with Cache(database) as model:
+    with ModelDatabase(database) as model:
         assert model.info().entries == kept
 
 
 def test_the_threshold_is_in_seconds(database):
     polygon = POLYGONS[0]
     triangles = np.array([[0, 1, 2]], dtype=np.int32)
-    with Kept(database, "delaunay", {}) as model:
+    with Lookup(database, "delaunay", {}) as model:
         assert model.find([polygon, POLYGONS[1]]) == [None, None]
         model.keep(0, triangles, 0.99 * KEEP_S)
         model.keep(1, triangles, 1.01 * KEEP_S)
-    with Kept(database, "delaunay", {}) as model:
+    with Lookup(database, "delaunay", {}) as model:
         nothing, found = model.find([polygon, POLYGONS[1]])
         assert nothing is None
         assert found is not None
@@ -164,10 +164,12 @@ def test_nothing_is_read_for_another_question(database, computed):
 
 
 @pytest.mark.usefixtures("all_kept")
-@pytest.mark.parametrize("what", ["code_version", "cpu_name"])
+@pytest.mark.parametrize("what", ["triangulators_version", "cpu_name"])
 def test_another_version_or_machine_computes_again(database, monkeypatch, what):
     cut("delaunay", POLYGONS[:2], 0, None, database)
-    monkeypatch.setattr(store if what == "code_version" else remembered, what, lambda: "another")
+    monkeypatch.setattr(
+        store if what == "triangulators_version" else lookup, what, lambda: "another"
+    )
     assert cut("delaunay", POLYGONS[:2], 0, None, database).cached == 0
 
 
@@ -182,7 +184,7 @@ def test_a_third_partys_triangulator_is_never_kept(database):
 def test_what_is_read_is_verified_and_computed_again_if_wrong(database):
     polygon = POLYGONS[0]
     good = cut("delaunay", [polygon], 0, None, database)
-    with Kept(database, "delaunay", {}) as model:
+    with Lookup(database, "delaunay", {}) as model:
         model.find([polygon])
         assert good.parts[0] is not None
         # sound in the file's eyes, but no triangulation of the polygon
@@ -210,7 +212,7 @@ def test_a_time_is_sealed_as_the_triangles_are(database):
 def test_entries_with_and_without_a_time_live_together(database):
     one, two = (store.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
     triangles = np.array([[0, 1, 2], [2, 3, 0]], dtype=np.int32)
-    with Cache(database) as model:
+    with ModelDatabase(database) as model:
         model.put_many("delaunay", [(one, triangles)])
         model.put_timed("delaunay", [(two, Timed(triangles[:1], 0.25))])
         assert {k: len(v) for k, v in model.get_many([one, two]).items()} == {one: 2, two: 1}
@@ -219,11 +221,11 @@ def test_entries_with_and_without_a_time_live_together(database):
 
 @pytest.mark.usefixtures("all_kept")
 def test_long_computing_is_written_on_the_way(database, monkeypatch):
-    monkeypatch.setattr(remembered, "WRITE_S", 0.0)
-    with Kept(database, "delaunay", {}) as model:
+    monkeypatch.setattr(lookup, "WRITE_S", 0.0)
+    with Lookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
         model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
-        with Cache(database) as other:  # as after a kill
+        with ModelDatabase(database) as other:  # as after a kill
             assert other.info().entries == 1
 
 

@@ -1,0 +1,112 @@
+"""What a reader takes and yields, and which one serves which suffix."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from scenes import damage, limits
+from scenes.scene import Note
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file and the part of it that is wanted.
+
+    `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
+    """
+
+    path: Path
+    layer: str | None = None
+    where: str | None = None
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What a reader yields: geometries as they stand in the file, and what is known of them.
+
+    `geometries` are shapely geometries or None; `labels` name them for messages; `attributes` has
+    one row a geometry; `crs` is a reference system as PROJ knows it, by code, WKT or PROJJSON;
+    `dropped` are items that did not even become a geometry, `repaired` those that did only after a
+    mend. `notes` say what was chosen for the user, such as one layer of several.
+    """
+
+    geometries: NDArray[Any] | list[Any]
+    labels: list[str]
+    attributes: pd.DataFrame | None = None
+    crs: str | None = None
+    units: str = "units"
+    dropped: list[Note] = field(default_factory=list)
+    repaired: list[Note] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Where a format's reader is: "module:function", which takes a Source and a number of features.
+
+    kind : the format's name, for messages
+    whole : whether it holds the whole file in memory
+    explain : name of a function in the module that gives a better message for some errors
+    """
+
+    function: str
+    kind: str
+    whole: bool = True
+    explain: str | None = None
+
+    @property
+    def module(self) -> Any:
+        """The module, imported on first use: some take long."""
+        return importlib.import_module(self.function.partition(":")[0])
+
+    def __call__(self, source: Source, size: int) -> Iterator[Raw]:
+        """Read; whatever goes wrong is a SceneError of one line."""
+        path = str(source.path)
+        explain: Callable[..., str | None] | None = None
+        if self.explain is not None:
+            explain = getattr(self.module, self.explain)
+        with damage.refused(path, self.kind, lambda e: explain(source, e) if explain else None):
+            if source.path.is_file():
+                limits.check_archive(source.path)
+                if self.whole:
+                    limits.check_size(source.path)
+            yield from getattr(self.module, self.function.partition(":")[2])(source, size)
+
+
+GDAL = Reader("scenes.vector:read", "a file of geometries", whole=False, explain="explain")
+_PARQUET = Reader("scenes.geoparquet:read", "GeoParquet", whole=False)
+_CITY = Reader("scenes.cityjson:read", "CityJSON")
+_SEQUENCE = Reader("scenes.cityjson:read_sequence", "a CityJSON sequence", whole=False)
+_MESH = Reader("scenes.mesh:read", "a 3D model")
+_READERS = {
+    **dict.fromkeys((".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
+    ".obj": Reader("scenes.mesh:read", "OBJ"),
+    ".ply": Reader("scenes.mesh:read", "PLY"),
+    **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
+    **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.wkt:read_text", "WKT", whole=False)),
+    ".wkb": Reader("scenes.wkt:read_binary", "WKB"),
+    ".svg": Reader("scenes.svg:read", "SVG"),
+    ".cityjson": _CITY,
+}
+"""Suffix to reader; everything else goes to GDAL."""
+
+
+def reader_of(path: Path) -> Reader:
+    """What reads this file."""
+    suffix = path.suffix.lower()
+    city = {".json": _CITY, ".jsonl": _SEQUENCE}
+    if suffix in city and path.is_file():
+        with path.open("rb") as stream:
+            # CityJSON requires its type, and writers put it first
+            if b'"CityJSON"' in stream.read(4096):
+                return city[suffix]
+    return _READERS.get(suffix, GDAL)

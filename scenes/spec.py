@@ -1,0 +1,120 @@
+"""A scene as a user writes it: "city:buildings=20", "town.gpkg:layer=parks", "module:function"."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin
+
+from scenes.names import suggestion
+from scenes.scene import SceneError
+
+_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+_ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
+
+
+def parsed(text: str) -> tuple[str, dict[str, str]]:
+    """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole."""
+    if exists(text):
+        return text, {}
+    match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
+    if not match:
+        return text, {}
+    # a comma within quotes or brackets parts nothing
+    masked, before = match[2], ""
+    while masked != before:
+        before, masked = masked, _ENCLOSED.sub(lambda found: "_" * len(found[0]), masked)
+    cuts = [found.start() for found in re.finditer(r",(?=[A-Za-z_]\w*=)", masked)]
+    starts = [0, *(cut + 1 for cut in cuts)]
+    pairs = [match[2][a:b] for a, b in zip(starts, [*cuts, None], strict=True)]
+    return match[1], dict(pair.split("=", 1) for pair in pairs)
+
+
+def is_function(name: str) -> bool:
+    """Whether this is "module:function"; an existing path never is.
+
+    >>> is_function("my.module:squares"), is_function("city"), is_function("town.gpkg")
+    (True, False, False)
+    """
+    return _FUNCTION.fullmatch(name) is not None and not exists(name)
+
+
+def is_path(name: str) -> bool:
+    """Whether this is a file's name: one that exists, or has a separator or a suffix."""
+    if exists(name):
+        return True
+    return not is_function(name) and ("/" in name or "\\" in name or Path(name).suffix != "")
+
+
+def exists(name: str) -> bool:
+    """Whether there is a file or folder of this name."""
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):  # too long for a path, or a NUL in it
+        return False
+
+
+def joined(name: str, **parameters: Any) -> str:
+    """A scene's name with parameters added, so that `load` finds them; those that are None are not.
+
+    Raises SceneError for a value that would be read as several.
+
+    >>> joined("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
+    "town.gpkg:layer=parks,where=kind IN ('a', b=1)"
+    """
+    base, given = parsed(name)
+    asked = {**given, **{key: str(each) for key, each in parameters.items() if each is not None}}
+    text = base + ":" * bool(asked) + ",".join(f"{key}={each}" for key, each in asked.items())
+    if parsed(text) != (base, asked):
+        raise SceneError(f"{text} cannot be told apart: put what has a comma before = in brackets")
+    return text
+
+
+def label(text: str) -> str:
+    """What a scene is called in results: of a file only its name, for it is the same elsewhere.
+
+    >>> label("data/town.gpkg:where=height/2 > 3"), label("city:buildings=20")
+    ('town.gpkg:where=height/2 > 3', 'city:buildings=20')
+    """
+    name, _ = parsed(text)
+    return Path(name).name + text[len(name) :] if is_path(name) else text
+
+
+def arguments_for(
+    name: str, function: Callable[..., Any], parameters: dict[str, Any]
+) -> dict[str, Any]:
+    """Parameters converted to the types the builder declares; unknown ones are refused."""
+    try:
+        declared = inspect.signature(function, eval_str=True).parameters
+    except NameError:  # an annotation that only type checkers can read: values stay text
+        declared = inspect.signature(function).parameters
+    if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
+        return dict(parameters)
+    known = [k for k, p in declared.items() if p.kind is p.KEYWORD_ONLY and k != "seed"]
+    for key in parameters:
+        if key not in known:
+            hint = suggestion(key, known, "it has") if known else "it has none"
+            raise SceneError(f"scene {name} has no parameter {key!r}; {hint}")
+    return {k: converted(k, v, declared[k].annotation) for k, v in parameters.items()}
+
+
+def converted(key: str, value: Any, kind: Any) -> Any:
+    """A value given as text, turned into the declared type; other values as they are."""
+    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    if not isinstance(value, str) or inspect.Parameter.empty in kinds:
+        return value
+    for each in kinds:
+        if each is bool and value.lower() in ("true", "yes", "1", "false", "no", "0"):
+            return value.lower() in ("true", "yes", "1")
+        if each in (int, float):
+            try:
+                return each(value)
+            except ValueError:
+                continue
+        if each is str:
+            return value
+    wanted = " or ".join(k.__name__ for k in kinds if k is not type(None))
+    raise SceneError(f"parameter {key}={value!r} is not {wanted}: give a value like {key}=10")
