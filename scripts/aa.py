@@ -83,6 +83,7 @@ def _pair(project: Path, reports: Path, number: int, share: float, run: str) -> 
     environment = {**os.environ, "BESIDE": "HEAD", "PYTHON": sys.executable}
     environment |= {"HEAVY_EXTRA": str(share), "HEAVY_DRAWING": WHICH}
     environment.pop("GITHUB_STEP_SUMMARY", None)
+    (reports / "compare.md").unlink(missing_ok=True)
     over = threading.Event()
     thread = threading.Thread(target=_disturb, args=(over, random.Random(number)))
     began = time.monotonic()
@@ -94,7 +95,8 @@ def _pair(project: Path, reports: Path, number: int, share: float, run: str) -> 
     over.set()
     if loaded:
         thread.join()
-    headline = (done.stdout.splitlines() or [done.stderr.strip()])[0]
+    report = reports / "compare.md"
+    headline = report.read_text().splitlines()[0] if report.exists() else done.stderr.strip()
     print(f"{number:4} {share:5.0%} {'loaded' if loaded else ''} {done.returncode} {headline}")
     values = (number, share, loaded, done.returncode, round(time.monotonic() - began, 1))
     return dict(zip(COLUMNS, values, strict=True))

@@ -50,8 +50,8 @@ def triangulate_int32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.
 def triangulate_int64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
     """`triangulate_float64` for (n, 2) int64 vertices.
 
-    Decided exactly up to an extent of 2^53; a polygon that reaches further, which doubles
-    cannot hold, gets earcut's own result.
+    Decided exactly up to an extent of 2^53; a polygon that is larger, which doubles cannot hold,
+    gets earcut's own result.
     """
     raw = mapbox_earcut.triangulate_int64(vertices, ring_end_indices)
     if not len(raw):

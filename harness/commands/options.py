@@ -27,6 +27,9 @@ Base = Annotated[
         "measured, else the first."
     ),
 ]
+Json = Annotated[
+    bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
+]
 PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
 Work = Annotated[str, typer.Option(help="Iterations of arithmetic per fragment; comma-separated.")]
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -17,6 +18,7 @@ from harness.commands.options import (
     CALIBRATIONS,
     Base,
     Force,
+    Json,
     Quiet,
     Seed,
     Verbose,
@@ -26,6 +28,7 @@ from harness.commands.options import (
 )
 from harness.commands.results import folder_for, require_finished
 from harness.errors import UsageError
+from harness.figures.groups import base_of, groups
 from harness.frame import FitMode, View
 from harness.measuring.beside import FOLDER as BASE_FOLDER
 from harness.measuring.beside import Beside, version
@@ -37,7 +40,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
 from harness.stored.folder import clear_errors, read_run
-from harness.summary import print_summary, write_csv
+from harness.summary import print_summary, row_of, write_csv
 from harness.triangulating.database import default_path
 from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
 from scenes.spec import joined
@@ -134,6 +137,7 @@ def run(
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
     base: Base = "",
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -178,8 +182,11 @@ def run(
             beside=other,
             base=_base(base, plan),
         )
-    finish(outcome, Console(), reporter)
-    if other:
+    if as_json:
+        typer.echo(json.dumps(told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
+    # Standard output is the other program's then.
+    finish(outcome, Console(stderr=as_json, quiet=as_json), reporter)
+    if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
 
@@ -244,6 +251,16 @@ def _stored_plan(folder: Path) -> Plan:
         return Plan.from_json(facts["plan"])
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
+
+
+def told(outcome: RunResult) -> dict[str, Any]:
+    """Return what `--json` writes: where the run is, and each case as in summary.csv."""
+    rows = []
+    for members in groups(read_run(outcome.path).records):
+        base = base_of(members)
+        rows += [row_of(record, base) for record in members]
+    place = os.path.relpath(outcome.path)
+    return {"results": place, "interrupted": outcome.interrupted, "cases": rows}
 
 
 def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
