@@ -12,6 +12,8 @@ from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
+from harness.measuring.run import run
+from harness.measuring.worker import Inline
 from tests.chromium import Chromium
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
@@ -68,6 +70,12 @@ def harness(
 def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out a run's plots: tests/report and test_cli look at them, elsewhere they take time."""
     monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a run's tasks in this process, for tests of what comes after: it saves a start."""
+    monkeypatch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
 
 
 @pytest.fixture(scope="session")
