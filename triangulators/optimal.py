@@ -15,7 +15,7 @@ import shapely
 from triangulators import criteria
 from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.certificate import Certificate
-from triangulators.certify import certificate_of, certify
+from triangulators.certifying import certificate_of, certify
 from triangulators.cost import Cost, cost_of
 from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from harness.commands.options import (
     CALIBRATIONS,
+    Base,
     Force,
     Quiet,
     Seed,
@@ -38,7 +39,7 @@ from harness.rasterisers.order import Order
 from harness.stored.folder import clear_errors, read_run
 from harness.summary import print_summary, write_csv
 from harness.triangulating.database import default_path
-from harness.triangulating.names import CALIBRATED, Recipe, parse_all
+from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
 from scenes.spec import joined
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
@@ -132,6 +133,7 @@ def run(
         bool,
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
+    base: Base = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -174,6 +176,7 @@ def run(
             force=force,
             database=default_path() if cached else None,
             beside=other,
+            base=_base(base, plan),
         )
     finish(outcome, Console(), reporter)
     if other:
@@ -195,6 +198,17 @@ def _beside(
         return
     with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         yield Beside(place, twice or bool(stored.get("twice")))
+
+
+def _base(name: str, plan: Plan) -> str | None:
+    """Return the full name of the base that the user chose, None if none."""
+    if not name:
+        return None
+    known = [str(recipe) for recipe in plan.triangulators]
+    found = str(parse(name, seed=plan.seed))
+    if found not in known:
+        raise UsageError(f"--base {name}: it is not among --triangulators {','.join(known)}")
+    return found
 
 
 def _recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:
@@ -243,16 +257,16 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     where = os.path.relpath(outcome.path)
     again = f"python -m harness report {where}"
     measured = [record for record in outcome.records if record["status"] == "ok"]
+    stored = read_run(outcome.path)
     with clear_errors(outcome.path, again):
-        write_csv(outcome.records, outcome.path / "summary.csv")
-    print_summary(outcome.records, console)
+        write_csv(stored.records, outcome.path / "summary.csv")
+    print_summary(stored.records, console)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
         from harness.plots import plot_run
         from harness.report import write_report
 
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
-            stored = read_run(outcome.path)
             plot_run(stored)
             write_report(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
