@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from scenes import load
 from tests.triangulators.cases import hard_polygons, star, with_hole
-from triangulators.polygon import boundary, boundary_of_rings, checked_boundary, ragged
+from triangulators.polygon import boundary, boundary_of_rings, checked_boundary, rings_of
 from triangulators.simple_ring import LEFT, MOST, RIGHT, UNSURE, winding
 
 grid = st.tuples(st.integers(0, 6), st.integers(0, 6))
@@ -30,7 +30,7 @@ def test_the_boundary_is_the_one_of_the_general_way(polygon, backwards):
     if not polygon.is_valid:
         return
     polygon = shapely.reverse(polygon) if backwards else polygon
-    quick, general = checked_boundary(polygon), boundary_of_rings(*ragged(polygon))
+    quick, general = checked_boundary(polygon), boundary_of_rings(*rings_of(polygon))
     for one, other in zip(quick, general, strict=True):
         assert np.array_equal(one, other)
     for one, other in zip(quick[:4], general[:4], strict=True):
