@@ -13,7 +13,7 @@ import trimesh
 
 from tests.harness.test_cli import MOCK, assert_one_line
 
-pytestmark = pytest.mark.usefixtures("no_plots")
+pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
 @pytest.fixture(autouse=True)
