@@ -97,7 +97,8 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     where = members[0]
     figure.suptitle(
         f"Which criterion predicts {find(measure).label}? {where['scene']} at "
-        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; one mark a polygon",
+        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; "
+        "one mark per polygon",
         fontsize=9,
     )
     handles, labels = axes[0].get_legend_handles_labels()
@@ -132,7 +133,7 @@ def _scatter(
             label=name,
             rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )
-    panel.set_xlabel(f"predicted {find(criterion).title},\nratio to {base}")
+    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {base}")
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

@@ -88,8 +88,9 @@ _CITY = Reader("scenes.cityjson:read", "CityJSON")
 _SEQUENCE = Reader("scenes.cityjson:read_sequence", "a CityJSON sequence", whole=False)
 _MESH = Reader("scenes.mesh:read", "a 3D model")
 _READERS = {
-    **dict.fromkeys((".ply", ".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
+    **dict.fromkeys((".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
     ".obj": Reader("scenes.mesh:read", "OBJ"),
+    ".ply": Reader("scenes.mesh:read", "PLY"),
     **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
     **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.wkt:read_text", "WKT", whole=False)),
     ".wkb": Reader("scenes.wkt:read_binary", "WKB"),

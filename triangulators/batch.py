@@ -11,11 +11,17 @@ import numpy as np
 import shapely
 from mapbox_earcut import triangulate_float64
 
-from triangulators.batch_kernels import SMALL, do_rings, improve_many
-from triangulators.cost import Cost, cost_of
+from triangulators.batch_kernels import do_holes, do_rings
+from triangulators.cost import Cost, plain_cost
 from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
+from triangulators.optimal import LIMIT
+from triangulators.refined import refine_many, test_of
 from triangulators.registry import parse, triangulate
+from triangulators.small_holes import MOST_HOLES
+from triangulators.small_ring import SMALL
+
+_CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 
 
 class Ragged(NamedTuple):
@@ -81,10 +87,11 @@ def triangulate_many(
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
-    to 192 vertices on all threads: exactly without holes; with holes from ear clipping on, trying
-    a few cuts. What is left, and everything under other names, goes one at a time through
-    `triangulate`. check: test shapely polygons for validity first. threads: by default one for
-    each core this process may use. parameters: as for `triangulate`. Raises `UnknownName`.
+    to 192 vertices with few holes or none, exactly and on all threads; and `refined`. What is
+    left, and everything under other names, goes one at a time through `triangulate`. Either way a
+    polygon's triangulation costs what that of `triangulate` does. check: test shapely polygons for
+    validity first. threads: by default one for each core this process may use. parameters: as for
+    `triangulate`. Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed
@@ -93,12 +100,15 @@ def triangulate_many(
     choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    cost = _box_cost(choice.entry.name, choice.criterion, parameters)
+    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
     if cost is not None:
         sound = np.ones(len(work.done), dtype=np.bool_)
         if check and not isinstance(polygons, Ragged):
             sound = shapely.is_valid(np.asarray(polygons, dtype=object))
-        _compiled(work, cost, sound, threads or _cores())
+        if choice.entry.name == "refined":
+            _refined(work, cost, sound, threads or _cores())
+        else:
+            _compiled(work, cost, sound, threads or _cores(), parameters.get("limit", LIMIT))
     if work.done.all():
         return Triangulations(work.triangles, work.starts)
     return _finish(arrays, polygons, name, parameters, work)
@@ -133,43 +143,48 @@ class _Work(NamedTuple):
         return cls(coordinates, rings, owners, begins, starts, triangles, done)
 
 
-def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
+def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
     """Do what compiled code can; marks it in `work.done`."""
-    lengths, one_ring = np.diff(work.begins), np.diff(work.owners) == 1
-    sound &= lengths >= 3
-    by_table = sound & one_ring & (lengths <= SMALL)
-    others = np.flatnonzero(sound & ~by_table & (np.diff(work.starts) + 2 <= SMALL))
+    lengths, rings = np.diff(work.begins), np.diff(work.owners)
+    sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
+    by_table = sound & (rings == 1)
+    with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
+    out = (cost.box, work.starts, work.triangles, work.done)
     with ThreadPoolExecutor(threads) as pool:
-        running = _share(
-            pool,
-            threads,
-            len(work.done),
-            do_rings,
-            *(work.coordinates, work.begins, by_table, cost.box),
-            *(work.starts, work.triangles, work.done),
-        )
-        raw = _earcut(work, others)  # in this thread, meanwhile
+        holes = (work.coordinates, work.rings[1:], work.owners, with_holes, *out)
+        running = _share(pool, threads, len(with_holes), do_holes, *holes)
+        simple = (work.coordinates, work.begins, by_table, *out)
+        running += _share(pool, threads, len(work.done), do_rings, *simple)
         _wait(running)
-        if len(raw) == 0:
-            return
-        bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
-        joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-        improved = np.zeros(len(others), dtype=np.bool_)
-        running = _share(
-            pool,
-            threads,
-            len(others),
-            improve_many,
-            *(work.coordinates, work.rings[1:], work.owners, others),
-            *(cost.box, joined, bounds, improved),
-        )
+
+
+def _refined(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
+    """Clip ears in this thread, and improve what it gives in others; marks `work.done`."""
+    test = test_of(cost)
+    counts = np.diff(work.owners)
+    ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
+    begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
+    wanted = (sound & (np.diff(work.begins) >= 3)).tolist()
+    nothing = np.empty(0, dtype=np.uint32)
+    running = []
+    with ThreadPoolExecutor(threads) as pool:
+        for first in range(0, len(work.done), _CHUNK):
+            last = min(first + _CHUNK, len(work.done))
+            raw = [
+                triangulate_float64(
+                    coordinates[begins[i] : begins[i + 1]], ends[owners[i] : owners[i + 1]]
+                )
+                if wanted[i]
+                else nothing
+                for i in range(first, last)
+            ]
+            bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
+            joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
+            arrays = (coordinates, work.rings[1:], work.owners, joined, bounds)
+            how = (test, cost.weights, cost.function)
+            out = (work.starts, work.triangles, work.done)
+            running.append(pool.submit(refine_many, first, last, *arrays, *how, *out))
         _wait(running)
-    # Improved triangulations fill their room exactly.
-    good = others[improved]
-    rows = np.repeat(work.starts[good], np.diff(bounds)[improved])
-    rows += _positions(np.diff(bounds)[improved])
-    work.triangles[rows] = joined[np.repeat(improved, np.diff(bounds))]
-    work.done[others] = improved
 
 
 def _cores() -> int:
@@ -196,35 +211,15 @@ def _wait(running: list[Future[None]]) -> None:
         task.result()
 
 
-def _earcut(work: _Work, which: np.ndarray) -> list[np.ndarray]:
-    """Return earcut's flat indices for each of some polygons."""
-    counts = np.diff(work.owners)
-    ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
-    bounds = (work.begins, work.owners)
-    return [
-        triangulate_float64(work.coordinates[start:end], ends[first:last])
-        for start, end, first, last in zip(
-            *(bound[which + step].tolist() for bound in bounds for step in (0, 1)), strict=True
-        )
-    ]
-
-
-def _positions(lengths: np.ndarray) -> np.ndarray:
-    """Count 0, 1, ... anew within each of some consecutive lengths."""
-    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-
-
-def _box_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
+def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
     """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
     wanted = parameters.get("criterion", criterion)
-    if name not in ("optimal", "worst") or wanted is None or parameters.get("repair"):
+    if name not in ("optimal", "worst", "refined") or wanted is None or parameters.get("repair"):
         return None
     steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
     found = find_criterion(wanted, **steered)
-    if found.normalise is not None or found.function is not None:
-        return None
-    cost = cost_of(found, 1.0, 1, 1.0 if name == "optimal" else -1.0)
-    return cost if cost.is_box else None
+    cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
+    return cost if cost is not None and (cost.is_box or name == "refined") else None
 
 
 def polygon_at(arrays: Ragged, index: int) -> shapely.Polygon:

@@ -45,6 +45,14 @@ def _compiled(function: Callable[..., float]) -> Any:
     return cfunc(SIGNATURE)(getattr(function, "py_func", function))
 
 
+@lru_cache(maxsize=256)
+def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
+    """Return `cost_of` where it is the same for all polygons, otherwise None; kept."""
+    if criterion.normalise is not None or criterion.function is not None or criterion.maximum:
+        return None
+    return cost_of(criterion, 1.0, 1, sign)
+
+
 def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
     """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
     if criterion.maximum and sign < 0.0:

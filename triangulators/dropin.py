@@ -3,25 +3,21 @@
     from triangulators.dropin import triangulate_float64   # was: from mapbox_earcut import ...
 
 The triangles minimise the sum of their bounding boxes' half-perimeters, which is what a GPU's quads
-follow: exactly without holes, by local search from earcut's result with them. Where earcut's
-input is not a valid polygon, its own result is returned, as a program that works with earcut
-expects.
+follow: they are those of `optimal:half-perimeter`. Where earcut's input is not a valid polygon, its
+own result is returned, as a program that works with earcut expects.
 """
 
 import mapbox_earcut
 import numpy as np
+import shapely
 
-from triangulators.batch_kernels import SMALL, do_rings, improve_many
-from triangulators.cost import cost_of
-from triangulators.criteria import CRITERIA
-from triangulators.local_search import search_cuts, sweep_windows
-from triangulators.optimal import LIMIT
-from triangulators.polygon import boundary_of_rings
-from triangulators.repair import insert_dropped_vertices
-from triangulators.starts import left_turning
-from triangulators.verify import verify_boundary
+from triangulators import optimal
+from triangulators.errors import TriangulationError
+from triangulators.polygon import as_polygon, boundary_of_rings
+from triangulators.simple_ring import UNSURE, winding
+from triangulators.small_ring import SMALL, ring_optimum
 
-_COST = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
+_BOX = np.array([1.0, 0.0, 0.0])
 
 
 def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
@@ -39,34 +35,24 @@ def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> n
     ends = np.asarray(ring_end_indices, dtype=np.int64)
     if not len(raw) or not np.isfinite(points).all():
         return raw
-    if len(raw) // 3 + 2 > SMALL:
-        triangles = _large(points, ends, raw.astype(np.int32).reshape(-1, 3))
-        return triangles.astype(np.uint32).ravel()
-    done = np.zeros(1, dtype=np.bool_)
-    if len(ends) == 1:
-        triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
-        begins, bounds = np.array([0, len(points)]), np.array([0, len(triangles)])
-        wanted = np.ones(1, dtype=np.bool_)
-        do_rings(0, 1, points, begins, wanted, _COST.box, bounds, triangles, done)
-    if not done[0]:
-        triangles = raw.astype(np.int32).reshape(-1, 3)
-        owners, which, bounds = (
-            np.array([0, len(ends)]),
-            np.array([0]),
-            np.array([0, len(raw) // 3]),
-        )
-        improve_many(0, 1, points, ends, owners, which, _COST.box, triangles, bounds, done)
-    return triangles.astype(np.uint32).ravel() if done[0] else raw
+    best = _optimum(points, ends)
+    return raw if best is None else best.astype(np.uint32).ravel()
 
 
-def _large(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Improve earcut's triangles if they are a triangulation; otherwise return them."""
+def _optimum(points: np.ndarray, ends: np.ndarray) -> np.ndarray | None:
+    """Return the optimum (m, 3), or None if the rings are no valid polygon."""
+    n = len(points)
+    if len(ends) == 1 and n <= SMALL and winding(points[np.arange(-1, n)]) != UNSURE:
+        triangles = np.empty((n - 2, 3), dtype=np.int32)
+        if ring_optimum(points, _BOX, triangles) < np.inf:
+            return triangles
     outline = boundary_of_rings(points, ends)
-    triangles = insert_dropped_vertices(outline, left_turning(points, triangles))
-    if not verify_boundary(outline, triangles).conforming:
-        return triangles
-    improve = search_cuts if len(points) <= LIMIT else sweep_windows
-    return improve(points, outline.site[triangles], _COST)
+    try:
+        if not shapely.is_valid(as_polygon(outline)):
+            return None
+        return optimal.triangulate(outline, criterion="half-perimeter")
+    except (TriangulationError, ValueError):  # too few vertices in a ring, for one
+        return None
 
 
 def triangulate_float32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:

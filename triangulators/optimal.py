@@ -17,7 +17,7 @@ from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.certificate import Certificate
 from triangulators.certifying import certificate_of, certify
 from triangulators.cost import Cost, cost_of
-from triangulators.exact import TABLE_ONLY, optimum
+from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.order import walk
 from triangulators.polygon import Boundary, boundary, boundary_area, check
@@ -90,6 +90,9 @@ def solve(
 def _optimise(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> np.ndarray:
+    small = small_optimum(outline, criterion, sign, limit)
+    if small is not None:
+        return small
     found = _search(outline, criterion, sign, limit, seed)
     return walk(found, len(outline.points))
 

@@ -10,6 +10,7 @@ import shapely
 
 from triangulators.errors import InvalidPolygon
 from triangulators.predicates import on_segment, touching
+from triangulators.simple_ring import LEFT, UNSURE, winding
 
 Result = TypeVar("Result")
 
@@ -38,6 +39,8 @@ class Boundary(NamedTuple):
 
         V distinct vertices, B edges: n + 2h - 2 where no vertex is repeated.
         """
+        if self.simple:
+            return len(self.edges) - 2
         return 2 * len(np.unique(self.edges)) - len(self.edges) - 2 * (1 - self.holes)
 
     @property
@@ -60,9 +63,7 @@ def check(polygon: shapely.Polygon) -> None:
 
 def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
     """Return (vertices, ring ends): (n, 2) float64 and (h + 1,) uint32, as mapbox_earcut takes."""
-    lengths = [shapely.get_num_points(polygon.exterior)] if polygon.interiors == () else None
-    if lengths is None:
-        lengths = [shapely.get_num_points(ring) for ring in (polygon.exterior, *polygon.interiors)]
+    lengths = shapely.get_num_points(shapely.get_rings(polygon))
     coordinates = shapely.get_coordinates(polygon)
     ends = np.cumsum(lengths)
     keep = np.ones(len(coordinates), dtype=bool)
@@ -101,8 +102,35 @@ def signed_area(ring: np.ndarray) -> float:
 
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
-    points, ends = rings_of(polygon)
-    return boundary_of_rings(points, ends)
+    outline = _of_simple_ring(polygon)
+    return boundary_of_rings(*rings_of(polygon)) if outline is None else outline
+
+
+def checked_boundary(polygon: shapely.Polygon) -> Boundary:
+    """Do `check` and `boundary` in one; what is plainly a simple ring is valid without a test."""
+    outline = _of_simple_ring(polygon) if isinstance(polygon, shapely.Polygon) else None
+    if outline is None:
+        check(polygon)
+        outline = boundary_of_rings(*rings_of(polygon))
+    return outline
+
+
+def _of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
+    coordinates = shapely.get_coordinates(polygon)
+    turning = winding(coordinates)
+    if turning == UNSURE:
+        return None
+    n = len(coordinates) - 1
+    site, edges = _numbers(n, turning == LEFT)
+    return Boundary(coordinates[:n], np.array((n,), np.uint32), site.copy(), edges.copy(), 0)
+
+
+@lru_cache(maxsize=256)
+def _numbers(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sites and the boundary edges of a simple ring of n vertices."""
+    site = np.arange(n, dtype=np.int32)
+    ring = site if left else site[::-1]
+    return site, np.column_stack((ring, np.roll(ring, -1)))
 
 
 def as_polygon(outline: Boundary) -> shapely.Polygon:

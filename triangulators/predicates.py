@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
-_FILTER = 3.3306690738754716e-16
+FILTER = 3.3306690738754716e-16
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _product(a: float, b: float) -> tuple[float, float]:
     """Return a * b as (rounded, error), exactly (Dekker)."""
     rounded = a * b
@@ -27,7 +27,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
     return rounded, error
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grow(expansion: np.ndarray, length: int, value: float) -> int:
     """Add `value` to a non-overlapping expansion in place; return its new length."""
     carry = value
@@ -47,7 +47,7 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     expansion = np.empty(13)
     length = 0
@@ -58,7 +58,7 @@ def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     return expansion[length - 1]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
     """Whether a - b and c - d are free of rounding errors."""
     x = a - b
@@ -70,13 +70,13 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
     return (c - (x + virtual)) + (virtual - d) == 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
     left = (ax - cx) * (by - cy)
     right = (ay - cy) * (bx - cx)
     determinant = left - right
-    if abs(determinant) > _FILTER * (abs(left) + abs(right)):
+    if abs(determinant) > FILTER * (abs(left) + abs(right)):
         return determinant
     if _exact_difference(ax, cx, by, cy) and _exact_difference(ay, cy, bx, cx):
         left, left_error = _product(ax - cx, by - cy)
@@ -87,7 +87,7 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     return _exact(ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
     """`orient` of three rows of `points`."""
     return orient(
@@ -95,7 +95,7 @@ def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def turns(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """`turn` of every triangle, shape (m,)."""
     result = np.empty(len(triangles))
@@ -104,7 +104,24 @@ def turns(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return result
 
 
-@njit(cache=True)
+ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
+
+
+@njit(cache=True, nogil=True)
+def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
+    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE where an index is not one of a point."""
+    count = len(points)
+    result = ALL_LEFT
+    for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        if min(a, b, c) < 0 or max(a, b, c) >= count:
+            return OUTSIDE
+        if turn(points, a, b, c) <= 0.0:
+            result = NOT_ALL_LEFT
+    return result
+
+
+@njit(cache=True, nogil=True)
 def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
     """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times its length."""
     dx = points[b, 0] - points[a, 0]
@@ -116,7 +133,7 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
     return abs(turn(points, a, b, v)) <= tolerance * np.sqrt(length2)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def touching(points: np.ndarray, edges: np.ndarray, allowed: float) -> list[tuple[int, int]]:
     """Return (edge, vertex) for each vertex of `edges` (b, 2) that lies inside another edge."""
     found = [(0, 0) for _ in range(0)]

@@ -14,7 +14,8 @@ import shapely
 
 from triangulators import criteria
 from triangulators.errors import TriangulationError, Unavailable, UnknownName
-from triangulators.polygon import Boundary, boundary, check
+from triangulators.polygon import Boundary, checked_boundary
+from triangulators.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.repair import insert_dropped_vertices
 from triangulators.starts import left_turning
 
@@ -140,6 +141,13 @@ BUILTIN = {
             "triangulators.exhaustive:triangulate",
             handles_holes=False,
             criteria=True,
+        ),
+        Entry(
+            "refined",
+            "ear clipping, then flips by a criterion, half-perimeter by default",
+            "triangulators.refined:triangulate",
+            criteria=True,
+            default_criterion="half-perimeter",
         ),
         Entry(
             "optimal",
@@ -277,8 +285,7 @@ def triangulate(
         [[0, 1, 2]]
     """
     choice = parse(name)
-    check(polygon)
-    outline = boundary(polygon)
+    outline = checked_boundary(polygon)
     function = choice.entry.load()
     if not choice.entry.builtin:
         raw = function(polygon, **parameters)
@@ -289,18 +296,33 @@ def triangulate(
         raise TypeError(f"triangulator {choice.entry.name!r} takes no criterion")
     else:
         raw = function(outline, **parameters)
-    triangles = _normalised(outline, raw, choice.full_name)
+    triangles = _normalised(outline, raw, choice)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
 
 
-def _normalised(outline: Boundary, raw: Any, name: str) -> np.ndarray:
+def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:
     """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out."""
     triangles = np.asarray(raw)
     if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise TriangulationError(f"{name} returned shape {triangles.shape}, expected (m, 3)")
-    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
-        raise TriangulationError(f"{name} returned {triangles.dtype}, expected integer indices")
-    count = len(outline.points)
-    if triangles.size and (triangles.min() < 0 or triangles.max() >= count):
-        raise TriangulationError(f"{name} returned indices outside 0..{count - 1}")
-    return left_turning(outline.points, triangles)
+        raise TriangulationError(
+            f"{choice.full_name} returned shape {triangles.shape}, expected (m, 3)"
+        )
+    if triangles.size and triangles.dtype.kind not in "iu":
+        raise TriangulationError(
+            f"{choice.full_name} returned {triangles.dtype}, expected integer indices"
+        )
+    if triangles.dtype != np.int32 or not triangles.flags.c_contiguous:
+        wide = triangles
+        triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+        if wide.dtype.itemsize > 4 and not np.array_equal(wide, triangles):
+            raise _outside(outline, choice)
+    state = all_left(outline.points, triangles)
+    if state == OUTSIDE:
+        raise _outside(outline, choice)
+    return triangles if state == ALL_LEFT else left_turning(outline.points, triangles)
+
+
+def _outside(outline: Boundary, choice: Choice) -> TriangulationError:
+    return TriangulationError(
+        f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
+    )

@@ -26,3 +26,6 @@ def _fmin(_typing: Any, _a: Any, _b: Any) -> Any:
 
 
 fmin: Any = _fmin
+
+FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
+"""What may be assumed of floats: all but that there are no infinities."""

@@ -19,6 +19,7 @@ from harness.progress import Reporter
 from harness.stored.folder import read_run
 from harness.triangulating.names import parse_all
 from scenes import Scene
+from scenes.spec import label
 
 POLYGONS = 6
 
@@ -85,9 +86,9 @@ def pareto(
     with reporter.stage("plotting", 1):
         study.front_table(fronts).to_csv(folder / "fronts.csv", index=False)
         table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
-        pareto_plot.plot(table, fronts, Path(scene).stem, folder / "plots")
+        pareto_plot.plot(table, fronts, Path(label(scene)).stem, folder / "plots")
         write_report(run)
-    pareto_answer.print_table(table, Path(scene).name, console)
+    pareto_answer.print_table(table, label(scene), console)
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +26,8 @@ from harness.commands.options import (
 from harness.commands.results import folder_for, require_finished
 from harness.errors import UsageError
 from harness.frame import FitMode, View
+from harness.measuring.beside import FOLDER as BASE_FOLDER
+from harness.measuring.beside import Beside, version
 from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import RunResult
 from harness.measuring.run import run as carry_out
@@ -105,6 +109,21 @@ def run(
     calibration: Annotated[
         Path | None, typer.Option(help="What optimal:calibrated minimises; see: harness calibrate.")
     ] = None,
+    beside: Annotated[
+        str,
+        typer.Option(
+            help="Measure another version of your code in the same rounds: a commit or branch of "
+            "your repository, or a folder. It becomes the run `base` in the folder."
+        ),
+    ] = "",
+    draw_twice: Annotated[
+        bool,
+        typer.Option(
+            "--draw-twice",
+            help="With --beside: draw twice also what both versions triangulate alike. This shows "
+            "how far times of equal drawings lie apart.",
+        ),
+    ] = False,
     cached: Annotated[
         bool,
         typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
@@ -146,15 +165,36 @@ def run(
     folder = folder_for(plan.scene, out, resume)
     _load_ahead()
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    outcome = carry_out(
-        plan,
-        folder,
-        reporter,
-        resume=resume is not None,
-        force=force,
-        database=default_path() if cached else None,
-    )
+    with _beside(beside, plan, resume, twice=draw_twice) as other:
+        outcome = carry_out(
+            plan,
+            folder,
+            reporter,
+            resume=resume is not None,
+            force=force,
+            database=default_path() if cached else None,
+            beside=other,
+        )
     finish(outcome, Console(), reporter)
+    if other:
+        where = os.path.relpath(outcome.path)
+        typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
+
+
+@contextmanager
+def _beside(
+    reference: str, plan: Plan, resume: Path | None, *, twice: bool
+) -> Iterator[Beside | None]:
+    """Give what a run is measured beside, also where it goes on with one that was; None if not."""
+    stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
+    reference = reference or str(stored.get("base") or "")
+    if not reference:
+        if twice:
+            raise UsageError("--draw-twice is for runs --beside another version")
+        yield None
+        return
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
+        yield Beside(place, twice or bool(stored.get("twice")))
 
 
 def _recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:

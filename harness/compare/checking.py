@@ -99,7 +99,7 @@ def _facts(facts: dict[str, Any], problems: list[str]) -> dict[str, Any]:
         if isinstance(device, dict) and isinstance(device.get("details") or {}, dict)
     }
     environment = dict(good.get("environment") or {})
-    for name, kind in (("git", dict), ("packages", dict), ("gpus", list)):
+    for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):
         if not isinstance(environment.get(name), kind):
             environment.pop(name, None)
     environment["gpus"] = [g for g in environment.get("gpus") or [] if isinstance(g, dict)]

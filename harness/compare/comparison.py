@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from harness.compare import times
 from harness.compare.checking import checked
-from harness.compare.counters import compare_counters, totals
+from harness.compare.counters import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
 from harness.compare.matching import Match, match, other_hardware, printable
 from harness.compare.model import (
@@ -20,7 +20,9 @@ from harness.compare.model import (
     Status,
     Verdict,
 )
-from harness.compare.settings import Settings
+from harness.compare.planned import missing_from
+from harness.compare.settings import Settings, require_known
+from harness.environment import commit_of
 from harness.figures.registry import find
 from harness.stored.folder import Record, Run
 
@@ -31,15 +33,18 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     Raises
     ------
     UsageError
-        if the runs are of different devices and `settings` do not ask for that
+        if the runs are of different devices and `settings` do not ask for that, or a threshold
+        is of a figure that neither run has
     """
     settings = settings or Settings()
     base, head = checked(base), checked(head)
+    records = (*base.records, *head.records)
+    require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
     before, after = machine(base.facts), machine(head.facts)
     elsewhere = _across(matches) or bool(other_hardware(base, head))
     machines_differ = elsewhere or bool(before and after and before != after)
-    cases = [_counted(found, settings) for found in matches]
+    cases = [_counted(found, settings, missing=missing_from(head, found.name)) for found in matches]
     cases, drifts = _timed(matches, cases, settings, machines_differ)
     found = Comparison(
         verdict="good",
@@ -78,13 +83,25 @@ def _across(matches: Sequence[Match]) -> bool:
     )
 
 
-def _counted(found: Match, settings: Settings) -> CaseChange:
-    """Return the case with its status and, where it can be compared, its counters."""
+def _counted(found: Match, settings: Settings, *, missing: str | None) -> CaseChange:
+    """Return the case with its status and, where it can be compared, its counters.
+
+    missing : why HEAD should have the case, None where it need not
+    """
     status, reason = _status(found.base, found.head)
-    if status != "compared" or found.base is None or found.head is None:
+    if found.base is None or found.head is None:
+        measured = found.base is not None and found.base.get("status") == "ok"
+        if measured and missing is not None:
+            status, reason = "not-done", missing
+        return CaseChange(found.name, status, reason)
+    if status != "compared":
         return CaseChange(found.name, status, reason)
     return CaseChange(
-        found.name, status, reason, compare_counters(found.base, found.head, settings)
+        found.name,
+        status,
+        reason,
+        compare_counters(found.base, found.head, settings),
+        lost_counters(found.base, found.head, settings),
     )
 
 
@@ -152,13 +169,12 @@ def _same_work(counters: Sequence[CounterChange]) -> bool:
 
 def _facts(run: Run) -> RunFacts:
     environment = run.facts.get("environment") or {}
-    git = environment.get("git") or {}
-    commit = str(git.get("commit") or "")[:12]
     return RunFacts(
         path=str(run.path),
         created=str(run.facts.get("created") or ""),
-        commit=f"{commit} with local changes" if git.get("dirty") else commit,
+        commit=commit_of(run.facts),
         harness=str(environment.get("harness") or ""),
+        harness_commit=commit_of(run.facts, "git"),
         machine=machine(run.facts),
         cases=len(run.records),
     )

@@ -6,18 +6,33 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
+from harness.compare import lookup
 from harness.compare.model import CounterChange, Exact, Total
 from harness.compare.settings import Settings
-from harness.figures.registry import PREDICTED, figures_of, find
+from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.stored.folder import Record
 
 
 def exact_figures(record: Record) -> dict[str, float]:
-    """Return all exact figures that the record holds, by name: whatever any rasteriser counted."""
-    figures = {name: f for name, f in figures_of([record]).items() if f.exact}
-    features = {PREDICTED + name for name in record.get("predicted") or () if name not in figures}
-    figures |= {name: find(name) for name in sorted(features)}
-    return {name: v for name, figure in figures.items() if (v := figure(record)) is not None}
+    """Return the record's exact figures: the registered ones, then all else that it counted.
+
+    What somebody's rasteriser counts under the name of a figure that is none of its counters is
+    called `counted_...` here, and what a criterion predicts `predicted_...` where no metric does.
+    """
+    counted = record.get("counters") or {}
+    found = {counter_name(name): counted[name] for name in in_order(counted)}
+    for name, figure in {**METRICS, **predictions()}.items():
+        value = figure(record) if figure.exact else None
+        if value is not None:
+            found[name] = value
+    predicted = record.get("predicted") or {}
+    features = (name for name in sorted(predicted) if name not in found)
+    return found | {f"{PREDICTED}{name}": predicted[name] for name in features}
+
+
+def counter_name(name: str) -> str:
+    """Return what a comparison calls the counter `name`."""
+    return name if find(name).kind == "counter" else f"counted_{name}"
 
 
 def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[CounterChange, ...]:
@@ -28,16 +43,23 @@ def compare_counters(base: Record, head: Record, settings: Settings) -> tuple[Co
     )
 
 
+def lost_counters(base: Record, head: Record, settings: Settings) -> tuple[str, ...]:
+    """Return the gated counters that BASE has and HEAD does not: of these nothing can be said."""
+    before, after = base.get("counters") or {}, head.get("counters") or {}
+    lost = [counter_name(name) for name in before if name not in after]
+    return tuple(name for name in lost if settings.threshold(name) is not None)
+
+
 def _change(name: str, base: float, head: float, settings: Settings) -> CounterChange:
-    better = find(name).better
     exact: Exact = "equal"
     if not _equal(base, head):
-        worse_up = {"lower": True, "higher": False}.get(better)
+        worse_up = {"lower": True, "higher": False}.get(find(name).better)
         exact = (
             "changed" if worse_up is None else "worse" if (head > base) == worse_up else "better"
         )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
+    wrong = exact == "worse" or (exact == "changed" and lookup.is_shared(name))
     return CounterChange(
         metric=name,
         base=base,
@@ -45,7 +67,7 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
         change=relative(base, head),
         exact=exact,
         threshold=threshold,
-        regressed=beyond and exact == "worse",
+        regressed=beyond and wrong,
     )
 
 

@@ -6,9 +6,10 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from harness.compare import lookup
 from harness.compare.model import CaseChange, Comparison
 from harness.compare.rows import ORDER, kind
-from harness.compare.wording import FIRST
+from harness.compare.wording import NOT_GATED, in_order
 from harness.looks import COLOURS, MARKERS, STYLE
 
 if TYPE_CHECKING:
@@ -25,6 +26,14 @@ OUTCOMES = {
     "inconclusive": (COLOURS[7], "D"),
 }
 
+UNGATED = {
+    "regressed": f"slower, {NOT_GATED}",
+    "improved": f"faster, {NOT_GATED}",
+    "unchanged": "unchanged",
+    "inconclusive": "too noisy to say",
+}
+"""The same where times do not decide the exit code."""
+
 
 def time_figure(comparison: Comparison) -> Figure | None:
     """Draw each case's ratio of times with its interval; None where nothing was timed."""
@@ -32,7 +41,7 @@ def time_figure(comparison: Comparison) -> Figure | None:
     if not cases:
         return None
     figure, axes = _axes(len(cases))
-    threshold = comparison.settings.time_threshold
+    threshold = max(case.time.threshold or 0.0 for case in cases if case.time is not None)
     axes.axvspan(1 / (1 + threshold), 1 + threshold, color=COLOURS[5], alpha=0.15, linewidth=0)
     axes.axvline(1, color="black", linewidth=0.8)
     for outcome, (colour, marker) in OUTCOMES.items():
@@ -51,7 +60,7 @@ def time_figure(comparison: Comparison) -> Figure | None:
             markersize=4,
             color=colour,
             elinewidth=1.2,
-            label=outcome,
+            label=outcome if comparison.settings.gates_time else UNGATED[outcome],
         )
     _finish(axes, cases, f"time, HEAD over BASE; the band is the threshold, ±{threshold:.3g}")
     return figure
@@ -60,7 +69,8 @@ def time_figure(comparison: Comparison) -> Figure | None:
 def counter_figure(comparison: Comparison) -> Figure | None:
     """Draw how much each case's main counters grew; None where none differs."""
     cases = [c for c in _chosen(comparison) if any(x.exact != "equal" for x in c.counters)]
-    names = [n for n in FIRST if any(_growth(c, n) for c in cases)]
+    counted = (x.metric for c in cases for x in c.counters if lookup.is_cost(x.metric))
+    names = [n for n in in_order(counted) if any(_growth(c, n) for c in cases)][: len(MARKERS)]
     if not names:
         return None
     figure, axes = _axes(len(cases))

@@ -8,7 +8,7 @@ from typing import Any
 from harness.compare.model import CaseChange, Comparison
 from harness.compare.wording import headline
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 def to_json(comparison: Comparison) -> dict[str, Any]:
@@ -34,4 +34,5 @@ def _case(comparison: Comparison, case: CaseChange) -> dict[str, Any]:
     values = asdict(case)
     values["name"]["options"] = dict(case.name.options)
     values["counters"] = list(values["counters"])
+    values["lost"] = list(values["lost"])
     return {**values, "regressed": comparison.is_regressed(case)}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from harness.compare.model import BROKEN, STATUS_TEXT, CaseChange, Comparison
-from harness.compare.wording import counter_text, headline, time_text
+from harness.compare.wording import NOT_GATED, counter_text, headline, time_text
 
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold."""
@@ -16,8 +16,9 @@ FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 def to_junit(comparison: Comparison) -> str:
     """Return a test suite for each group of cases, and in it two tests a case.
 
-    `counters` and `time` are tests of their own, as their verdicts are. What cannot be compared
-    and what is inconclusive is skipped, with the reason: JUnit knows no other word for it.
+    `counters` and `time` are tests of their own, as their verdicts are. What cannot be compared,
+    what is inconclusive and times that are not gated are skipped, with the reason: JUnit knows no
+    other word for it.
     """
     suites = ElementTree.Element("testsuites", name="raster-harness compare")
     titles = dict.fromkeys(case.name.where for case in comparison.cases)
@@ -70,9 +71,10 @@ def _uncompared(comparison: Comparison, case: CaseChange, test: ElementTree.Elem
 
 
 def _counters(case: CaseChange, test: ElementTree.Element) -> None:
-    regressed = case.regressions()
-    if regressed:
-        message = "; ".join(f"{change.metric} {counter_text(change)}" for change in regressed)
+    wrong = [f"{change.metric} {counter_text(change)}" for change in case.regressions()]
+    wrong += [f"{name} no longer counted" for name in case.lost]
+    if wrong:
+        message = "; ".join(wrong)
         ElementTree.SubElement(test, "failure", type="counters", message=_clean(message))
     changed = [change for change in case.counters if change.exact != "equal"]
     if changed:
@@ -85,7 +87,9 @@ def _time(comparison: Comparison, case: CaseChange, test: ElementTree.Element) -
     if time is None:
         return
     message = f"time {time_text(time)}" if time.ratio is not None else "time"
-    if time.outcome == "regressed" and comparison.settings.gates_time:
+    if not comparison.settings.gates_time:
+        ElementTree.SubElement(test, "skipped", message=_clean(f"{NOT_GATED}: {message}"))
+    elif time.outcome == "regressed":
         ElementTree.SubElement(test, "failure", type="time", message=_clean(message))
     elif time.outcome == "inconclusive":
         ElementTree.SubElement(
@@ -97,8 +101,10 @@ def _time(comparison: Comparison, case: CaseChange, test: ElementTree.Element) -
 
 def _drift(comparison: Comparison, title: str, test: ElementTree.Element) -> None:
     drift = next(drift for drift in comparison.drifts if drift.where == title)
-    message = f"time {drift.ratio:.3f} [{drift.low:.3f}, {drift.high:.3f}]"
-    if drift in comparison.drifted():
+    message = f"time {drift.ratio:.3f} ({drift.low:.3f}-{drift.high:.3f})"
+    if not (drift.gated and comparison.settings.gates_time):
+        ElementTree.SubElement(test, "skipped", message=f"{NOT_GATED}: {message}")
+    elif drift in comparison.drifted():
         ElementTree.SubElement(test, "failure", type="time", message=message)
     elif drift.outcome == "inconclusive":
         text = _clean(f"inconclusive, {message}: {drift.reason}")

@@ -15,7 +15,7 @@ from harness.compare.rows import (
     run_lines,
     total_cells,
 )
-from harness.compare.wording import count, headline
+from harness.compare.wording import count, headline, within
 
 LIMIT = 60_000
 """GitHub refuses comments of more than 65,536 characters."""
@@ -94,9 +94,7 @@ def _folded(summary: str, content: str) -> str:
 def _facts(comparison: Comparison) -> str:
     settings = comparison.settings
     lines = [*run_lines(comparison), *comparison.changes, *comparison.notes]
-    lines.append(
-        f"gate: {', '.join(settings.gates)}; threshold of time {settings.time_threshold * 100:g} %"
-    )
+    lines.append(f"gate: {', '.join(settings.gates)}; threshold of time {within(comparison)}")
     lines += [
         f"threshold of {name}: {value * 100:g} %"
         for name, value in settings.thresholds.items()

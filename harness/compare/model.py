@@ -14,7 +14,7 @@ Exact = Literal["equal", "better", "worse", "changed"]
 Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """What a time did; `inconclusive` is too noisy to say, and never means good."""
 
-Against = Literal["peers", "reference", "none"]
+Against = Literal["rounds", "peers", "reference", "none"]
 
 Status = Literal[
     "compared",
@@ -25,6 +25,7 @@ Status = Literal[
     "now-skipped",
     "now-measured",
     "not-measured",
+    "not-done",
     "only-base",
     "only-head",
 ]
@@ -39,15 +40,16 @@ STATUS_TEXT: dict[Status, str] = {
     "now-skipped": "measured in BASE, skipped in HEAD",
     "now-measured": "not measured in BASE, measured in HEAD",
     "not-measured": "measured in neither run",
-    "only-base": "missing from HEAD",
+    "not-done": "measured in BASE, missing from HEAD",
+    "only-base": "not in HEAD's plan",
     "only-head": "new in HEAD",
 }
 
-BROKEN: tuple[Status, ...] = ("now-failing", "fewer-polygons")
-"""What worked in BASE and does not in HEAD: a regression, whatever the gates."""
+BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
+"""What BASE did and HEAD was to do and did not: a regression, whatever the gates."""
 
-MISSING: tuple[Status, ...] = ("only-base", "now-skipped")
-"""What BASE measured and HEAD did not, with no failure: a regression only where asked."""
+MISSING: tuple[Status, ...] = ("only-base",)
+"""What HEAD was not to do: a regression only where asked."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -116,8 +118,10 @@ class TimeChange:
     ratio, low, high : HEAD over BASE without what the machine did, with its confidence interval;
         None where not computable
     raw_ratio : the same as it was timed
-    against : what tells the machine's part: `peers`, the `reference` draw, or `none`
-    p_value : Mann-Whitney's
+    against : what tells the machine's part: nothing need where both were timed in the same
+        `rounds`; else `peers`, the `reference` draw, or `none`
+    threshold : relative growth that is let pass; None where nothing could be judged
+    p_value : Mann-Whitney's, or of the rounds' signs
     q_value : the larger of it and the interval's, corrected for the number of cases
     reason : why it is inconclusive, else ""
     """
@@ -129,6 +133,7 @@ class TimeChange:
     high: float | None = None
     raw_ratio: float | None = None
     against: Against = "none"
+    threshold: float | None = None
     p_value: float | None = None
     q_value: float | None = None
     base_median_s: float | None = None
@@ -144,7 +149,7 @@ class Drift:
     ratio, low, high : median HEAD over BASE of the cases, with an interval that spans it as timed
         and over the reference draw's
     reference : HEAD over BASE of the reference draw, None where a run has none
-    gated : whether `regressed` makes the gate fail; cases without peers are judged alone instead
+    gated : whether `regressed` makes the gate fail: only where both were timed in the same rounds
     """
 
     where: str
@@ -160,16 +165,20 @@ class Drift:
 
 @dataclass(frozen=True)
 class CaseChange:
-    """One case of either run or of both."""
+    """One case of either run or of both.
+
+    lost : gated counters that BASE has and HEAD has not
+    """
 
     name: CaseName
     status: Status
     reason: str = ""
     counters: tuple[CounterChange, ...] = ()
+    lost: tuple[str, ...] = ()
     time: TimeChange | None = None
 
     def regressions(self) -> list[CounterChange]:
-        """Return the counters that grew beyond their thresholds."""
+        """Return the counters that changed for the worse beyond their thresholds."""
         return [change for change in self.counters if change.regressed]
 
 
@@ -193,12 +202,17 @@ class Total:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """Where a run comes from; "" for what it does not say."""
+    """Where a run comes from; "" for what it does not say.
+
+    commit : of the user's repository
+    harness, harness_commit : version and commit of raster-harness
+    """
 
     path: str
     created: str = ""
     commit: str = ""
     harness: str = ""
+    harness_commit: str = ""
     machine: str = ""
     cases: int = 0
 
@@ -250,4 +264,4 @@ class Comparison:
         if case.status in BROKEN or (self.settings.require_all and case.status in MISSING):
             return True
         slower = case.time is not None and case.time.outcome == "regressed"
-        return bool(case.regressions()) or (slower and self.settings.gates_time)
+        return bool(case.regressions() or case.lost) or (slower and self.settings.gates_time)

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from harness.compare import lookup
 from harness.compare.model import MISSING, CaseChange, Comparison, CounterChange, Drift, Total
-from harness.compare.settings import is_gated
 from harness.compare.wording import (
     FIRST,
+    NOT_GATED,
     case_verdict,
     figure,
+    in_order,
     percent,
     time_text,
 )
 
 Kind = str
 """`bad`, `good`, `unsure` or `plain`: how a row is to stand out."""
+
+PLAIN = ("triangles", "fragments", "hits", "samples_passed", "t_junctions", "coverage_error")
+"""Counters that get a column only where they differ."""
 
 TOTALS_HEADING = ("counter", "affected", "better", "worse", "BASE", "HEAD", "change")
 
@@ -34,12 +40,14 @@ class Group:
     """The cases that differ in their triangulator alone.
 
     drift : one line on what they did together; "" where nothing was timed
+    drifted : whether that makes the gate fail
     """
 
     title: str
     heading: tuple[str, ...]
     rows: tuple[Row, ...]
     drift: str
+    drifted: bool
 
 
 def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
@@ -54,7 +62,7 @@ def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
 
 def _group(comparison: Comparison, title: str, drift: Drift | None, counters: int) -> Group:
     cases = [case for case in comparison.cases if case.name.where == title]
-    shown = [name for name in FIRST if any(_find(case, name) for case in cases)][:counters]
+    shown = _shown(cases)[:counters]
     timed = any(case.time is not None for case in cases)
     heading = ("triangulator", *(name.replace("_", " ") for name in shown))
     heading += ("time vs BASE",) * timed + ("verdict",)
@@ -63,8 +71,21 @@ def _group(comparison: Comparison, title: str, drift: Drift | None, counters: in
         title,
         heading,
         tuple(_row(comparison, case, shown, timed) for case in ordered),
-        "" if drift is None else drift_text(drift),
+        "" if drift is None else drift_text(comparison, drift),
+        drift in comparison.drifted(),
     )
+
+
+def _shown(cases: Sequence[CaseChange]) -> list[str]:
+    """Return the counters worth a column, first those that regressed and those that differ."""
+    changes = [change for case in cases for change in case.counters]
+    counted = [c for c in changes if lookup.is_cost(c.metric)]
+    known = in_order(c.metric for c in counted if c.metric in FIRST)
+    regressed = in_order(c.metric for c in counted if c.regressed)
+    differing = in_order(c.metric for c in counted if c.exact != "equal")
+    costs = (name for name in in_order(c.metric for c in counted) if name not in PLAIN)
+    first = [] if set(known) & set(regressed) else regressed[:1]
+    return list(dict.fromkeys([*first, *known, *differing, *costs]))
 
 
 def _row(comparison: Comparison, case: CaseChange, shown: list[str], timed: bool) -> Row:
@@ -91,12 +112,12 @@ ORDER = ("bad", "unsure", "good", "plain")
 
 def kind(comparison: Comparison, case: CaseChange) -> Kind:
     """Return how a case is to stand out."""
-    verdict = case_verdict(comparison, case)
-    if comparison.is_regressed(case) or verdict.startswith("regressed"):
+    if comparison.is_regressed(case):
         return "bad"
-    if verdict == "improved":
+    verdict = case_verdict(comparison, case)
+    if verdict.startswith("improved"):
         return "good"
-    unsure = verdict == "inconclusive" or case.status in (*MISSING, "content-changed")
+    unsure = verdict.startswith("inconclusive") or case.status in (*MISSING, "content-changed")
     return "unsure" if unsure else "plain"
 
 
@@ -108,14 +129,16 @@ def _find(case: CaseChange, metric: str) -> CounterChange | None:
     return next((change for change in case.counters if change.metric == metric), None)
 
 
-def drift_text(drift: Drift) -> str:
+def drift_text(comparison: Comparison, drift: Drift) -> str:
     """Say what all cases of a group did together, and what the reference draw did."""
     text = f"all cases together: time {drift.ratio:.3f}"
+    if drift.gated:
+        text += f" ({drift.low:.3f}-{drift.high:.3f}), in the same rounds"
+        words = drift.outcome if comparison.settings.gates_time else NOT_GATED
+        return f"{text}: {words}"
     if drift.reference is not None:
         text += f", reference draw {drift.reference:.3f}"
-    if drift.outcome == "inconclusive":
-        return f"{text}; the machine's part cannot be told from the code's"
-    return f"{text}: {drift.outcome}"
+    return f"{text} ({NOT_GATED}: runs made one after the other cannot tell code from machine)"
 
 
 def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
@@ -126,7 +149,7 @@ def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
     return [
         total
         for total in comparison.totals
-        if total.affected and is_gated(total.metric, {}) == counted
+        if total.affected and lookup.is_cost(total.metric) == counted
     ]
 
 
@@ -147,6 +170,10 @@ def run_lines(comparison: Comparison) -> list[str]:
     """Return one line for each run: where it is, when it was made and of which commit."""
     lines = []
     for name, run in (("BASE", comparison.base), ("HEAD", comparison.head)):
-        parts = (run.path, run.created, run.commit and f"commit {run.commit}", run.machine)
+        harness = f"harness {run.harness}" if run.harness else ""
+        if run.harness_commit and run.harness_commit != run.commit:
+            harness += f" at {run.harness_commit}"
+        commit = run.commit and f"commit {run.commit}"
+        parts = (run.path, run.created, commit, harness, run.machine)
         lines.append(f"{name}: {', '.join(part for part in parts if part)}")
     return lines

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from harness.compare import lookup
 from harness.errors import UsageError, unknown
-from harness.figures.registry import figures, find
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
@@ -19,6 +19,9 @@ TABLE = "raster-harness"
 
 TIME_THRESHOLD = 0.05
 """Growth of a time that is let pass unless told otherwise; see docs/ci/README.md for why."""
+
+PAIRED_TIME_THRESHOLD = 0.015
+"""The same where BASE and HEAD were timed in the same rounds."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,10 @@ class Settings:
         """Whether times decide the exit code."""
         return "time" in self.gates
 
-    @property
-    def time_threshold(self) -> float:
-        """Relative growth of a time that is let pass."""
-        return self.thresholds.get("time", TIME_THRESHOLD)
+    def time_threshold_of(self, *, paired: bool) -> float:
+        """Relative growth of a time that is let pass; `paired` if timed in the same rounds."""
+        usual = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
+        return self.thresholds.get("time", usual)
 
     def threshold(self, counter: str) -> float | None:
         """Relative growth of a counter that is let pass; None where it is not gated."""
@@ -65,15 +68,11 @@ class Settings:
 
 
 def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
-    """Whether growth of `counter` is a regression: it has a better direction and is a count.
+    """Whether growth of `counter` is a regression: it is a count, or a threshold names it.
 
-    Ratios of counters say nothing that the counters do not, and predictions are not
-    measurements; both are gated only where a threshold names them.
+    A counter that every triangulation shares is gated in both directions.
     """
-    figure = find(counter)
-    if figure.better == "none":
-        return False
-    return counter in thresholds or figure.kind in ("counter", "count")
+    return lookup.is_cost(counter) or (counter in thresholds and lookup.has_direction(counter))
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -100,19 +99,31 @@ def parse_threshold(text: str) -> tuple[str, float]:
     Raises
     ------
     UsageError
-        if the name is unknown or the value is not a percentage
+        if it is not a percentage, or of what is neither better nor worse; `require_known` sees to
+        names
     """
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    known = ["time", "counters", *(name for name, each in figures().items() if each.exact)]
-    if name not in known:
-        raise unknown("threshold", name, known)
-    if find(name).better == "none":
-        raise UsageError(f"threshold '{text}': neither more nor fewer {name} is better")
+    if name not in ("time", "counters") and not lookup.has_direction(name):
+        raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
     return name, float(value.rstrip("% ")) / 100
+
+
+def require_known(thresholds: Mapping[str, float], figures: Iterable[str]) -> None:
+    """See that every threshold is of a figure that there is: registered, or in either run.
+
+    Raises
+    ------
+    UsageError
+        if one is not
+    """
+    known = {"time", "counters", *lookup.registered(), *figures}
+    for name in thresholds:
+        if name not in known:
+            raise unknown("threshold", name, known)
 
 
 def from_project(folder: Path) -> Settings:

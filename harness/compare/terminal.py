@@ -46,7 +46,7 @@ def _print_group(group: Group, console: Console) -> None:
         table.add_row(*(Text(cell) for cell in row.cells), style=STYLES[row.kind])
     console.print(table)
     if group.drift:
-        style = "red" if group.drift.endswith("regressed") else "dim"
+        style = "red" if group.drifted else "dim"
         console.print(Text(group.drift, style=style), soft_wrap=True)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 
+from harness.compare import lookup
 from harness.compare.model import (
     BROKEN,
     STATUS_TEXT,
@@ -16,6 +18,9 @@ from harness.compare.model import (
 
 FIRST = ("quads", "bbox_tests", "helper_lanes")
 """Counters that stand for the cost best, the best first."""
+
+NOT_GATED = "not gated"
+"""What is shown and does not decide the exit code is always called so, and never regressed."""
 
 
 def headline(comparison: Comparison) -> str:
@@ -60,41 +65,81 @@ def figure(value: float) -> str:
 
 
 def time_text(change: TimeChange | None) -> str:
-    """Write `1.084 [1.05, 1.11]`, the ratio of times with its interval."""
+    """Write `1.084 (1.052-1.113)`, the ratio of times with its interval."""
     if change is None or change.ratio is None:
         return ""
-    return f"{change.ratio:.3f} [{change.low:.2f}, {change.high:.2f}]"
+    return f"{change.ratio:.3f} ({change.low:.3f}-{change.high:.3f})"
 
 
 def case_verdict(comparison: Comparison, case: CaseChange) -> str:
     """Say in a few words what became of a case."""
     if case.status != "compared":
         return STATUS_TEXT[case.status]
-    regressed = [change.metric.replace("_", " ") for change in case.regressions()]
-    if case.time is not None and case.time.outcome == "regressed":
-        regressed.append("time" if comparison.settings.gates_time else "time, not gated")
+    verdict = _gated_verdict(comparison, case)
+    aside = ungated(comparison, case)
+    return f"{verdict} ({NOT_GATED}: {', '.join(aside)})" if aside else verdict
+
+
+def _gated_verdict(comparison: Comparison, case: CaseChange) -> str:
+    """Say what became of that which decides the exit code."""
+    time = case.time if comparison.settings.gates_time else None
+    parts = []
+    if case.lost:
+        parts.append(f"no longer counted: {_spaced(case.lost)}")
+    changed = [change.metric for change in case.regressions() if change.exact == "changed"]
+    if changed:
+        parts.append(f"covers other pixels: {_spaced(changed)}")
+    regressed = in_order(c.metric for c in case.regressions() if c.exact == "worse")
+    regressed += ["time"] * (time is not None and time.outcome == "regressed")
     if regressed:
-        return f"regressed: {', '.join(regressed)}"
-    if case.time is not None and case.time.outcome == "inconclusive":
+        parts.insert(0, f"regressed: {_spaced(regressed)}")
+    if parts:
+        return "; ".join(parts)
+    if time is not None and time.outcome == "inconclusive":
         return "inconclusive"
     kinds = {change.exact for change in case.counters if change.threshold is not None}
-    if "worse" in kinds:
+    if kinds & {"worse", "changed"}:
         return "worse within its threshold"
-    if "better" in kinds or (case.time is not None and case.time.outcome == "improved"):
+    if "better" in kinds or (time is not None and time.outcome == "improved"):
         return "improved"
     return "unchanged"
+
+
+def ungated(comparison: Comparison, case: CaseChange) -> list[str]:
+    """Say in a word or two each what differs and does not decide the exit code."""
+    found = []
+    if "counters" not in comparison.settings.gates:
+        kinds = {c.exact for c in case.counters if lookup.is_cost(c.metric)} - {"equal"}
+        found += [f"counters {'worse' if 'worse' in kinds else 'differ'}"] * bool(kinds)
+    if case.time is not None and not comparison.settings.gates_time:
+        words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}
+        found += [words[case.time.outcome]] if case.time.outcome in words else []
+    return found
+
+
+def _spaced(names: Iterable[str]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names)
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return the counters `names` once each, those first that stand for the cost best."""
+    found = list(dict.fromkeys(names))
+    return [name for name in FIRST if name in found] + [n for n in found if n not in FIRST]
 
 
 def main_counter(case: CaseChange) -> CounterChange | None:
     """Return the regressed counter that stands for the cost best."""
     found = {change.metric: change for change in case.regressions()}
-    return next((found[name] for name in (*FIRST, *found) if name in found), None)
+    return next((found[name] for name in in_order(found)), None)
 
 
-def case_detail(case: CaseChange) -> str:
+def case_detail(comparison: Comparison, case: CaseChange) -> str:
     """Say by how much a compared case regressed: `quads +12.3 % (…), time +8.4 % (…)`."""
     parts = []
-    counter, time = main_counter(case), case.time
+    if case.lost:
+        parts.append(f"{_spaced(case.lost)} no longer counted")
+    counter = main_counter(case)
+    time = case.time if comparison.settings.gates_time else None
     if counter is not None:
         growth = "" if counter.change is None else f"{percent(counter.change)} "
         parts.append(f"{growth}{counter.metric} ({figure(counter.base)} → {figure(counter.head)})")
@@ -112,10 +157,10 @@ def _regression(comparison: Comparison) -> str:
         drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
         return (
             f"all {count(drift.cases, 'case')} of {drift.where} together take "
-            f"{percent(drift.ratio - 1)} time, which the reference draw does not explain"
+            f"{percent(drift.ratio - 1)} time, measured in the same rounds"
         )
     worst = regressed[0]
-    detail = case_detail(worst) if worst.status == "compared" else ""
+    detail = case_detail(comparison, worst) if worst.status == "compared" else ""
     detail = detail or ": ".join(part for part in (STATUS_TEXT[worst.status], worst.reason) if part)
     more = len(regressed) - 1
     rest = f"; {count(more, 'more case')} regressed" if more else ""
@@ -129,7 +174,9 @@ def _view(case: CaseChange) -> str:
 def _severity(case: CaseChange) -> tuple[bool, float, float]:
     counter, time = main_counter(case), case.time
     slower = time.ratio if time is not None and time.outcome == "regressed" and time.ratio else 0.0
-    growth = 0.0 if counter is None else float("inf") if counter.change is None else counter.change
+    growth = 0.0
+    if counter is not None:
+        growth = float("inf") if counter.change is None else abs(counter.change)
     return case.status in BROKEN, max(growth, slower - 1), slower
 
 
@@ -142,26 +189,53 @@ def _calm(comparison: Comparison) -> str:
     total = f"{count(len(compared), 'case')} on {devices}"
     affected = [c for c in compared if any(x.exact in ("worse", "better") for x in c.counters)]
     counters = f"counters differ in {len(affected)}" if affected else "no counter differs"
+    if "counters" not in comparison.settings.gates:
+        counters += f" ({NOT_GATED})"
     timed = [case.time for case in compared if case.time is not None]
-    within = f"±{comparison.settings.time_threshold * 100:g} %"
     if not timed:
         times = "times were not compared"
+    elif not comparison.settings.gates_time:
+        times = f"times are {NOT_GATED}"
     elif noisy:
-        times = f"times of {len(noisy)} are too noisy to say within {within}"
+        times = f"times of {len(noisy)} are too noisy to say within {within(comparison)}"
     else:
-        times = f"times unchanged within {within}"
+        times = f"times unchanged within {within(comparison)}"
+        if any(time.against == "peers" for time in timed):
+            times = f"times beside each other unchanged within {within(comparison)}"
         if any(time.outcome != "unchanged" for time in timed):
             times = "no time regressed"
     start = "Inconclusive" if comparison.verdict == "inconclusive" else "No regression"
     improved = f"; {len(better)} improved" if better else ""
-    return f"{start}: {total}, {counters}, {times}{improved}"
+    return f"{start}: {total}, {counters}, {times}{_aside(comparison)}{improved}"
+
+
+def _aside(comparison: Comparison) -> str:
+    """Say by how much all cases of a group became slower or faster where that is not gated."""
+    found = [
+        drift
+        for drift in comparison.drifts
+        if drift.outcome in ("regressed", "improved") and drift not in comparison.drifted()
+    ]
+    if not found:
+        return ""
+    drift = max(found, key=lambda drift: abs(drift.ratio - 1))
+    return f"; all cases together took {percent(drift.ratio - 1)} time ({NOT_GATED})"
+
+
+def within(comparison: Comparison) -> str:
+    """Write the threshold of times, `±5 %`; several where some were timed in the same rounds."""
+    times = [case.time for case in comparison.cases if case.time is not None]
+    found = sorted({time.threshold for time in times if time.threshold is not None})
+    found = found or [comparison.settings.time_threshold_of(paired=False)]
+    return " or ".join(f"±{threshold * 100:g} %" for threshold in found)
 
 
 def _loose_ends(comparison: Comparison) -> str:
     """Count the cases that could not be compared, so that none is dropped silently."""
     numbers = Counter(case.status for case in comparison.cases)
     wording: dict[Status, str] = {
-        "only-base": "missing from HEAD",
+        "not-done": "missing from HEAD",
+        "only-base": "not in HEAD's plan",
         "now-skipped": "now skipped",
         "content-changed": "of changed content",
         "only-head": "new",

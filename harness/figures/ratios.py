@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.figures.intervals import median_interval
 
@@ -35,7 +36,9 @@ class Ratio:
         return UNDECIDED
 
 
-def paired_ratio(samples: Sequence[float], base: Sequence[float]) -> Ratio:
+def paired_ratio(
+    samples: Sequence[float] | NDArray[np.float64], base: Sequence[float] | NDArray[np.float64]
+) -> Ratio:
     """Return the ratio of `samples` to `base`; element r of both comes from round r.
 
     The median of the rounds' ratios, with its exact order-statistics interval: a machine that

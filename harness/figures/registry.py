@@ -118,7 +118,7 @@ METRICS = {
     for figure in (
         Figure(
             "overshading",
-            "lanes shaded a pixel",
+            "lanes shaded per pixel",
             "x",
             "ratio",
             "lower",
@@ -130,7 +130,7 @@ METRICS = {
         ),
         Figure(
             "bbox_overdraw",
-            "tests a pixel",
+            "tests per pixel",
             "x",
             "ratio",
             "lower",
@@ -152,7 +152,7 @@ METRICS = {
         ),
         Figure(
             "draw_of_reference",
-            "draw time over the reference's",
+            "draw time, ratio to the reference",
             "x",
             "time",
             "lower",

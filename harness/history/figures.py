@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harness.environment import commit_of
 from harness.figures.registry import find
 from harness.history.series import TIME, TOGETHER, Series
 from harness.looks import COLOURS, MARKERS, STYLE, save
@@ -122,7 +123,6 @@ def _name_runs(panel: Axes, runs: Sequence[Run]) -> None:
 
 def run_label(run: Run) -> str:
     """Return a run's commit if known, else the name of its folder, and its day."""
-    commit = ((run.facts.get("environment") or {}).get("git") or {}).get("commit")
-    name = str(commit)[:8] if commit else run.path.name
+    name = commit_of(run.facts)[:8] or run.path.name
     day = str(run.facts.get("created") or "")[:10]
     return f"{name}\n{day}" if day else name

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from harness.compare.checking import checked
 from harness.compare.matching import case_name
 from harness.compare.model import CaseName
-from harness.compare.times import low_quantile
+from harness.compare.quantiles import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy

@@ -6,6 +6,7 @@ from harness.errors import UsageError
 from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from scenes import Scene, SceneError, load, registry
+from scenes.spec import is_function
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
@@ -50,4 +51,6 @@ def _is_foreign(name: str) -> bool:
         base, _, is_file = registry.split(name)
     except SceneError:
         return False  # a file's parameters are wrong, which `load` says, too
-    return not is_file and base not in registry.ENTRIES and base in registry.names()
+    if is_file or base in registry.ENTRIES:
+        return False
+    return base in registry.names() or is_function(base)

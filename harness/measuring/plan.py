@@ -17,6 +17,7 @@ DEFAULT_TRIANGULATORS = (
     "fan",
     "ear-clipping",
     "delaunay",
+    "refined:half-perimeter",
     "optimal:overdraw",
     "optimal:half-perimeter",
 )

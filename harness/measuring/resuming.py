@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
+from harness.measuring.beside import Halves
 from harness.stored.folder import Record, Store, read_run
 
 
@@ -22,8 +23,9 @@ def open_store(
     UsageError
         if they differ, or the folder holds a run that is not to be resumed, or cannot be written
     """
+    kind = Halves if "beside" in facts else Store
     if not resume:
-        return Store.create(out), {}
+        return kind.create(out), {}
     store = Store.resume(out)
     before = read_run(out)
     if not force:
@@ -32,6 +34,10 @@ def open_store(
     facts["devices"] = before.facts.get("devices", {})
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
     facts["created"] = before.facts.get("created", facts["created"])
+    if "beside" in facts:
+        store.close()
+        halves = Halves.resume(out)
+        return halves, halves.finished()
     return store, {record["key"]: record for record in before.records}
 
 
@@ -46,6 +52,8 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         differences.append("the scene's content")
     if before.get("environment", {}).get("code") != now["environment"]["code"]:
         differences.append("the code")
+    if before.get("beside") != now.get("beside"):
+        differences.append("what it is measured beside")
     if before.get("environment", {}).get("cpu") != now["environment"]["cpu"]:
         differences.append("the machine")
     if differences:

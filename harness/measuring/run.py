@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from harness import environment
 from harness.measuring.backends import find_backends
+from harness.measuring.beside import Beside, head_records
 from harness.measuring.cases import Job, measure_scene
 from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
 from harness.measuring.loading import load_scene
@@ -69,6 +70,7 @@ def run(
     open_worker: OpenWorker = Worker,
     split: Split | None = None,
     database: Path | None = None,
+    beside: Beside | None = None,
 ) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -77,6 +79,7 @@ def run(
     open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
     database : model database that triangulations are read from and written to; None for none
+    beside : another version of the code to measure in the same rounds
 
     Raises
     ------
@@ -85,9 +88,9 @@ def run(
     """
     began = time.perf_counter()
     scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-    bench = Bench(open_worker, plan.timeout_s, database)
+    bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
     try:
-        return _run(plan, scene, out, reporter, bench, began, resume, force, split)
+        return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside)
     finally:
         bench.close(at_once=bench.stopping)
 
@@ -102,6 +105,7 @@ def _run(
     resume: bool,
     force: bool,
     split: Split | None,
+    beside: Beside | None,
 ) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
     label = scene_label(plan.scene)
@@ -111,6 +115,9 @@ def _run(
     usable = find_backends(plan, bench, reporter)
     broken = find_broken(plan.triangulators, bench)
     facts = _facts(plan, scene)
+    if beside:
+        facts["beside"] = beside.facts()
+        plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]
     store, records = open_store(out, facts, resume=resume, force=force)
     counted = {} if force else read_counted(out)
     bench.seconds["prepare"] = time.perf_counter() - began
@@ -138,7 +145,7 @@ def _run(
             store.write_facts(facts)
         if not bench.stopping:
             store.drop_counted()
-    return RunResult(out, list(records.values()), bench.stopping, hurried)
+    return RunResult(out, head_records(records.values()), bench.stopping, hurried)
 
 
 def _keep(
@@ -208,7 +215,7 @@ def _union(plans: Sequence[Plan]) -> tuple[Recipe, ...]:
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
     """Return the content of a new run.json."""
-    machine = environment.collect(plan.seed)
+    machine = environment.collect(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "plan": plan.to_json(),

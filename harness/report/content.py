@@ -179,7 +179,7 @@ def _condition(record: Record, options: Content) -> str:
     if record.get("fit", "box") != "box":
         parts.append(f"fit to a {record['fit']}")
     if options.get("samples", 1) != 1:
-        parts.append(f"{options['samples']} samples a pixel")
+        parts.append(f"{options['samples']} samples per pixel")
     if options.get("work"):
         parts.append(f"work {options['work']}")
     if options.get("order", "native") != "native":

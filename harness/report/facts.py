@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from harness.environment import commit_of
 from harness.stored.folder import Run
 
 Row = tuple[str, str, str]
@@ -38,8 +39,9 @@ def key_rows(run: Run) -> list[tuple[str, str]]:
     if scene:
         size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
         found.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
-    commit = (machine.get("git") or {}).get("commit", "")
-    found.append(("harness", f"{machine.get('harness', '')} {commit[:12]}".strip()))
+    found.append(("commit", commit_of(run.facts)))
+    harness = f"{machine.get('harness', '')} {commit_of(run.facts, 'git')}"
+    found.append(("harness", harness.strip()))
     found.append(("command", " ".join(map(str, machine.get("command") or []))))
     return [(name, str(value)) for name, value in found if value]
 

@@ -192,13 +192,13 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | Non
             _marks(panel, rows, criterion, measure)
             rank = ranks.get((criterion, measure), np.nan)
             panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
-            panel.set_xlabel(f"predicted {predictors()[criterion]}, over median")
+            panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
             panel.set_ylabel(f"measured {label(measure)}, over median")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=5, markerscale=2)
     figure.suptitle(
         f"How well do the paper's A and the best criterion predict? {title}\n"
-        "one mark a triangulation, over its polygon's median; dashed where as predicted",
+        "one mark per triangulation, over its polygon's median; dashed: as predicted",
         fontsize=9,
     )
     return figure

@@ -92,7 +92,7 @@ def triangulate_polygons(
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
             part, junctions, seconds = None, 0, 0.0
             if timed is not None:
-                part, junctions, _ = _check(polygon, timed.triangles)
+                part, junctions, _ = check(polygon, timed.triangles)
                 seconds = timed.seconds
             if part is not None:
                 result.cached += 1
@@ -121,7 +121,7 @@ def _compute(
         result.failed.append((number, f"{type(error).__name__}: {error}"))
     seconds = time.perf_counter() - start
     if part is not None:
-        part, junctions, problem = _check(polygon, part)
+        part, junctions, problem = check(polygon, part)
         if problem:
             result.failed.append((number, problem))
     return part, junctions, seconds
@@ -134,9 +134,9 @@ def warm_up(recipe: Recipe) -> None:
     """
     if recipe.base in _warm:
         return
-    for polygon in _small_polygons():
+    for polygon in small_polygons():
         try:
-            _check(polygon, recipe.triangulate(polygon))
+            check(polygon, recipe.triangulate(polygon))
         except (Exception, SystemExit, GeneratorExit):  # the real polygons will tell
             continue
     _warm.add(recipe.base)
@@ -146,7 +146,7 @@ _warm: set[str] = set()
 """What this process has loaded."""
 
 
-def _small_polygons() -> Iterator[Polygon]:
+def small_polygons() -> Iterator[Polygon]:
     """Yield polygons of every kind that a triangulator may treat in a way of its own."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
@@ -159,7 +159,7 @@ def _small_polygons() -> Iterator[Polygon]:
     yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))
 
 
-def _check(
+def check(
     polygon: Polygon, part: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32] | None, int, str | None]:
     """Return the triangles if they are a triangulation, T-junctions, and what is wrong if not."""

@@ -79,6 +79,7 @@ def write_run(
     seed: int,
     edits: Mapping[str, Edit] | None = None,
     leave_out: tuple[str, ...] = (),
+    cut_short: tuple[str, ...] = (),
     machine: Mapping[str, Any] = MACHINE,
     noise: float = 0.01,
     speed: float = 1.0,
@@ -86,12 +87,13 @@ def write_run(
 ) -> Path:
     """Write a run folder of all triangulators but those to `leave_out`.
 
+    cut_short : triangulators that are in the plan and have no record
     edits : triangulator -> what to do to its record; "*" stands for all
     """
     path.mkdir(parents=True)
     lines = []
     for name in TRIANGULATORS:
-        if name in leave_out:
+        if name in leave_out or name in cut_short:
             continue
         entry = record(name, seed=seed, noise=noise, speed=speed)
         for key in ("*", name):
@@ -102,7 +104,7 @@ def write_run(
     content = {
         "schema_version": 1,
         "created": f"2026-01-{seed:02d}T12:00:00Z",
-        "plan": {"scene": "city", "seed": 0, "timing": {"precision": 0.03, "budget_s": 0.3}},
+        "plan": plan(leave_out),
         "environment": {
             "harness": "0.1.0",
             "git": {"commit": f"{seed:02d}" * 20, "dirty": False},
@@ -118,6 +120,21 @@ def write_run(
     }
     (path / "run.json").write_text(json.dumps(content, indent=2))
     return path
+
+
+def plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
+    """Return the plan of a usual run."""
+    return {
+        "scene": "city",
+        "seed": 0,
+        "triangulators": [name for name in TRIANGULATORS if name not in leave_out],
+        "rasterisers": ["opengl"],
+        "devices": [],
+        "views": [{"resolution": 1024, "rotation": 0.0, "fit": "box"}],
+        "options": [{"samples": 1, "work": 0, "order": "native", "seed": 0}],
+        "timing": {"precision": 0.03, "budget_s": 0.3},
+        **changes,
+    }
 
 
 def dearer(share: float, *, time: float | None = None) -> Edit:
@@ -141,6 +158,19 @@ def slower(share: float) -> Edit:
         timing["samples_s"] = [round(s * (1 + share), 9) for s in timing["samples_s"]]
         timing["median_s"] *= 1 + share
         timing["ci95_s"] = [bound * (1 + share) for bound in timing["ci95_s"]]
+
+    return edit
+
+
+def beside(share: float = 0.0) -> Edit:
+    """Return an edit that makes BASE's samples those of HEAD in the same rounds, `share` longer."""
+
+    def edit(entry: dict[str, Any]) -> None:
+        generator = random.Random(f"{entry['triangulator']} {share}")
+        timing = entry["time"]
+        timing["samples_s"] = [
+            round(s * (1 + share) * (1 + generator.gauss(0, 0.005)), 9) for s in timing["samples_s"]
+        ]
 
     return edit
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.compare.runs import MACHINE, dearer, failed, old, slower, write_run
+from tests.compare.runs import MACHINE, beside, dearer, failed, old, plan, slower, write_run
 
 
 class Scenario(NamedTuple):
@@ -46,11 +46,39 @@ def missing_cases() -> None:
         entry["scene_hash"] = "5ce9e5ce9e5ce9e0"
 
     write_run(BASE, seed=1, leave_out=("optimal:half-perimeter",))
-    edits = {
-        "fan": failed("skipped", "fan: no vertex sees the whole polygon"),
-        "delaunay": other_content,
-    }
-    write_run(HEAD, seed=2, leave_out=("ear-clipping",), edits=edits)
+    write_run(HEAD, seed=2, leave_out=("ear-clipping",), edits={"delaunay": other_content})
+
+
+def now_skipped() -> None:
+    write_run(BASE, seed=1)
+    write_run(HEAD, seed=2, edits={"*": failed("skipped", "triangulating took more than 60 s")})
+
+
+def cut_short() -> None:
+    write_run(BASE, seed=1)
+    write_run(HEAD, seed=2, cut_short=("delaunay", "optimal:overdraw"))
+
+
+def counters_of_others() -> None:
+    """A rasteriser that nobody registered: its counters are its own, and nothing is timed."""
+
+    def foreign(share):
+        def edit(entry):
+            entry |= {"rasteriser": "tiler", "device": "asic"}
+            entry["counters"] = {"hits": 182_217, "spills": round(5_000 * share)}
+            entry.pop("time", None)
+
+        return edit
+
+    facts = {"plan": plan(rasterisers=["tiler"])}
+    write_run(BASE, seed=1, edits={"*": foreign(1)}, facts=facts)
+    write_run(HEAD, seed=2, edits={"*": foreign(1), "delaunay": foreign(1.5)}, facts=facts)
+
+
+def same_rounds() -> None:
+    """BASE and HEAD were timed together; one case takes 3 % longer, whatever the machine did."""
+    write_run(BASE, seed=1, noise=0.05)
+    write_run(HEAD, seed=1, noise=0.05, edits={"*": beside(), "delaunay": beside(0.03)})
 
 
 def now_failing() -> None:
@@ -102,8 +130,8 @@ def single_file() -> None:
 
 def changed_plan() -> None:
     write_run(BASE, seed=1)
-    plan = {"scene": "city", "seed": 7, "timing": {"precision": 0.01, "budget_s": 2.0}}
-    write_run(HEAD, seed=2, facts={"plan": plan})
+    changed = plan(seed=7, timing={"precision": 0.01, "budget_s": 2.0})
+    write_run(HEAD, seed=2, facts={"plan": changed})
 
 
 def no_baseline() -> None:
@@ -116,13 +144,18 @@ SCENARIOS = {
     "time-regression": Scenario(time_regression, 1),
     "noise-only": Scenario(noise_only, 5),
     "missing-cases": Scenario(missing_cases, 0, ("--gate", "counters")),
+    "now-skipped": Scenario(now_skipped, 1, ("--gate", "counters")),
+    "cut-short": Scenario(cut_short, 1),
+    "counters-of-others": Scenario(counters_of_others, 1, ("--gate", "counters")),
+    "same-rounds": Scenario(same_rounds, 1),
+    "not-gated": Scenario(everything_slower, 0, ("--gate", "counters")),
     "now-failing": Scenario(now_failing, 1),
     "different-machine": Scenario(different_machine, 0),
-    "everything-slower": Scenario(everything_slower, 1),
+    "everything-slower": Scenario(everything_slower, 0),
     "busy-machine": Scenario(busy_machine, 0),
     "older-schema": Scenario(older_schema, 0),
-    "corrupt-line": Scenario(corrupt_line, 0),
-    "empty-run": Scenario(empty_run, 4),
+    "corrupt-line": Scenario(corrupt_line, 1),
+    "empty-run": Scenario(empty_run, 1),
     "single-file": Scenario(single_file, 0),
     "changed-plan": Scenario(changed_plan, 0),
     "no-baseline": Scenario(no_baseline, 0, ("--allow-missing-baseline",)),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.compare.runs import dearer, failed, slower, write_run
+from tests.compare.runs import dearer, failed, plan, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT
 
@@ -61,7 +61,8 @@ def test_a_newer_schema_is_bad_usage(runs):
         (["--threshold", "time"], ["time", "percentage"]),
         (["--threshold", "time=5"], ["time=5", "percentage"]),
         (["--threshold", "quds=5%"], ["quds", "quads"]),
-        (["--threshold", "fragments=5%"], ["fragments"]),
+        (["--threshold", "driver_blocks=5%"], ["driver_blocks", "neither"]),
+        (["--threshold", "draw_ms=5%"], ["draw_ms"]),
         (["--json", "/proc/none/x.json"], ["/proc/none"]),
     ],
 )
@@ -113,7 +114,8 @@ def test_thresholds_let_growth_pass(runs, harness):
 def test_a_gate_on_counters_lets_times_pass_but_shows_them(runs, harness):
     code, out, _ = runs("--gate", "counters", edits={"delaunay": slower(0.2)})
     assert code == 0
-    assert "regressed: time, not gated" in out
+    assert "unchanged (not gated: slower)" in out
+    assert "regressed" not in out
     assert harness("compare", "base", "head")[0] == 1
     assert harness("compare", "base", "head", "--threshold", "time=30%")[0] == 0
 
@@ -144,14 +146,21 @@ def test_bad_settings_name_the_file(runs, table, parts):
     assert_one_line(err, "pyproject.toml", *parts)
 
 
-def test_what_head_lacks_fails_only_where_all_is_required(runs, harness):
-    code, out, _ = runs(leave_out=("fan",), edits={"delaunay": failed("skipped", "why not")})
+def test_what_head_was_not_to_do_fails_only_where_all_is_required(runs, harness):
+    code, out, _ = runs(leave_out=("fan",))
     assert code == 0
-    assert "1 case missing from HEAD" in out
-    assert "1 case now skipped" in out
+    assert "(1 case not in HEAD's plan)" in out
     code, out, _ = harness("compare", "base", "head", "--require-all")
     assert code == 1
     assert out.startswith("Regression:")
+
+
+def test_what_head_was_to_do_and_did_not_fails(runs):
+    code, out, _ = runs(cut_short=("fan",), edits={"delaunay": failed("skipped", "why not")})
+    assert code == 1
+    assert out.startswith("Regression: delaunay on llvmpipe: measured in BASE, skipped in HEAD")
+    assert "1 more case regressed" in out
+    assert "measured in BASE, missing from HEAD: it is in HEAD's plan" in out
 
 
 def test_noise_is_inconclusive_unless_allowed(harness):
@@ -167,10 +176,10 @@ def test_other_scenes_have_nothing_comparable(runs):
     def elsewhere(entry):
         entry["scene"] = "village"
 
-    code, out, _ = runs(edits={"*": elsewhere})
+    code, out, _ = runs(edits={"*": elsewhere}, facts={"plan": plan(scene="maps/village")})
     assert code == 4
     assert "5 cases new in HEAD" in out
-    assert "5 cases missing from HEAD" in out
+    assert "5 cases not in HEAD's plan" in out
 
 
 def test_changed_content_is_not_compared(runs):

@@ -88,7 +88,7 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
         a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
         for number, name in enumerate(NAMES)
     ]
-    correlations = analysis.correlate(analysis.tabulate(records))
+    correlations = analysis.correlate(analysis.measure_table(records))
     assert "sparkle-length" in set(correlations["criterion"])
     content = content_of(read_run(a_run(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]

@@ -18,7 +18,8 @@ from triangulators import criteria
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
 LABELS = {
     "predicted-vs-measured": [
-        "predicted the paper&#x27;s overdraw A,",
+        "predicted by",
+        "the paper&#x27;s overdraw A,",
         "counted helper lanes, ratio",
     ],
     "ranking": ["draw time, ratio to", "optimal:half-perimeter"],

@@ -7,14 +7,14 @@ import pytest
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
 from triangulators import dropin, triangulate, vertices
 from triangulators.criteria import predict
-from triangulators.polygon import ragged
+from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
 
 def test_gives_the_half_perimeter_optimum():
     rng = np.random.default_rng(2)
     for polygon in [random_simple(rng, int(n), 40) for n in range(3, 40)] + [star(100), star(200)]:
-        points, ends = ragged(polygon)
+        points, ends = rings_of(polygon)
         found = dropin.triangulate_float64(points, ends)
         assert found.dtype == np.uint32
         assert found.ndim == 1
@@ -29,7 +29,7 @@ def test_holes_are_never_worse_than_earcut():
     better = 0
     for _ in range(30):
         polygon = with_hole(rng, 14, 6)
-        points, ends = ragged(polygon)
+        points, ends = rings_of(polygon)
         found = dropin.triangulate_float64(points, ends).reshape(-1, 3)
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
         costs = [predict(points, triangles)["half_perimeter"] for triangles in (found, raw)]
@@ -41,7 +41,7 @@ def test_holes_are_never_worse_than_earcut():
 
 def test_float32():
     polygon = star(50)
-    points, ends = ragged(polygon)
+    points, ends = rings_of(polygon)
     single = dropin.triangulate_float32(points.astype(np.float32), ends)
     assert np.array_equal(single, dropin.triangulate_float64(points, ends))
     assert single.dtype == np.uint32

@@ -1,4 +1,4 @@
-/* Predicted against measured: two panels, one mark a polygon or a case. */
+/* Predicted against measured: two panels, one mark per polygon or case. */
 
 const chart = { plot: null, marks: [], at: -1 };
 
@@ -129,7 +129,7 @@ function chartOption(marks, stacked) {
     title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: 13, fontWeight: 600, color: ink },
       left: stacked || !i ? 62 : "55%", top: stacked && i ? "51%" : 8 })),
     grid: [panel(0), panel(1)],
-    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted ${words(criterion)}`, unitOf(criterion)), i, false)),
+    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
     tooltip: { trigger: "item", confine: true, backgroundColor: styled("--panel"), borderColor: line, textStyle: { color: ink, fontSize: 13 },
       formatter: (point) => (point.data && point.data.length === 4 ? tooltip(chart.marks[point.data[2]]) : "") },
@@ -171,7 +171,7 @@ function linesOn(mark) {
   const lines = [row.triangulator, which, `${at.rasteriser} on ${at.device}, ${at.condition}`];
   lines.push(`measured ${words(chosen("measure"))}: ${number(mark.y)}${of}`);
   for (const [i, criterion] of [a, b].entries()) {
-    if (!i || a !== b) lines.push(`predicted ${words(criterion)}: ${number(mark.x[i])}${of}`);
+    if (!i || a !== b) lines.push(`predicted by ${words(criterion)}: ${number(mark.x[i])}${of}`);
   }
   return lines;
 }

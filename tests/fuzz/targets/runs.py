@@ -24,7 +24,7 @@ from harness.errors import (
 )
 from harness.measuring.plan import Plan
 from harness.measuring.run import run
-from harness.measuring.timing import Settings
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from tests.compare.runs import write_run
@@ -109,7 +109,7 @@ def sound() -> Path:
         scene=str(scene),
         triangulators=("ear-clipping", "delaunay", "optimal:half-perimeter"),
         rasterisers=("reference",),
-        timing=Settings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
+        timing=TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
     )
     quiet = Reporter(quiet=True, console=Console(quiet=True))
     run(plan, folder / "run", quiet, open_worker=lambda *_: Inline())

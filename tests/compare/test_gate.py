@@ -1,0 +1,231 @@
+"""What the gate must see, and what it must not call a regression."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.compare import compare_runs
+from harness.compare.html import to_html
+from harness.compare.json import to_json
+from harness.compare.junit import to_junit
+from harness.compare.markdown import to_markdown
+from harness.compare.rows import groups
+from harness.compare.settings import Settings
+from harness.compare.wording import headline
+from harness.rasterisers.binning import Binning
+from harness.stored.folder import Run, read_run
+from tests.compare.runs import TRIANGULATORS, Edit, beside, plan, record, slower, write_run
+from tests.compare.scenarios import SCENARIOS
+
+COUNTERS = Settings(gates=("counters",))
+
+
+def counted(counters: dict[str, int]) -> Edit:
+    """Return an edit that makes the case one of a rasteriser that counts these, untimed."""
+
+    def edit(entry: dict[str, Any]) -> None:
+        entry |= {"counters": dict(counters), "rasteriser": "theirs", "device": "asic"}
+        entry.pop("time", None)
+
+    return edit
+
+
+def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTERS):
+    facts = {"plan": plan(rasterisers=["theirs"])}
+    runs = [
+        read_run(write_run(tmp_path / name, seed=seed, edits={"*": edit}, facts=facts))
+        for name, seed, edit in (("base", 1, base), ("head", 2, head))
+    ]
+    return compare_runs(*runs, settings)
+
+
+def test_every_counter_of_the_binner_is_gated(tmp_path):
+    before = {name: 1000 + number for number, name in enumerate(Binning.counters)}
+    for name in before:
+        after = before | {name: round(before[name] * 1.5)}
+        found = compared(tmp_path / name, counted(before), counted(after))
+        assert found.exit_code == 1
+        assert f"+50.0 % {name}" in headline(found)
+        assert all(case.regressions()[0].metric == name for case in found.cases)
+
+
+@pytest.mark.parametrize("name", ["spills", "overdraw", "draw_ms", "half_perimeter"])
+def test_a_counter_nobody_registered_is_gated_whatever_its_name(tmp_path, name):
+    found = compared(tmp_path, counted({name: 100}), counted({name: 101}))
+    assert found.exit_code == 1
+    assert "+1.0 %" in headline(found)
+    assert "101 (+1.0 %)" in str(groups(found)[0].rows[0].cells)
+    back = compared(tmp_path / "back", counted({name: 101}), counted({name: 100}))
+    assert back.exit_code == 0
+    assert "5 improved" in headline(back)
+
+
+def test_a_threshold_may_name_any_counter_of_the_runs(tmp_path):
+    edits = counted({"spills": 100}), counted({"spills": 101})
+    loose = Settings(gates=("counters",), thresholds={"spills": 0.02})
+    assert compared(tmp_path, *edits, loose).exit_code == 0
+
+
+@pytest.mark.parametrize("shared", ["fragments", "hits", "samples_passed"])
+@pytest.mark.parametrize("after", [999, 1001])
+def test_pixels_that_every_triangulation_covers_may_not_change(tmp_path, shared, after):
+    found = compared(tmp_path, counted({shared: 1000}), counted({shared: after}))
+    assert found.exit_code == 1
+    assert f"covers other pixels: {shared.replace('_', ' ')}" in str(groups(found))
+
+
+def test_a_counter_that_is_no_longer_counted_is_a_regression(tmp_path):
+    found = compared(tmp_path, counted({"spills": 100, "hits": 9}), counted({"hits": 9}))
+    assert found.exit_code == 1
+    assert "spills no longer counted" in headline(found)
+
+
+def test_what_a_driver_says_of_itself_is_not_gated(tmp_path):
+    before, after = {"hits": 9, "driver_blocks": 100}, {"hits": 9, "driver_blocks": 200}
+    assert compared(tmp_path, counted(before), counted(after)).exit_code == 0
+    assert compared(tmp_path / "gone", counted(before), counted({"hits": 9})).exit_code == 0
+
+
+@pytest.fixture
+def scenario(request, tmp_path) -> Callable[[str], Any]:
+    def call(name: str, settings: Settings):
+        with contextlib.chdir(tmp_path):
+            SCENARIOS[name].make()
+            return compare_runs(read_run(Path("base")), read_run(Path("head")), settings)
+
+    return call
+
+
+@pytest.mark.parametrize("gates", [("counters",), ("time",), ("counters", "time")])
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "no-baseline"])
+def test_nothing_is_called_a_regression_that_does_not_fail(scenario, name, gates):
+    found = scenario(name, Settings(gates=gates))
+    texts = (headline(found), to_markdown(found), to_junit(found), to_html(found))
+    if found.exit_code != 1:
+        # An alarm's words stand for exit code 1 alone; the style sheet has names of its own.
+        shown = " ".join(texts).partition("<style>")[0] + " ".join(texts).partition("</style>")[2]
+        assert "regressed" not in shown.replace("no time regressed", "")
+        assert "<failure" not in shown
+    else:
+        assert all("egress" in text or "<error" in text or "<failure" in text for text in texts)
+    if "time" not in gates:
+        timed = any(case.time is not None for case in found.compared())
+        assert ("not gated" in to_junit(found)) == timed
+
+
+def test_a_drift_is_told_and_never_gated(tmp_path):
+    """A program that starts between two runs slows the reference draw less than the cases."""
+    runs = [
+        read_run(write_run(tmp_path / name, seed=seed, edits={"*": slower(share)}))
+        for name, seed, share in (("base", 1, 0.0), ("head", 2, 0.55))
+    ]
+    found = compare_runs(*runs)
+    assert found.exit_code == 0
+    (drift,) = found.drifts
+    assert drift.outcome == "regressed"
+    assert not drift.gated
+    (group,) = groups(found)
+    assert group.drift.startswith("all cases together: time 1.5")
+    assert "all cases together took +55.0 % time (not gated)" in headline(found)
+    assert "not gated" in group.drift
+
+
+def test_all_cases_together_are_gated_where_both_were_timed_in_the_same_rounds(tmp_path):
+    base = read_run(write_run(tmp_path / "base", seed=1, noise=0.3))
+    edits = {"*": beside(0.02)}
+    head = read_run(write_run(tmp_path / "head", seed=1, noise=0.3, edits=edits))
+    found = compare_runs(base, head)
+    assert {case.time.against for case in found.cases} == {"rounds"}
+    assert {case.time.outcome for case in found.cases} == {"regressed"}
+    (drift,) = found.drifts
+    assert (drift.gated, drift.outcome) == (True, "regressed")
+    assert drift.low < 1.02 < drift.high
+    assert compare_runs(head, base).exit_code == 0
+    assert compare_runs(base, head, COUNTERS).exit_code == 0
+
+
+def test_a_drift_on_the_threshold_is_let_pass(tmp_path):
+    """Growth must exceed the threshold; equal to it is let pass, in times as in counters."""
+    base = [record(name, seed=1) for name in TRIANGULATORS]
+    head = [record(name, seed=1) for name in TRIANGULATORS]
+    for before, after in zip(base, head, strict=True):
+        before["time"]["samples_s"] = [1.0] * 30
+        after["time"]["samples_s"] = [1.25] * 30
+    runs = [Run(tmp_path / name, {}, records) for name, records in (("b", base), ("h", head))]
+    exact = compare_runs(*runs, Settings(thresholds={"time": 0.25}))
+    assert {case.time.ratio for case in exact.cases} == {1.25}
+    assert {case.time.outcome for case in exact.cases} == {"unchanged"}
+    assert [drift.outcome for drift in exact.drifts] == ["unchanged"]
+    assert exact.exit_code == 0
+    below = compare_runs(*runs, Settings(thresholds={"time": 0.2499}))
+    assert {case.time.outcome for case in below.cases} == {"regressed"}
+    assert [drift.outcome for drift in below.drifts] == ["regressed"]
+    assert below.exit_code == 1
+
+
+@pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])
+@pytest.mark.parametrize("gates", [("counters",), ("time",)])
+def test_doing_less_than_the_plan_is_a_regression(scenario, name, gates):
+    found = scenario(name, Settings(gates=gates))
+    assert found.exit_code == 1
+    assert {case.status for case in found.regressed()} <= {"now-skipped", "not-done"}
+
+
+def test_a_file_of_records_alone_cannot_hide_what_it_lacks(tmp_path):
+    base = read_run(write_run(tmp_path / "base", seed=1))
+    head = write_run(tmp_path / "head", seed=2, cut_short=("fan",))
+    (head / "run.json").unlink()
+    found = compare_runs(base, read_run(head))
+    assert [case.name.triangulator for case in found.regressed()] == ["fan"]
+
+
+def test_another_rasteriser_that_was_cut_off_is_missed(tmp_path):
+    """The second rasteriser of the plan left no record, so no record tells its device."""
+
+    def on(rasteriser, device):
+        return lambda entry: entry.update(
+            key=f"{rasteriser} {entry['key']}", rasteriser=rasteriser, device=device
+        )
+
+    facts = {"plan": plan(rasterisers=["opengl", "theirs"])}
+    first = write_run(tmp_path / "base", seed=1, facts=facts)
+    second = write_run(tmp_path / "more", seed=1, edits={"*": on("theirs", "asic")})
+    text = (second / "cases.jsonl").read_text()
+    with (first / "cases.jsonl").open("a") as stream:
+        stream.write(text)
+    head = write_run(tmp_path / "head", seed=2, facts=facts)
+    found = compare_runs(read_run(first), read_run(head))
+    assert {case.name.rasteriser for case in found.regressed()} == {"theirs"}
+    facts = {"plan": plan(rasterisers=["opengl"])}
+    narrower = write_run(tmp_path / "narrower", seed=2, facts=facts)
+    assert compare_runs(read_run(first), read_run(narrower)).exit_code == 0
+
+
+def test_hundreds_of_thousands_of_samples_are_no_trouble(tmp_path):
+    """A draw that takes no time is drawn that often; each case's samples once cost gigabytes."""
+    rng = np.random.default_rng(1)
+
+    def many(entry):
+        timing = entry["time"]
+        for name in ("samples_s", "reference_s", "empty_s"):
+            timing[name] = (1e-6 * (1 + np.abs(rng.normal(0, 0.05, 200_000)))).tolist()
+
+    runs = [Run(tmp_path, {}, list(map(usual(many), TRIANGULATORS))) for _ in ("base", "head")]
+    found = compare_runs(*runs)
+    assert {case.time.outcome for case in found.cases} == {"unchanged"}
+    assert to_json(found)["exit_code"] == 0
+
+
+def usual(edit: Edit) -> Callable[[str], dict[str, Any]]:
+    def make(name: str) -> dict[str, Any]:
+        entry = record(name, seed=1)
+        edit(entry)
+        return entry
+
+    return make

@@ -1,0 +1,236 @@
+"""Two versions of a user's code measured in the same rounds: what is paired, kept and refused."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.compare import compare_runs
+from harness.errors import UsageError
+from harness.frame import View, make_frame
+from harness.measuring import run as running
+from harness.measuring.beside import MARK, Beside, version
+from harness.measuring.elsewhere import triangulate_elsewhere
+from harness.measuring.plan import Plan
+from harness.measuring.processes import Backend
+from harness.measuring.timing import TimingSettings
+from harness.measuring.worker import Inline, TaskFailed
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.stored import drawings
+from harness.stored.folder import read_run
+from harness.triangulating.names import Recipe
+from scenes import load
+from tests.harness.test_cli import assert_one_line
+from tests.harness.test_environment import git
+from tests.mock import MockRasteriser
+from tests.paths import ROOT
+
+MODULE = (
+    "from triangulators import triangulate\ndef cut(polygon): return triangulate(polygon, {!r})"
+)
+GOOD, WORSE = MODULE.format("delaunay"), MODULE.format("ear-clipping")
+BROKEN = "def cut(polygon): raise RuntimeError('half done')\n"
+THEIRS, NEWER = Recipe("theirs:cut"), Recipe("newer:cut")
+PLAN = Plan(
+    scene="city:buildings=6",
+    triangulators=(Recipe("fan"), THEIRS),
+    rasterisers=("tests.mock:MockRasteriser",),
+    timing=TimingSettings(precision=0.1, budget_s=0.001, warm_up_s=0.0, min_batch_s=1e-5),
+)
+POLYGONS = load("city:buildings=2", seed=0).polygons
+
+
+@contextlib.contextmanager
+def project(folder: Path) -> Iterator[Path]:
+    """Make a repository whose only commit has the good triangulation; it is the current folder."""
+    folder.mkdir()
+    (folder / "theirs.py").write_text(GOOD)
+    git(folder, "init", "-q", "-b", "main")
+    git(folder, "add", ".")
+    git(folder, "commit", "-q", "-m", "first")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.syspath_prepend(str(folder))
+        patch.setattr(sys, "dont_write_bytecode", True)
+        yield folder
+
+
+def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = False) -> None:
+    """Measure HEAD's code, imported anew, beside another version, all in this process."""
+    from triangulators import registry
+
+    for name in ("theirs", "newer"):
+        sys.modules.pop(name, None)
+    registry._load.cache_clear()
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
+        running.run(
+            plan,
+            Path(out),
+            Reporter(quiet=True),
+            resume=resume,
+            open_worker=lambda *_: Inline(),
+            beside=Beside(place),
+        )
+
+
+def runs(out: Path | str):
+    return read_run(Path(out) / "base"), read_run(Path(out))
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory) -> Iterator[Path]:
+    """A repository with a run: a worse version and a module that BASE has not, beside main."""
+    with project(tmp_path_factory.mktemp("beside") / "project") as folder:
+        (folder / "theirs.py").write_text(WORSE)
+        git(folder, "checkout", "-q", "-b", "change")
+        git(folder, "commit", "-q", "-a", "-m", "second")
+        (folder / "newer.py").write_text(GOOD)
+        measure(replace(PLAN, triangulators=(*PLAN.triangulators, NEWER)), "out")
+        yield folder
+
+
+def test_samples_pair_and_a_change_is_found(measured):
+    base, head = runs(measured / "out")
+    assert {r["triangulator"]: r["status"] for r in head.records} == {
+        "fan": "ok",
+        "theirs:cut": "ok",
+        "newer:cut": "ok",
+    }
+    assert {r["triangulator"]: r["status"] for r in base.records} == {
+        "fan": "ok",
+        "theirs:cut": "ok",
+        "newer:cut": "failed",
+    }
+    keys = [{r["triangulator"]: r["key"] for r in run.records} for run in (base, head)]
+    assert keys[0] == keys[1]
+    found = compare_runs(base, head)
+    times = {case.name.triangulator: case.time for case in found.compared()}
+    assert {time.against for time in times.values()} == {"rounds"}
+    assert times["fan"].ratio == 1.0  # the same triangles: one drawing is both
+    assert {case.name.triangulator: case.status for case in found.cases}[
+        "newer:cut"
+    ] == "now-measured"
+    (reason,) = (r["reason"] for r in base.records if r["status"] == "failed")
+    assert "newer" in reason
+
+
+def test_each_run_keeps_what_is_its_own(measured):
+    base, head = runs(measured / "out")
+    for run in (base, head):
+        files = {file.stem for file in (run.path / "polygons").iterdir()}
+        assert files == {r["key"] for r in run.records if r["status"] == "ok"}
+    drawn = [drawings.read(run, View()).triangles for run in (base, head)]
+    assert set(drawn[1]) - set(drawn[0]) == {"newer:cut", "delaunay"}
+    assert not any(MARK in name for names in drawn for name in names)
+    assert np.array_equal(drawn[0]["fan"], drawn[1]["fan"])
+    assert not np.array_equal(drawn[0]["theirs:cut"], drawn[1]["theirs:cut"])
+    assert np.array_equal(drawn[0]["theirs:cut"], drawn[1]["delaunay"])
+
+
+def test_each_run_tells_its_commit_and_nothing_is_left_behind(measured):
+    base, head = runs(measured / "out")
+    commits = [git(measured, "rev-parse", name) for name in ("main", "change")]
+    projects = [run.facts["environment"]["project"] for run in (base, head)]
+    assert [each["commit"] for each in projects] == commits
+    told = {"base": "main", "commit": commits[0], "twice": False}
+    assert head.facts["beside"] == told
+    assert base.facts["beside"] == {**told, "is_base": True}
+    assert len(git(measured, "worktree", "list").splitlines()) == 1
+
+
+def test_a_run_goes_on_beside_what_it_was_beside(tmp_path):
+    with project(tmp_path / "project") as folder:
+        plan = replace(PLAN, triangulators=(THEIRS,))
+        (folder / "theirs.py").write_text(BROKEN)
+        measure(plan, "out")
+        base, head = runs("out")
+        assert [r["status"] for r in base.records + head.records] == ["ok", "failed"]
+        (folder / "theirs.py").write_text(WORSE)
+        measure(plan, "out", resume=True)
+        base, head = runs("out")
+        assert [r["status"] for r in base.records + head.records] == ["ok", "ok"]
+        # They were not timed together, so nothing is said of the one beside the other.
+        assert compare_runs(base, head).cases[0].time.against != "rounds"
+        git(folder, "commit", "-q", "-a", "-m", "second")
+        with pytest.raises(UsageError, match="beside"):
+            measure(plan, "out", "HEAD", resume=True)
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with version(str(tmp_path), []) as place:
+        bench = Beside(place, twice).bench(lambda *_: Inline(), 60.0, None)
+    frame = make_frame(POLYGONS, View(256))
+    rows = frame.join([np.array([[0, 1, 2]], np.int32)] * len(POLYGONS))
+    candidates = {"a": (frame, rows), MARK + "a": (frame, rows.copy())}
+    candidates |= {"b": (frame, rows), MARK + "b": (frame, rows[::-1])}
+    backend = Backend("tests.mock:MockRasteriser", MockRasteriser.devices()[0])
+    found, failures = bench.time(backend, candidates, Options(), PLAN.timing, 0)
+    bench.close()
+    assert not failures
+    assert set(found) == set(candidates)
+    one, other = found["a"]["a"], found[MARK + "a"][MARK + "a"]
+    assert (one is other) is not twice
+    assert found["b"]["b"] is not found[MARK + "b"][MARK + "b"]
+
+
+def test_the_other_version_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    other, environment = tmp_path / "other", tmp_path / "environment"
+    other.mkdir()
+    (other / "theirs.py").write_text(WORSE)
+    (environment / "bin").mkdir(parents=True)
+    python = environment / "bin" / "python"
+    path = f"{other}:{ROOT}"
+    python.write_text(f'#!/bin/sh\nPYTHONPATH={path} exec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    parts = []
+    for reference in (str(other), str(environment)):
+        with version(reference, ["theirs:cut"]) as place:
+            result = triangulate_elsewhere(THEIRS, POLYGONS, place)
+        assert not result.failed
+        assert result.conforming
+        parts.append(np.concatenate(result.parts))
+    assert np.array_equal(*parts)
+
+
+def test_an_editable_install_that_hides_base_is_said(measured):
+    """Nothing would be compared if BASE's name led to HEAD's code."""
+    with version("main", ["theirs:cut"]) as place:
+        hidden = replace(place, path=(str(measured), *place.path))
+        with pytest.raises(TaskFailed, match="is HEAD's; an editable install"):
+            triangulate_elsewhere(THEIRS, POLYGONS, hidden)
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (["--beside", "nowhere"], ["--beside nowhere", "no commit", "git fetch"]),
+        (["--draw-twice"], ["--draw-twice", "--beside"]),
+    ],
+)
+def test_bad_usage_is_one_line(harness, options, parts):
+    code, _, err = harness("run", "--scene", "city:buildings=2", "--out", "out", *options)
+    assert code == 2
+    assert_one_line(err, *parts)
+    assert not Path("out").exists()
+
+
+def test_a_run_that_was_killed_leaves_a_repository_that_works(measured):
+    """Its work tree is gone, its entry is not: git forgets that with the next one's."""
+    with version("main", []) as place:
+        shutil.rmtree(place.folder)
+        subprocess.run(["git", "worktree", "prune"], check=True)
+    with version("main", []) as place:
+        assert Path(place.folder, "theirs.py").is_file()
+    assert git(measured, "status", "--porcelain", "--untracked-files=no") == ""
