@@ -132,7 +132,7 @@ def _scatter(
             label=name,
             rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
         )
-    panel.set_xlabel(f"predicted {find(criterion).title},\nratio to {base}")
+    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {base}")
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

@@ -43,6 +43,7 @@ def triangulate_float32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> n
 
 def triangulate_int32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
     """`triangulate_float64` for (n, 2) int32 vertices, which it decides exactly."""
+    vertices = np.asarray(vertices).astype(np.int32, copy=False)
     raw = mapbox_earcut.triangulate_int32(vertices, ring_end_indices)
     return _improved(raw, vertices, ring_end_indices)
 
@@ -53,6 +54,7 @@ def triangulate_int64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.
     Decided exactly up to an extent of 2^53; a polygon that is larger, which doubles cannot hold,
     gets earcut's own result.
     """
+    vertices = np.asarray(vertices).astype(np.int64, copy=False)
     raw = mapbox_earcut.triangulate_int64(vertices, ring_end_indices)
     if not len(raw):
         return raw
