@@ -262,6 +262,8 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
         try:
             record = json.loads(line)
             key = record["key"]
+            if not isinstance(key, str):
+                raise TypeError(key)
         except (ValueError, TypeError, KeyError):
             problems.append(f"{file}, line {number}: not a record; ignored")
             continue
