@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from harness.commands.options import Base
+from harness.compare.checking import checked
 from harness.figures.groups import with_base
 from harness.stored.folder import read_run
 
@@ -24,7 +25,7 @@ def report(
     """Write the report of a run: one HTML file, which needs no network."""
     from harness.report import write_report
 
-    found = read_run(run)
+    found = checked(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
     typer.echo(f"report: {os.path.relpath(file)}")
 
