@@ -151,7 +151,8 @@ BUILTIN = {
         ),
         Entry(
             "optimal",
-            "the minimum of a criterion: exact up to 2,000 vertices, 500 with holes; else by search",
+            "the minimum of a criterion: exact up to 2,000 vertices, 500 with holes;"
+            " beyond by search",
             "triangulators.optimal:triangulate",
             criteria=True,
         ),

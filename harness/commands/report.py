@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from harness.commands.options import Base
-from harness.compare.checking import checked
 from harness.figures.groups import with_base
 from harness.stored.folder import read_run
 
@@ -23,6 +22,7 @@ def report(
     base: Base = "",
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network."""
+    from harness.compare.checking import checked
     from harness.report import write_report
 
     found = checked(read_run(run))
