@@ -72,7 +72,11 @@ def noted(notes: list[Note], which: str, what: str) -> Iterator[None]:
 
 
 def reason(error: Exception) -> str:
-    """What an error says, in one line."""
+    """What an error says, in one line.
+
+    >>> reason(ValueError("no\\n  number")), reason(KeyError("type")), reason(EOFError())
+    ('no number', "no 'type'", 'EOFError')
+    """
     text = " ".join(str(error).split())
     if isinstance(error, KeyError):
         return f"no {text}"
@@ -80,5 +84,9 @@ def reason(error: Exception) -> str:
 
 
 def debugging() -> bool:
-    """Whether errors come through as they were raised."""
+    """Whether errors come through as they were raised.
+
+    >>> debugging()
+    False
+    """
     return os.environ.get(DEBUG, "") not in ("", "0")

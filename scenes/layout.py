@@ -15,6 +15,10 @@ def in_rows(
 
     `gap` is the space between them as a share of their mean width; `aspect` the wanted width to
     height of the whole.
+
+    >>> row = in_rows([shapely.box(9, 9, 10, 10), shapely.box(5, 5, 6, 6)], gap=0.5, aspect=9)
+    >>> [polygon.bounds for polygon in row]
+    [(0.0, -1.0, 1.0, 0.0), (1.5, -1.0, 2.5, 0.0)]
     """
     if not polygons:
         return []
@@ -32,6 +36,10 @@ def in_rows(
 
 
 def moved(geometry: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
-    """The polygon, translated."""
+    """The polygon, translated.
+
+    >>> moved(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
+    (2.0, 3.0, 3.0, 4.0)
+    """
     shifted: shapely.Polygon = shapely.transform(geometry, lambda xy: xy + np.array([dx, dy]))
     return shifted

@@ -73,7 +73,11 @@ def is_geographic(crs: str | None, coordinates: NDArray[np.float64]) -> bool:
 
 
 def units(crs: str | None) -> str | None:
-    """The unit of a reference system's coordinates: "m", "degree", "US survey foot", ..."""
+    """The unit of a reference system's coordinates; None where PROJ does not know the system.
+
+    >>> units("EPSG:3067"), units("EPSG:2263"), units("EPSG:4326")
+    ('m', 'US survey foot', 'degree')
+    """
     known = system(crs)
     if known is None or not known.axis_info:
         return None

@@ -95,7 +95,11 @@ ENTRIES = {
 
 
 def names() -> list[str]:
-    """Names of all scenes: the product's own, then those of installed packages."""
+    """Names of all scenes: the product's own, then those of installed packages.
+
+    >>> names()[:3]
+    ['city', 'helsinki', 'counties']
+    """
     return [*ENTRIES, *sorted(point.name for point in _installed())]
 
 
@@ -185,12 +189,14 @@ def _function(scene: Entry) -> Callable[..., Any]:
     except (KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:  # a module may also end the process as it is imported
-        raise SceneError(
-            f"scene {scene.name} ({scene.builder}) cannot be imported: {_said(error)}"
-        ) from error
+        raise SceneError(f"scene {_placed(scene)} cannot be imported: {_said(error)}") from error
     if not callable(loaded):
-        raise SceneError(f"scene {scene.name} ({scene.builder}) is not a function")
+        raise SceneError(f"scene {_placed(scene)} is not a function")
     return loaded
+
+
+def _placed(scene: Entry) -> str:
+    return scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
 
 
 def _takes_seed(function: Callable[..., Any]) -> bool:

@@ -17,7 +17,11 @@ _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
 
 
 def parsed(text: str) -> tuple[str, dict[str, str]]:
-    """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole."""
+    """ "name:key=value,key=value" to the name and its parameters; an existing path stays whole.
+
+    >>> parsed("city:buildings=20,seed=3")
+    ('city', {'buildings': '20', 'seed': '3'})
+    """
     if exists(text):
         return text, {}
     match = re.fullmatch(r"(.+?):([A-Za-z_]\w*=.*)", text, flags=re.DOTALL)
@@ -43,14 +47,22 @@ def is_function(name: str) -> bool:
 
 
 def is_path(name: str) -> bool:
-    """Whether this is a file's name: one that exists, or has a separator or a suffix."""
+    """Whether this is a file's name: one that exists, or has a separator or a suffix.
+
+    >>> is_path("town.gpkg"), is_path("maps/town"), is_path("city"), is_path("my.module:squares")
+    (True, True, False, False)
+    """
     if exists(name):
         return True
     return not is_function(name) and ("/" in name or "\\" in name or Path(name).suffix != "")
 
 
 def exists(name: str) -> bool:
-    """Whether there is a file or folder of this name."""
+    """Whether there is a file or folder of this name, which may be no name for one.
+
+    >>> exists("."), exists("a\\0b"), exists(1000 * "long")
+    (True, False, False)
+    """
     try:
         return Path(name).exists()
     except (OSError, ValueError):  # too long for a path, or a NUL in it
@@ -86,14 +98,23 @@ def label(text: str) -> str:
 def arguments_for(
     name: str, function: Callable[..., Any], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """Parameters converted to the types the builder declares; unknown ones are refused."""
+    """Parameters converted to the types the builder declares; unknown ones are refused.
+
+    >>> def build(*, seed: int = 0, size: float = 1.0): ...
+    >>> arguments_for("grid", build, {"size": "2"})
+    {'size': 2.0}
+    """
     try:
         declared = inspect.signature(function, eval_str=True).parameters
     except NameError:  # an annotation that only type checkers can read: values stay text
         declared = inspect.signature(function).parameters
     if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
         return dict(parameters)
-    known = [k for k, p in declared.items() if p.kind is p.KEYWORD_ONLY and k != "seed"]
+    known = [
+        key
+        for key, each in declared.items()
+        if key != "seed" and (each.kind is each.KEYWORD_ONLY or each.default is not each.empty)
+    ]
     for key in parameters:
         if key not in known:
             hint = suggestion(key, known, "it has") if known else "it has none"
@@ -102,7 +123,11 @@ def arguments_for(
 
 
 def converted(key: str, value: Any, kind: Any) -> Any:
-    """A value given as text, turned into the declared type; other values as they are."""
+    """A value given as text, turned into the declared type; other values as they are.
+
+    >>> converted("limit", "7", int | None), converted("project", "no", bool), converted("n", 7, 0)
+    (7, False, 7)
+    """
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
     if not isinstance(value, str) or inspect.Parameter.empty in kinds:
         return value

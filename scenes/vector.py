@@ -181,6 +181,11 @@ def _crs_member(path: Path) -> Any:
 def explain(source: Source, error: Exception) -> str | None:
     """A better message than the general one for what GDAL says, where there is one."""
     text = reason(error)
+    if isinstance(error, UnicodeDecodeError):
+        return (
+            f"{source.path} has text that is not UTF-8: write it as UTF-8, or let pyarrow read it: "
+            'pip install "raster-harness[geoparquet]"'
+        )
     if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
         return f"{source.path}: condition {source.where!r} is not valid: {text}"
     if "not recognized as being in a supported file format" in text:

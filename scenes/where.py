@@ -17,6 +17,9 @@ def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[n
     """Numbers of the rows that meet the condition, ascending.
 
     Raises SceneError if the file has no attributes, or the condition is not valid for them.
+
+    >>> matching(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
+    [1, 2]
     """
     if table is None or not table.shape[1]:
         raise SceneError(f"{path} has no attributes: where={condition!r} cannot be met")

@@ -110,10 +110,13 @@ def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
     assert Path("run/cases.jsonl").read_text().count("\n") == len(DEFAULT_TRIANGULATORS)
 
 
-@pytest.mark.parametrize("command", [["history", "run"], ["gains", "run"], ["report", "run"]])
+@pytest.mark.parametrize(
+    "command", [["history", "run", "again"], ["gains", "run"], ["report", "run"]]
+)
 @pytest.mark.parametrize("place", ["/proc/none", "file"])
 def test_a_folder_that_cannot_be_written_is_one_line(harness, stored, command, place):
     Path("file").write_text("")
+    shutil.copytree("run", "again")
     code, _, err = harness(*command, "--out", f"{place}/new")
     assert code == 2
     assert_one_line(err, place)

@@ -190,6 +190,6 @@ def test_a_scene_that_exits_is_one_line(harness, module, tmp_path):
     )
     code, _, err = harness("run", "--scene", "exiting", "-q")
     assert code == 2
-    assert "error: scene exiting cannot be loaded: SystemExit: 0" in err
+    assert "error: scene exiting failed: it raised SystemExit(0)" in err
     good = ("run", "--scene", "square", "--triangulators", "fan", "--rasterisers", MOCK, "-q")
     assert harness(*good, "--quick")[0] == 0

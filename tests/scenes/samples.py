@@ -83,4 +83,7 @@ def sound_or_refused(path: Path) -> Scene | None:
         assert path.name in refusal
         return None
     assert_sound(scene.polygons)
+    if scene.attributes is not None:
+        # some libraries look at the bytes of a text only when they are asked for it
+        assert scene.attributes.to_csv()
     return scene

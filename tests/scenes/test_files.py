@@ -1,4 +1,6 @@
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +146,64 @@ def test_first_layer_that_can_hold_polygons_is_taken(tmp_path):
     write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point")
     write(path, POLYGONS, "houses", append=True)
     assert len(load(path).polygons) == 3
+
+
+def without_utf8(path: Path) -> Path:
+    """The file with a name in Latin 1, as old programs write it."""
+    write(path)
+    if path.suffix == ".gpkg":
+        with closing(sqlite3.connect(path)) as database, database:
+            named = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+            for (trigger,) in database.execute(named).fetchall():
+                database.execute(f'DROP TRIGGER "{trigger}"')
+            database.execute(f"UPDATE {path.stem} SET name = CAST(X'68E47573' AS TEXT)")
+    else:
+        table = path.with_suffix(".dbf") if path.suffix == ".shp" else path
+        table.write_bytes(table.read_bytes().replace(b"house 1", b"h\xe4user1"))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".gpkg", ".fgb", ".shp", ".geojson"])
+def test_text_that_is_not_utf8_is_marked_and_noted(tmp_path, suffix):
+    scene = load(without_utf8(tmp_path / f"old{suffix}"))
+    assert len(scene.polygons) == 3
+    assert [name for name in scene.attributes["name"] if "\ufffd" in name]
+    assert "text of name is not UTF-8: what cannot be read became U+FFFD" in scene.notes
+
+
+def test_text_that_is_not_utf8_without_pyarrow(tmp_path, monkeypatch):
+    monkeypatch.setattr("scenes.vector.find_spec", lambda name: None)
+    with pytest.raises(SceneError, match="text that is not UTF-8: write it as UTF-8, or let"):
+        load(without_utf8(tmp_path / "old.gpkg"))
+
+
+class TestNotes:
+    """One line says which layer was read, what was projected, and that heights are gone."""
+
+    def test_layer_of_several(self, tmp_path):
+        path = Path(write(tmp_path / "town.gpkg", POLYGONS[:1], "houses"))
+        assert load(path).notes == ("coordinates as in the file: ETRS89 / TM35FIN(E,N), m",)
+        write(path, POLYGONS[1:], "parks", append=True)
+        write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point", append=True)
+        assert load(path).notes[0] == "layer houses, not parks, trees"
+        assert load(path, layer="parks").notes[0] == "layer parks, not houses, trees"
+
+    def test_heights(self, tmp_path):
+        flat, tall = POLYGONS[0], shapely.force_3d(POLYGONS[1], 4.0)
+        kind = {"geometry_type": "Polygon Z"}
+        assert "heights (Z) dropped" in load(write(tmp_path / "a.gpkg", [flat, tall], **kind)).notes
+        assert "heights (Z) dropped" not in load(write(tmp_path / "b.gpkg")).notes
+
+    def test_each_is_said_once_in_all_chunks(self, tmp_path):
+        boxes = [shapely.force_3d(shapely.box(i, 0, i + 0.5, 1), 1.0) for i in range(5)]
+        path = write(tmp_path / "a.gpkg", boxes, crs="EPSG:4326", geometry_type="Polygon Z")
+        first, *others = (chunk.notes for chunk in read_chunks(path, size=2))
+        assert len(first) == 2
+        assert others == [(), ()]
+
+    def test_models_and_cities(self, tmp_path):
+        (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
+        assert load(tmp_path / "a.obj").notes == ("each face in its own plane, side by side",)
 
 
 def test_limit(tmp_path):

@@ -1,9 +1,12 @@
+import sys
 from importlib.metadata import EntryPoint
 
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
-from scenes import Scene, SceneError, UnknownScene, load, names, registry
+from scenes import Scene, SceneError, UnknownScene, load, names, registry, spec
 from tests.scenes.conftest import SQUARE, assert_sound, feature
 
 
@@ -108,3 +111,122 @@ class TestEntryPoints:
         with pytest.raises(SceneError, match=message) as caught:
             load(name)
         assert "\n" not in str(caught.value)
+
+
+MODULE = """
+import sys
+from shapely import box
+from scenes import Scene
+
+def grid(*, seed, count: int = 4):
+    return [box(2 * i, seed, 2 * i + 1, seed + 1) for i in range(count)]
+
+def plain(count: int = 2):
+    for i in range(count):
+        yield box(2 * i, 0, 2 * i + 1, 1)
+
+def whole():
+    return Scene("theirs", [box(0, 0, 1, 1)], "mm", credit="them")
+
+def typed(*, count: "Missing" = 1):
+    return [box(0, 0, 1, 1)]
+
+def fails(): raise ValueError("no\\nluck")
+def ends(): sys.exit(0)
+def wrong(): return 3
+def words(): return ["a"]
+def nothing(): return []
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "own_scenes.py").write_text(MODULE)
+    (tmp_path / "ends_at_once.py").write_text("import sys\nsys.exit(0)\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield "own_scenes"
+    sys.modules.pop("own_scenes", None)
+
+
+class TestFunctions:
+    """A scene given as module:function."""
+
+    def test_polygons_become_a_scene(self, module):
+        scene = load(f"{module}:grid:count=3", seed=5)
+        assert [p.bounds for p in scene.polygons] == [(0, 5, 1, 6), (2, 5, 3, 6), (4, 5, 5, 6)]
+        assert scene.name == f"{module}:grid"
+        assert scene.parameters == {"count": "3", "seed": 5}
+        assert len(load(f"{module}:plain").polygons) == 2
+        assert len(load(f"{module}:plain:count=5,limit=4").polygons) == 4
+        assert len(load(f"{module}:typed").polygons) == 1
+
+    def test_a_scene_stays_what_it_is(self, module):
+        scene = load(f"{module}:whole")
+        assert (scene.name, scene.units, scene.credit) == ("theirs", "mm", "them")
+
+    @pytest.mark.parametrize(
+        ("name", "message"),
+        [
+            ("own_scenes:fails", "failed: no luck"),
+            ("own_scenes:ends", r"failed: it raised SystemExit\(0\)"),
+            ("own_scenes:wrong", "returned int, not a Scene or polygons"),
+            ("own_scenes:words", "returned what are not polygons"),
+            ("own_scenes:nothing", "holds no polygon"),
+            ("own_scenes:number", "is not a function"),
+            ("own_scenes:nowhere", "has no attribute 'nowhere'"),
+            ("own_scenes:grid:coun=3", "did you mean count"),
+            ("own_scenes:whole:count=3", "it has none"),
+            ("no_such_module:f", "No module named 'no_such_module'"),
+            ("ends_at_once:f", r"cannot be imported: it raised SystemExit\(0\)"),
+            ("city:buildings", "Give city:NAME=buildings"),
+        ],
+    )
+    def test_failures_are_one_clear_line(self, module, name, message):
+        with pytest.raises(SceneError, match=message) as caught:
+            load(name)
+        assert "\n" not in str(caught.value)
+
+
+class TestSpec:
+    @pytest.mark.parametrize(
+        ("text", "name", "parameters"),
+        [
+            ("city", "city", {}),
+            ("a.gpkg:layer=b,where=c = 1", "a.gpkg", {"layer": "b", "where": "c = 1"}),
+            ("a.gpkg:where=k IN ('x', y=1),limit=3", "a.gpkg", None),
+            ("a.gpkg:where=k = 'x,y=1',limit=3", "a.gpkg", None),
+            ("a.gpkg:where=f(g('(', 2), h=3) > 1,limit=3", "a.gpkg", None),
+            ("glyphs:text=don't,steps=4", "glyphs", {"text": "don't", "steps": "4"}),
+            ("glyphs:text=:(,steps=4", "glyphs", {"text": ":(", "steps": "4"}),
+            ("my.module:f:n=2", "my.module:f", {"n": "2"}),
+        ],
+    )
+    def test_parsed(self, text, name, parameters):
+        if parameters is None:  # the condition is all between where= and limit
+            condition = text.partition("where=")[2].removesuffix(",limit=3")
+            parameters = {"where": condition, "limit": "3"}
+        assert spec.parsed(text) == (name, parameters)
+
+    @given(
+        st.sampled_from(["city", "a.gpkg", "a.gpkg:layer=b", "m:f"]),
+        st.none() | st.integers(1, 99),
+        st.none() | st.text(alphabet="ab=,'\"() 1", min_size=1),
+    )
+    def test_joined_is_parsed_again_or_refused(self, name, limit, where):
+        base, before = spec.parsed(name)
+        wanted = {"limit": limit, "where": where}
+        try:
+            text = spec.joined(name, **wanted)
+        except SceneError:
+            assert where is not None
+            assert "," in where
+            return
+        added = {key: str(value) for key, value in wanted.items() if value is not None}
+        assert spec.parsed(text) == (base, before | added)
+
+    def test_label_is_the_same_wherever_a_file_lies(self):
+        assert spec.label("/a/b.gpkg:where=h/2 > 3") == "b.gpkg:where=h/2 > 3"
+        assert spec.label("b.gpkg") == spec.label("x/b.gpkg") == "b.gpkg"
+        assert spec.label("city:buildings=3") == "city:buildings=3"
+        assert spec.label("my.module:f") == "my.module:f"

@@ -1,0 +1,124 @@
+"""A user's own polygons on the command line: which part of a file, and what was done to it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyogrio
+import pytest
+import shapely
+from pyarrow import parquet
+
+from scenes.projection import system
+from tests.harness.test_cli import MOCK
+from tests.scenes.test_files import without_utf8, write
+
+pytestmark = pytest.mark.usefixtures("no_plots")
+LOUD = [part for part in MOCK if part != "--quiet"]
+HOUSES = [shapely.box(12 * i, 0, 12 * i + 10, 10 + i) for i in range(4)]
+
+
+@pytest.fixture
+def town(tmp_path) -> str:
+    path = tmp_path / "town.gpkg"
+    write(path, HOUSES, "houses")
+    return write(path, [shapely.box(0, 50, 40, 90)], "parks", append=True)
+
+
+def scene_of(folder: str) -> dict:
+    return json.loads(Path(folder, "run.json").read_text())["scene"]
+
+
+def records_of(folder: str) -> list[dict]:
+    return [json.loads(line) for line in Path(folder, "cases.jsonl").read_text().splitlines()]
+
+
+def test_a_part_of_a_file(harness, town):
+    where = "height/2 > 1 AND name IN ('house 2', 'house 3')"
+    arguments = ("--layer", "houses", "--where", where, "--limit", "1", "--triangulators", "fan")
+    code, _, err = harness("run", "--scene", town, *arguments, "--out", "out", *LOUD)
+    assert code == 0, err
+    scene = scene_of("out")
+    assert scene["polygons"] == 1
+    assert scene["parameters"] == {"layer": "houses", "where": where, "limit": "1"}
+    (record,) = records_of("out")
+    assert record["polygons"] == 1
+    assert record["scene"] == f"town.gpkg:layer=houses,where={where},limit=1"
+
+
+def test_one_line_says_what_was_read(harness, town):
+    code, _, err = harness("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
+    line = "town: layer houses, not parks; coordinates as in the file: ETRS89 / TM35FIN(E,N), m"
+    assert code == 0
+    assert err.splitlines().count(line) == 1
+    assert scene_of("out")["polygons"] == 4
+    assert scene_of("out")["notes"] == line.removeprefix("town: ").split("; ")
+    # resuming finds the same scene
+    assert harness("run", "--resume", "out", *LOUD)[0] == 0
+    assert len(records_of("out")) == 1
+
+
+def test_options_that_a_scene_does_not_have(harness):
+    code, _, err = harness("run", "--scene", "paper", "--layer", "x", *MOCK)
+    assert code == 2
+    assert "scene paper has no parameter 'layer'" in err
+
+
+def test_a_function_of_the_users(harness, tmp_path, monkeypatch):
+    (tmp_path / "rows.py").write_text(
+        "from shapely import box\n"
+        "def squares(*, seed=0, count: int = 2):\n"
+        "    return [box(2 * i, 0, 2 * i + 1, 1) for i in range(count)]\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    arguments = ("--triangulators", "fan", "--out", "out", *MOCK)
+    code, _, err = harness("run", "--scene", "rows:squares:count=3", *arguments)
+    assert code == 0, err
+    assert scene_of("out")["polygons"] == 3
+    code, _, err = harness("run", "--scene", "rows:square", *MOCK)
+    assert code == 2
+    assert err.splitlines()[-1].startswith("error: scene rows:square cannot be imported")
+
+
+def test_triangulate_says_what_was_done(harness, town):
+    code, out, err = harness("triangulate", town, "-o", "out.parquet")
+    assert code == 0
+    assert "4 polygons" in out
+    assert f"{town}: layer houses, not parks; coordinates as in the file" in err
+
+
+def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):
+    source = without_utf8(tmp_path / "old.gpkg")
+    for out in ("out.geojson", "out.parquet", "out.glb"):
+        code, _, err = harness("triangulate", str(source), "-o", out)
+        assert code == 0, err
+        assert "text of name is not UTF-8" in err
+    names = pyogrio.raw.read("out.geojson")[3][0]
+    assert any("\ufffd" in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("crs", "named"), [("EPSG:3067", True), ("EPSG:7844", True), ("EPSG:4326", False)]
+)
+def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, named):
+    degrees = [shapely.box(25, 60, 25.001, 60.001)]
+    source = write(tmp_path / "in.gpkg", HOUSES if crs == "EPSG:3067" else degrees, crs=crs)
+    assert harness("triangulate", source, "-o", "out.parquet")[0] == 0
+    geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
+    column = geo["columns"]["geometry"]
+    assert ("crs" in column) is named
+    if named:
+        assert system(json.dumps(column["crs"])) == system(crs)
+    # and it is found again
+    assert harness("triangulate", "out.parquet", "-o", "again.parquet")[0] == 0
+    again = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])
+    assert again["columns"]["geometry"].get("crs") == column.get("crs")
+
+
+def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
+    (tmp_path / "a.wkt").write_text(shapely.box(0, 0, 10, 10).wkt)
+    assert harness("triangulate", "a.wkt", "-o", "out.parquet")[0] == 0
+    geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
+    assert geo["columns"]["geometry"]["crs"] is None
