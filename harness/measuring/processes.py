@@ -27,6 +27,9 @@ T = TypeVar("T")
 MEMORY_SHARE = 0.75
 """Of the memory that is free, what a triangulator that others wrote may take."""
 
+IMPORT_S = 60.0
+"""Least time that a third party's code is given to be imported and asked what it is."""
+
 COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
 
@@ -78,7 +81,7 @@ class Bench:
         TaskFailed
             if its process died, hung or was ended by what it imports
         """
-        self._triangulating(recipe, recipe.load)
+        self._triangulating(recipe, recipe.load, timeout_s=max(IMPORT_S, self._timeout_s))
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Have what a triangulator needs compiled, or loaded; done once.
@@ -132,7 +135,8 @@ class Bench:
         TaskFailed
             if its process crashed or hung, or the function raised
         """
-        return self._call(label, {}, None, function, *arguments)
+        timeout_s = max(IMPORT_S, self._timeout_s)
+        return self._call(label, {}, None, function, *arguments, timeout_s=timeout_s)
 
     def hand_over(self, label: str, to: str) -> None:
         """Let the process called `label`, if there is one, do what that called `to` would do."""
