@@ -18,8 +18,8 @@ each inner edge is used once in each direction, so as a chain they add up to the
 cover the polygon once.
 
 Loop order. i descends and j ascends, so that cost(i, k) and cost(k, j) are known for every k
-between. Both are read along k. Stored at [i, j] and at [j, i], cost(k, j) is row j, so both operands
-of the inner loop are rows and it reads memory in order. With the cost of a triangle written as
+between. Both are read along k. Stored at [i, j] and at [j, i], cost(k, j) is row j, so both
+operands of the inner loop are rows and it reads memory in order. With the cost written as
 minima and maxima of coordinates the loop is SIMD throughout, and it keeps no argmin: the few that
 are needed are found again on the way back.
 
