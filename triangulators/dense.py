@@ -4,9 +4,28 @@ Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and
 No visibility is needed: a combinatorial triangulation of the cycle of vertices whose triangles all
 turn left is a triangulation of the polygon, because its edges add up to the boundary.
 
-Both operands of the inner loop are rows: cost(i, j) is stored at [i, j] and at [j, i]. With the
-cost of a triangle written as minima and maxima of coordinates the loop is SIMD throughout, and it
-keeps no argmin: the few that are needed are found again on the way back.
+It is for large polygons and costs that sit on triangles, such as the overdraw; where cost sits on
+edges `edges` does it, and small rings are done by `small_ring`.
+
+Derivation. With the interior on the left, let cost(i, j) be the least cost of the sub-polygon of
+corners i, i + 1, ..., j. Its side i-j belongs to exactly one triangle, whose third corner is some
+k between them, so
+
+    cost(i, j) = min over k of cost(i, k) + cost(k, j) + triangle(i, k, j),  cost(i, i + 1) = 0
+
+over the k for which i, k, j turn left. The n - 2 triangles behind cost(0, n - 1) all turn left and
+each inner edge is used once in each direction, so as a chain they add up to the boundary, and they
+cover the polygon once.
+
+Loop order. i descends and j ascends, so that cost(i, k) and cost(k, j) are known for every k
+between. Both are read along k. Stored at [i, j] and at [j, i], cost(k, j) is row j, so both
+operands of the inner loop are rows and it reads memory in order. With the cost written as
+minima and maxima of coordinates the loop is SIMD throughout, and it keeps no argmin: the few that
+are needed are found again on the way back.
+
+Rounding. On a grid (`predicates.on_grid`) differences of coordinates fit 25 bits and products 50,
+so the determinant that says left is exact in float64 and `flat` is 0. Off it, `flat` is a bound on
+the determinant's error, and what is not sure to turn left is left out.
 """
 
 import numpy as np
@@ -39,6 +58,9 @@ def _best_apex(
     low_y, high_y = min(yi, yj), max(yi, yj)
     dx, dy = xj - xi, yj - yi
     best = NONE
+    # Two loads, six minima and maxima, two products: no branch, so that a whole register of apexes
+    # is done at once. NONE is a number and not infinity, because fastmath may drop the sum of what
+    # is infinite; NONE + NONE is finite and no less than NONE.
     for k in range(i + np.uint64(1), j):
         w = max(high_x, x[k]) - min(low_x, x[k])
         h = max(high_y, y[k]) - min(low_y, y[k])

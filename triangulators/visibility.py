@@ -4,6 +4,26 @@ From a corner the view widens triangle by triangle through the edges that remain
 Q. Xu et al., F. Bungiu et al., "Efficient computation of visibility polygons" (triangular
 expansion), 2014. The work is proportional to the triangles seen, not to pairs of corners times
 edges, and only orientations are evaluated.
+
+Derivation. From corner v, an edge right-left of a triangle that has v for its apex is a window.
+Through it one looks into the triangle beyond, whose third corner is the apex of two more windows.
+What remains in sight is the cone between two rays from v, through the corners `view_right` and
+`view_left` that have narrowed it so far. The apex is inside the cone, right of it or left of it:
+
+    inside: v sees it, the cone splits, and both windows beyond are looked through;
+    right of the cone (on its ray too): only the left window is in sight, the cone stays;
+    left of it: only the right window.
+
+Each window is looked through at most once from each corner, because the triangles hang together
+as a tree.
+
+Rounding. The two tests are orientations of v and two other corners, decided exactly, so a corner on
+a ray is hidden by the corner that the ray goes through: the segment to it would touch the boundary.
+
+Loop order. Windows are taken from a stack, the right one on top of the apex and that on top of the
+left one. So corners are met in the order of the cycle, and the lists of visible pairs come out
+ascending without being sorted. Only corners after v are wanted; windows that lie wholly before it
+are never looked through.
 """
 
 import numpy as np

@@ -17,12 +17,16 @@ import pytest
 import shapely
 
 from scenes import load
-from tests.triangulators.cases import convex, smooth, star
+from tests.triangulators.cases import convex, smooth, snapped, star
 from triangulators import Ragged, triangulate, triangulate_many, vertices
 from triangulators.batch import ragged
 from triangulators.criteria import predict
+from triangulators.dense import box_optimum
 from triangulators.dropin import triangulate_float64
+from triangulators.edges import edge_optimum
+from triangulators.polygon import boundary
 from triangulators.polygon import ragged as ragged_one
+from triangulators.starts import cycle_of
 
 
 def compare(
@@ -41,6 +45,12 @@ def compare(
     benchmark.pedantic(ours, rounds=1)
     print(f"\n{benchmark.name}: {mine * 1e3:.2f} ms / {other * 1e3:.2f} ms = {mine / other:.2f}")
     return mine / other
+
+
+def float64_table(polygon: shapely.Polygon) -> Callable[[], Any]:
+    """Return a call of the table with a cost for each triangle, in float64."""
+    ring = np.ascontiguousarray(vertices(polygon))
+    return lambda: box_optimum(ring, np.array([1.0, 1e-9, 0.0]), 0.0)
 
 
 @numba.njit
@@ -66,8 +76,18 @@ def test_convex_1024_against_the_bare_min_plus_loop(benchmark):
     assert ratio <= 1.2
 
 
-@pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
-def test_noisy_star_1000_against_delaunay(benchmark, criterion):
+def test_convex_1024_half_perimeter_against_the_table_of_triangles(benchmark):
+    polygon = snapped(vertices(convex(1024)))
+    outline = cycle_of(boundary(polygon), "benchmark")
+    n = len(outline.cycle)
+    ours = (outline.points, outline.start, outline.target, np.array([1.0, 0.0, 0.0]))
+    ratio = compare(benchmark, lambda: edge_optimum(*ours), float64_table(polygon), rounds=5)
+    print(f"{benchmark.extra_info['ours_s'] * 6e9 / n**3:.3f} ns a triple")
+    assert ratio <= 0.4
+
+
+@pytest.mark.parametrize(("criterion", "most"), [("overdraw", 8.0), ("half-perimeter", 4.0)])
+def test_noisy_star_1000_against_delaunay(benchmark, criterion, most):
     polygon = star(1000)
     ratio = compare(
         benchmark,
@@ -75,7 +95,7 @@ def test_noisy_star_1000_against_delaunay(benchmark, criterion):
         lambda: shapely.constrained_delaunay_triangles(polygon),
         rounds=60,
     )
-    assert ratio <= 8.0
+    assert ratio <= most
 
 
 @pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
@@ -104,14 +124,35 @@ def earcut_loop(arrays: Ragged) -> list[np.ndarray]:
     return result
 
 
-def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark):
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [("optimal:half-perimeter", 0.7), ("optimal:overdraw", 1.3), ("refined:half-perimeter", 1.3)],
+)
+def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, most):
     arrays = ragged(load("city", buildings=100_000).polygons)
     pixels = np.round((arrays.coordinates + 6000) * 256) / 256
-    snapped = Ragged(pixels, arrays.ring_ends, arrays.polygon_ends)
+    snapped_arrays = Ragged(pixels, arrays.ring_ends, arrays.polygon_ends)
     ratio = compare(
-        benchmark, lambda: triangulate_many(snapped), lambda: earcut_loop(snapped), rounds=15
+        benchmark,
+        lambda: triangulate_many(snapped_arrays, name),
+        lambda: earcut_loop(snapped_arrays),
+        rounds=9,
     )
-    assert ratio <= 1.5
+    assert ratio <= most
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("ear-clipping", 2.5), ("optimal:half-perimeter", 4.0), ("fan", 2.5)]
+)
+def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(benchmark, name, most):
+    polygon = snapped(vertices(star(15, spread=0.1)) / 32)
+
+    def earcut() -> np.ndarray:
+        points = shapely.get_coordinates(polygon)[:-1]
+        return mapbox_earcut.triangulate_float64(points, np.array([len(points)], np.uint32))
+
+    ratio = compare(benchmark, lambda: triangulate(polygon, name), earcut, rounds=3000)
+    assert ratio <= most
 
 
 def test_drop_in_against_earcut_is_reported(benchmark):
