@@ -40,6 +40,7 @@ from harness.errors import (
     DEFECT,
     INTERRUPTED,
     HarnessError,
+    ReaderGone,
     of_system,
 )
 from harness.progress import let_go_of_terminal
@@ -130,7 +131,7 @@ def _explain(error: BaseException) -> int | str | None:
             return _say(f"error: {what}", BAD_INPUT)
         case KeyboardInterrupt():
             return _say("stopped", INTERRUPTED)
-        case _ReaderGone():
+        case ReaderGone():
             # What is left to write goes nowhere, or Python would complain as it ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
@@ -161,23 +162,15 @@ def _misused(error: ClickException) -> tuple[str, int]:
 
 
 def _say(line: str, code: int) -> int:
-    with contextlib.suppress(OSError, _ReaderGone):  # a terminal that was closed reads nothing
+    with contextlib.suppress(OSError, ReaderGone):  # a terminal that was closed reads nothing
         Console(stderr=True, highlight=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
         )
     return code
 
 
-class _ReaderGone(BaseException):
-    """Nobody reads what is written to standard output any more.
-
-    Neither OSError nor Exception, because libraries on the way take those for their own, and end
-    the process with 1.
-    """
-
-
 class _Output:
-    """Standard output, or standard error, with `_ReaderGone` for a broken pipe."""
+    """Standard output, or standard error, with `ReaderGone` for a broken pipe."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -189,13 +182,13 @@ class _Output:
         try:
             return self._stream.write(text)
         except BrokenPipeError:
-            raise _ReaderGone from None
+            raise ReaderGone from None
 
     def flush(self) -> None:
         try:
             self._stream.flush()
         except BrokenPipeError:
-            raise _ReaderGone from None
+            raise ReaderGone from None
 
 
 @contextmanager

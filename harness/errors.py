@@ -42,6 +42,14 @@ class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
     exit_code = NOTHING_MEASURED
 
 
+class ReaderGone(BaseException):
+    """Nobody reads what is written to standard output any more.
+
+    Neither OSError nor Exception, because libraries on the way take those for their own, and end
+    the process with 1.
+    """
+
+
 def of_system(error: OSError, advice: str = "") -> str:
     """Return one line for what the system refused, with what to do.
 

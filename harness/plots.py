@@ -97,8 +97,7 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     where = members[0]
     figure.suptitle(
         f"Which criterion predicts {find(measure).label}? {where['scene']} at "
-        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; "
-        "one mark per polygon",
+        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; one mark a polygon",
         fontsize=9,
     )
     handles, labels = axes[0].get_legend_handles_labels()

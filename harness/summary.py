@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.figures.groups import BASE, base_of, groups, time_ratio
+from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
     METRICS,
@@ -25,10 +25,10 @@ from harness.stored.folder import Record
 MOST_COLUMNS = 4
 """Figures of the table; with them, 80 characters hold all of it."""
 
-BARS = (8, 6, 4)
+BARS = (8, 6, 4, 2)
 """Characters of the longest bar: the most for which there is room."""
 
-WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff."}
+WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
 
 
 def print_summary(records: Sequence[Record], console: Console) -> None:
@@ -50,7 +50,7 @@ def _fitting(records: list[Record], console: Console) -> Table:
         if console.measure(table, options=wide).maximum <= console.width:
             return table
     # A name too long for any goes on in the next line.
-    return _table(records, BARS[0], plain=wide.ascii_only)
+    return _table(records, BARS[-1], plain=wide.ascii_only)
 
 
 def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
@@ -74,20 +74,21 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     shown = _shown(records)
     for figure in shown:
         table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
+    base = base_of(records)
     table.add_column("", no_wrap=True)
-    table.add_column(f"time vs {BASE}", no_wrap=True)
+    table.add_column(_heading(base), no_wrap=True)
     complete = max(record["polygons"] for record in records)
-    most = max(_rank(record, complete)[1] for record in records)
-    base = next((record for record in records if record["triangulator"] == BASE), None)
-    for record in sorted(records, key=lambda record: _rank(record, complete)):
-        rank = _rank(record, complete)
+    ranks = {record["triangulator"]: _rank(record, base, complete) for record in records}
+    most = max(cost for _, cost, _ in ranks.values())
+    for record in sorted(records, key=lambda record: ranks[record["triangulator"]]):
+        incomplete, cost, _ = ranks[record["triangulator"]]
         cells = [_number(figure(record), figure.form) for figure in shown]
         table.add_row(
             record["triangulator"],
             *cells,
-            _bar(rank[1] / most if most else 0.0, bar, plain=plain),
-            _against(record, base, complete, plain=plain),
-            style="dim" if rank[0] else "",
+            _bar(cost / most if most else 0.0, bar, plain=plain),
+            _against(record, base, complete),
+            style="dim" if incomplete else "",
         )
     return table
 
@@ -114,14 +115,26 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
     return Text("█" * (eighths // 8) + part, style="cyan")
 
 
-def _rank(record: Record, complete: int) -> tuple[bool, float, str]:
-    """Complete triangulations first, then by time, or by the main counter where none was timed."""
+def _heading(base: Record | None) -> str:
+    name = "" if base is None else base["triangulator"]
+    return f"time vs {name}" if len(name) <= len("ear-clipping") else f"vs {name}"
+
+
+def _rank(record: Record, base: Record | None, complete: int) -> tuple[bool, float, str]:
+    """Complete triangulations first, then by time over the base's, or by the main counter.
+
+    The ratio is the paired one wherever there is one, as the verdict's is: medians of two
+    drawings may be in another order than the rounds that timed both.
+    """
+    ratio = time_ratio(record, base)
     counted = measures(record.get("counters") or ())
-    cost = value_of(record, ["draw_ms", *counted]) or 0.0
-    return record["polygons"] != complete, cost, record["triangulator"]
+    names = ["draw_ms", *counted]
+    cost, usual = value_of(record, names) or 0.0, value_of(base or record, names)
+    relative = ratio.value if ratio is not None else cost / usual if usual else cost
+    return record["polygons"] != complete, relative, record["triangulator"]
 
 
-def _against(record: Record, base: Record | None, complete: int, *, plain: bool) -> Text:
+def _against(record: Record, base: Record | None, complete: int) -> Text:
     if record is base:
         return Text("-")
     if record["polygons"] != complete:
@@ -130,9 +143,8 @@ def _against(record: Record, base: Record | None, complete: int, *, plain: bool)
     if ratio is None:
         return Text("")
     colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
-    half = (ratio.high - ratio.low) / 2
-    give = "+-" if plain else "±"
-    return Text(f"{ratio.value:.3f} {give}{half:.3f} {WORDS[ratio.verdict]}", style=colour)
+    interval = f"({ratio.low:.3f}-{ratio.high:.3f})"
+    return Text(f"{ratio.value:.3f} {interval} {WORDS[ratio.verdict]}", style=colour)
 
 
 def _note(record: Record) -> Text:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +13,8 @@ from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
+from harness.measuring.run import run
+from harness.measuring.worker import Inline
 from tests.chromium import Chromium
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
@@ -19,7 +22,10 @@ settings.load_profile("ci")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile before the workers of pytest-xdist start."""
+    """Hear Ctrl-C, which tests send; compile before the workers of pytest-xdist start."""
+    # A shell's background job, and what it starts, would ignore it.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         from tests.compiling import compile_everything
 
@@ -68,6 +74,12 @@ def harness(
 def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out a run's plots: tests/report and test_cli look at them, elsewhere they take time."""
     monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a run's tasks in this process, for tests of what comes after: it saves a start."""
+    monkeypatch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ rounding error of an edge counts as on it when they are verified or repaired.
 from triangulators import criteria
 from triangulators.batch import Ragged, Triangulations, triangulate_many
 from triangulators.certificate import Certificate
-from triangulators.certify import certify
+from triangulators.certifying import certify
 from triangulators.compiled import drop_stale, warm_up
 from triangulators.errors import (
     InvalidPolygon,

@@ -18,6 +18,8 @@ from triangulators.simple_ring import UNSURE, winding
 from triangulators.small_ring import SMALL, ring_optimum
 
 _BOX = np.array([1.0, 0.0, 0.0])
+EXACT = 2**53
+"""Whole numbers up to this are doubles."""
 
 
 def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
@@ -31,6 +33,39 @@ def triangulate_float64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> n
         (6,)
     """
     raw = mapbox_earcut.triangulate_float64(vertices, ring_end_indices)
+    return _improved(raw, vertices, ring_end_indices)
+
+
+def triangulate_float32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
+    """`triangulate_float64` for (n, 2) float32 vertices, which it decides exactly."""
+    return triangulate_float64(np.asarray(vertices, dtype=np.float64), ring_end_indices)
+
+
+def triangulate_int32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
+    """`triangulate_float64` for (n, 2) int32 vertices, which it decides exactly."""
+    vertices = np.asarray(vertices).astype(np.int32, copy=False)
+    raw = mapbox_earcut.triangulate_int32(vertices, ring_end_indices)
+    return _improved(raw, vertices, ring_end_indices)
+
+
+def triangulate_int64(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
+    """`triangulate_float64` for (n, 2) int64 vertices.
+
+    Decided exactly up to an extent of 2^53; a polygon that is larger, which doubles cannot hold,
+    gets earcut's own result.
+    """
+    vertices = np.asarray(vertices).astype(np.int64, copy=False)
+    raw = mapbox_earcut.triangulate_int64(vertices, ring_end_indices)
+    if not len(raw):
+        return raw
+    low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+    if any(above - below > EXACT for below, above in zip(low, high, strict=True)):
+        return raw
+    return _improved(raw, vertices - np.array(low), ring_end_indices)
+
+
+def _improved(raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
+    """Return triangles cheaper to draw than earcut's `raw`, or `raw` where there are none."""
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     ends = np.asarray(ring_end_indices, dtype=np.int64)
     if not len(raw) or not np.isfinite(points).all():
@@ -53,8 +88,3 @@ def _optimum(points: np.ndarray, ends: np.ndarray) -> np.ndarray | None:
         return optimal.triangulate(outline, criterion="half-perimeter")
     except (TriangulationError, ValueError):  # too few vertices in a ring, for one
         return None
-
-
-def triangulate_float32(vertices: np.ndarray, ring_end_indices: np.ndarray) -> np.ndarray:
-    """`triangulate_float64` for (n, 2) float32 vertices, which it decides exactly."""
-    return triangulate_float64(np.asarray(vertices, dtype=np.float64), ring_end_indices)

@@ -21,6 +21,8 @@ are exact. Off the grid, and for L2, the sums are float64. Weights that are to b
 weight is negative, which NONE relies on.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -29,7 +31,7 @@ from triangulators.small_ring import box_of, grid_unit
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
 
-_NONE = {
+_NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
     np.dtype(np.float64): np.float64(1e300),
@@ -281,7 +283,7 @@ def weights_of_pairs(
     if unit > 0.0:
         _, _, w, h = box_of(points)
         kind = integer_type(len(points), (w + h) / unit)
-        weight = np.empty(len(target), dtype=kind)
+        weight: np.ndarray = np.empty(len(target), dtype=kind)
         _l1_of_pairs(points, unit, start, target, weight)
         if box[0] < 0.0:
             np.subtract(kind((w + h) / unit), weight, out=weight)

@@ -15,7 +15,7 @@ import shapely
 from triangulators import criteria
 from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.certificate import Certificate
-from triangulators.certify import certificate_of, certify
+from triangulators.certifying import certificate_of, certify
 from triangulators.cost import Cost, cost_of
 from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
@@ -26,6 +26,12 @@ from triangulators.proof import SECONDS, Proof, prove
 from triangulators.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
+PROVEN = 500
+"""Vertices up to which a polygon with holes is proven as it is triangulated.
+
+Larger ones take seconds to minutes: `solve` and `certify` prove them for those who ask. What is
+worst is never proven: local minimality excludes next to nothing there.
+"""
 
 
 def triangulate(
@@ -92,7 +98,7 @@ def _optimise(
 ) -> np.ndarray:
     small = small_optimum(outline, criterion, sign, limit)
     if small is not None:
-        return small
+        return walk(small, len(outline.points))
     found = _search(outline, criterion, sign, limit, seed)
     return walk(found, len(outline.points))
 
@@ -114,7 +120,9 @@ def _search(
         exact = one_hole_optimum(outline, cost)
         if exact is not None:
             return exact
-    proof = None if cost.maximum else _prove(outline, cost, limit, SECONDS, seed)
+    proof = None
+    if sign > 0.0 and not cost.maximum and len(points) <= PROVEN:
+        proof = _prove(outline, cost, limit, SECONDS, seed)
     if proof is None:
         return search_cuts(points, best_start(outline, cost), cost, seed)
     return proof.triangles

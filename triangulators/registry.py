@@ -151,13 +151,14 @@ BUILTIN = {
         ),
         Entry(
             "optimal",
-            "the minimum of a criterion: exact up to 2,000 vertices, beyond them by search",
+            "the minimum of a criterion: exact up to 2,000 vertices, 500 with holes;"
+            " beyond by search",
             "triangulators.optimal:triangulate",
             criteria=True,
         ),
         Entry(
             "worst",
-            "the maximum of a criterion, found as the optimum is",
+            "the maximum of a criterion: exact up to 2,000 vertices without holes; else by search",
             "triangulators.optimal:triangulate_worst",
             criteria=True,
         ),

@@ -27,6 +27,7 @@ of zero; then the exact predicate does.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -37,7 +38,7 @@ from triangulators.simd import FAST, fmin
 SMALL = 192  # corners up to which a ring is done here
 _LANES = 8
 _SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
-_NO_INT = np.int32((1 << 30) - 1)  # no triangulation; the sum of two of them still fits
+_NO_INT: Any = np.int32((1 << 30) - 1)  # no triangulation; the sum of two of them still fits
 _NONE = 1e300
 _FAR = 1e30
 
@@ -259,7 +260,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
         sign = 1 if box[0] >= 0.0 else -1
         base = 0 if sign > 0 else int((w + h) / unit)
         whole = _fill_int(x, y, n, sign, base)
-        if not _trace(whole, x, y, n, 0.0, True, _NO_INT, triangles):
+        if not _trace(whole, x, y, n, 0.0, True, float(_NO_INT), triangles):
             return np.inf
         total = abs(box[0]) * unit * float(whole[0, n - 1])
     else:

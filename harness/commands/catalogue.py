@@ -2,70 +2,84 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from harness.commands.options import Json
 from harness.errors import unknown
 
+Row = dict[str, Any]
+"""What is told of one name, by heading."""
 
-def _scenes() -> Table:
+
+def _scenes() -> Iterator[Row]:
     from scenes import registry
 
-    table = _table("scene", "polygons", "vertices", "holes", "licence of data", "description")
     for name in registry.names():
         entry = registry.entry(name)
         missing = entry.available()
-        sizes = ("", "", "") if missing else tuple(f"{size:,}" for size in entry.size())
-        table.add_row(name, *sizes, entry.licence, missing or entry.description)
-    return table
+        polygons, corners, holes = (None, None, None) if missing else entry.size()
+        yield {
+            "scene": name,
+            "polygons": polygons,
+            "vertices": corners,
+            "holes": holes,
+            "licence of data": entry.licence,
+            "description": missing or entry.description,
+        }
 
 
-def _triangulators() -> Table:
+def _triangulators() -> Iterator[Row]:
     from triangulators import registry
 
-    table = _table("triangulator", "holes", "description")
     for name in registry.names():
         entry = registry.find(name)
-        missing = entry.available()
-        table.add_row(name, "yes" if entry.handles_holes else "no", missing or entry.description)
-    return table
+        told = entry.available() or entry.description
+        yield {"triangulator": name, "holes": entry.handles_holes, "description": told}
 
 
-def _rasterisers() -> Table:
+def _rasterisers() -> Iterator[Row]:
     from harness import rasterisers
 
-    table = _table("rasteriser", "devices", "counters")
     for name in rasterisers.names():
         kind = rasterisers.get(name)
-        devices = ", ".join(device.name for device in kind.devices()) or "none here"
-        table.add_row(name, devices, ", ".join(kind.counters))
-    return table
+        devices = [device.name for device in kind.devices()]
+        yield {"rasteriser": name, "devices": devices, "counters": list(kind.counters)}
 
 
-def _criteria() -> Table:
+def _criteria() -> Iterator[Row]:
     from triangulators import criteria
 
-    table = _table("criterion", "symbol", "unit", "description")
     for name in criteria.names():
         each = criteria.CRITERIA[name]
-        table.add_row(name, each.symbol, each.unit, each.description)
-    return table
+        yield {
+            "criterion": name,
+            "symbol": each.symbol,
+            "unit": each.unit,
+            "description": each.description,
+        }
 
 
-def _metrics() -> Table:
+def _metrics() -> Iterator[Row]:
     from harness.figures.registry import figures
 
-    table = _table("figure", "kind", "unit", "better", "best case", "description")
     for each in figures().values():
-        best = "" if each.best_case is None else f"{each.best_case:g}"
-        table.add_row(each.name, each.kind, each.unit, each.better, best, each.description)
-    return table
+        yield {
+            "figure": each.name,
+            "kind": each.kind,
+            "unit": each.unit,
+            "better": each.better,
+            "best case": each.best_case,
+            "description": each.description,
+        }
 
 
-KINDS: dict[str, Callable[[], Table]] = {
+KINDS: dict[str, Callable[[], Iterator[Row]]] = {
     "scenes": _scenes,
     "triangulators": _triangulators,
     "rasterisers": _rasterisers,
@@ -74,20 +88,43 @@ KINDS: dict[str, Callable[[], Table]] = {
 }
 
 
-def _table(*headings: str) -> Table:
+def _table(rows: Sequence[Row]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in headings:
+    for heading in rows[0]:
         table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(*map(_cell, row.values()))
     return table
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return ", ".join(value) or "none here"
+    return (
+        f"{value:,}"
+        if isinstance(value, int)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def catalogue(
     kind: str = typer.Argument(help=f"One of: {', '.join(KINDS)}."),
+    as_json: Json = False,
 ) -> None:
     """List scenes, triangulators, rasterisers, criteria or metrics."""
     if kind not in KINDS:
         raise unknown("kind of thing to list", kind, KINDS)
-    Console().print(KINDS[kind]())
+    rows = list(KINDS[kind]())
+    if as_json:
+        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
+    else:
+        Console().print(_table(rows))
 
 
 def add_to(app: typer.Typer) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from harness.errors import UsageError
+from harness.errors import ReaderGone, UsageError
 from harness.stored.folder import Run, read_run
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _show(found: Comparison, head: Run, output: Format) -> None:
     try:
         typer.echo(_shown(found, head, output), nl=False)
         sys.stdout.flush()
-    except BrokenPipeError:
+    except (BrokenPipeError, ReaderGone):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -52,6 +52,12 @@ def triangulate(
         bool,
         typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
     ] = True,
+    certify: Annotated[
+        bool,
+        typer.Option(
+            "--certify", help="Say how far the triangulations are from the optimum, with proof."
+        ),
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Triangulate a file of polygons and write the triangles."""
@@ -78,6 +84,7 @@ def triangulate(
                 limit=limit,
                 database=database,
                 progress=counting,
+                certify=certify,
             )
     finally:
         if database is not None:
@@ -93,6 +100,10 @@ def triangulate(
         highlight=False,
         soft_wrap=True,
     )
+    if report.certified is not None:
+        Console().print(
+            f"{file}: {report.certified}", markup=False, highlight=False, soft_wrap=True
+        )
 
 
 def cache(

@@ -20,36 +20,71 @@ if TYPE_CHECKING:
 
 def history(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Run folders, or folders that hold them.")
+        list[Path], typer.Argument(metavar="DIR...", help="Runs, or folders with runs in them.")
     ],
     metrics: Annotated[
-        str, typer.Option(help="Comma-separated: time, and names from: harness list metrics.")
+        str,
+        typer.Option(
+            "--metrics",
+            "--metric",
+            help="Comma-separated: time, and those of: harness list metrics. By default time and "
+            "the counters that stand for the cost.",
+        ),
     ] = "quads,helper_lanes,bbox_tests,time",
+    scene: Annotated[str, typer.Option(help="Only these scenes; comma-separated.")] = "",
+    triangulator: Annotated[
+        str, typer.Option(help="Only these triangulators; comma-separated.")
+    ] = "",
+    rasteriser: Annotated[str, typer.Option(help="Only these rasterisers; comma-separated.")] = "",
+    everything: Annotated[
+        bool,
+        typer.Option("--all", help="Everything, also studies, and what only one run measured."),
+    ] = False,
     out: Annotated[Path, typer.Option(help="Folder for the plots and history.csv.")] = Path(
         "results/history"
     ),
 ) -> None:
-    """Draw metrics over runs, in the order in which the runs were made, and mark changes.
+    """Show what changed over runs, in the order they were made.
 
-    A counter changes wherever it differs from the run before. A time is compared with the times of
-    the other cases of its run; it changes if its level changes for three runs or more.
+    Counters change wherever they differ. Times are taken beside those of the other cases of
+    their runs, and change where their level does for three runs or more. What changed most is
+    shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
+    --all. Studies are left out: they measure each case once.
     """
-    from harness.history import find_runs, read_series
+    from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.figures import plot_history
 
-    runs = find_runs(folders)
-    series = read_series(runs, split_names(metrics))
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    found = find_runs(folders, studies=everything)
+    runs = found.runs
+    if found.studies:
+        console.print(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
+    if not runs:
+        raise NothingMeasured("all runs are studies, which measure each case once; see --all")
+    wanted = Choice(
+        split_names(scene), split_names(triangulator), split_names(rasteriser), everything
+    )
+    series = matching(read_series(runs, split_names(metrics)), wanted)
     if not series:
         raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
-    plot_history(runs, series, out)
-    _write_csv(runs, series, out / "history.csv")
-    console = Console()
+    shown = worth_showing(series, wanted)
+    if shown:
+        plot_history(runs, shown, out)
+        _write_csv(runs, shown, out / "history.csv")
     for run in runs:
         for problem in run.problems:
-            console.print(f"warning: {problem}", markup=False, soft_wrap=True)
-    for line in changes(runs, series):
-        console.print(line, markup=False, soft_wrap=True, highlight=False)
-    console.print(f"{len(runs)} runs, {len(series)} series: {out}", markup=False, soft_wrap=True)
+            console.print(f"warning: {problem}")
+    for line in changes(runs, shown):
+        console.print(line)
+    left = len(series) - len(shown)
+    rest = f"; {left:,} more series: --all, or choose by --scene, --triangulator ..." * bool(left)
+    where = str(out) if shown else "no case was measured by two runs"
+    console.print(f"{count(len(runs), 'run')}, {len(shown)} series: {where}{rest}")
+
+
+def count(number: int, noun: str, several: str = "") -> str:
+    """Write `1 run`, `2 runs`."""
+    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
 
 
 def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:

@@ -20,6 +20,16 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Every case as it ends, and what went wrong where.")
 ]
+Base = Annotated[
+    str,
+    typer.Option(
+        help="Triangulator that the others are compared with; by default ear-clipping if it was "
+        "measured, else the first."
+    ),
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
+]
 PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
 Work = Annotated[str, typer.Option(help="Iterations of arithmetic per fragment; comma-separated.")]
 

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from harness.commands.options import Base
+from harness.figures.groups import with_base
 from harness.stored.folder import read_run
 
 
@@ -17,11 +19,14 @@ def report(
         Path | None,
         typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
     ] = None,
+    base: Base = "",
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network."""
+    from harness.compare.checking import checked
     from harness.report import write_report
 
-    file = write_report(read_run(run), out)
+    found = checked(read_run(run))
+    file = write_report(with_base(found, base) if base else found, out)
     typer.echo(f"report: {os.path.relpath(file)}")
 
 

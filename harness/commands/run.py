@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
 from harness.commands.options import (
     CALIBRATIONS,
+    Base,
     Force,
+    Json,
     Quiet,
     Seed,
     Verbose,
@@ -25,6 +28,7 @@ from harness.commands.options import (
 )
 from harness.commands.results import folder_for, require_finished
 from harness.errors import UsageError
+from harness.figures.groups import base_of, groups
 from harness.frame import FitMode, View
 from harness.measuring.beside import FOLDER as BASE_FOLDER
 from harness.measuring.beside import Beside, version
@@ -36,9 +40,9 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
 from harness.stored.folder import clear_errors, read_run
-from harness.summary import print_summary, write_csv
+from harness.summary import print_summary, row_of, write_csv
 from harness.triangulating.database import default_path
-from harness.triangulating.names import CALIBRATED, Recipe, parse_all
+from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
 from scenes.spec import joined
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
@@ -132,6 +136,8 @@ def run(
         bool,
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
+    base: Base = "",
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -174,9 +180,13 @@ def run(
             force=force,
             database=default_path() if cached else None,
             beside=other,
+            base=_base(base, plan),
         )
-    finish(outcome, Console(), reporter)
-    if other:
+    if as_json:
+        typer.echo(json.dumps(told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
+    # Standard output is the other program's then.
+    finish(outcome, Console(stderr=as_json, quiet=as_json), reporter)
+    if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
 
@@ -195,6 +205,17 @@ def _beside(
         return
     with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         yield Beside(place, twice or bool(stored.get("twice")))
+
+
+def _base(name: str, plan: Plan) -> str | None:
+    """Return the full name of the base that the user chose, None if none."""
+    if not name:
+        return None
+    known = [str(recipe) for recipe in plan.triangulators]
+    found = str(parse(name, seed=plan.seed))
+    if found not in known:
+        raise UsageError(f"--base {name}: it is not among --triangulators {','.join(known)}")
+    return found
 
 
 def _recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:
@@ -232,6 +253,16 @@ def _stored_plan(folder: Path) -> Plan:
         raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
 
 
+def told(outcome: RunResult) -> dict[str, Any]:
+    """Return what `--json` writes: where the run is, and each case as in summary.csv."""
+    rows = []
+    for members in groups(read_run(outcome.path).records):
+        base = base_of(members)
+        rows += [row_of(record, base) for record in members]
+    place = os.path.relpath(outcome.path)
+    return {"results": place, "interrupted": outcome.interrupted, "cases": rows}
+
+
 def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     """Show and store what came out; ends the process with the exit code of the design.
 
@@ -243,16 +274,16 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     where = os.path.relpath(outcome.path)
     again = f"python -m harness report {where}"
     measured = [record for record in outcome.records if record["status"] == "ok"]
+    stored = read_run(outcome.path)
     with clear_errors(outcome.path, again):
-        write_csv(outcome.records, outcome.path / "summary.csv")
-    print_summary(outcome.records, console)
+        write_csv(stored.records, outcome.path / "summary.csv")
+    print_summary(stored.records, console)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
         from harness.plots import plot_run
         from harness.report import write_report
 
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
-            stored = read_run(outcome.path)
             plot_run(stored)
             write_report(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
+from harness.export.certified import Certified
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
 from harness.export.npz import NpzWriter
@@ -58,6 +59,7 @@ class Report:
     dropped, repaired, failed : (which, reason), the first thousand of each; failed are polygons
         that the triangulator could not do; `counts` has all of them, by kind and reason
     read : triangulations that came from the model database
+    certified : what the triangulations cost and the least they could cost, where that was asked for
     flat : polygons whose height attribute was not usable, which stayed flat
     notes : what was read, projected and changed as a whole, a line each
     seconds, triangulate_s : wall time of all and of triangulating alone
@@ -76,6 +78,7 @@ class Report:
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     triangulate_s: float = 0.0
+    certified: Certified | None = None
 
     def note(self, kind: str, notes: list[tuple[str, str]]) -> None:
         """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
@@ -110,6 +113,7 @@ def export_file(
     project: bool | None = None,
     database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
+    certify: bool = False,
     chunk: int = CHUNK,
     **parameters: Any,
 ) -> Report:
@@ -120,9 +124,10 @@ def export_file(
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `database` is the model database to
-    use, or None for none. `progress` is called with the number of polygons done so far.
-    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays
-    as it was.
+    use, or None for none. `certify` has each triangulation's distance from the optimum of its
+    criterion (half-perimeter, if it has none) worked out. `progress` is called with the number of
+    polygons done so far. `parameters` go to the triangulator. `out` appears when all is written; on
+    an error it stays as it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.
@@ -131,7 +136,7 @@ def export_file(
     target = Path(out)
     make = _format(target)
     name = _full_name(triangulator, criterion)
-    report = Report()
+    report = Report(certified=Certified.of(name) if certify else None)
     writer: Writer | None = None
     parts = _parts(str(source), layer, where, limit, project, chunk)
     try:
@@ -270,6 +275,8 @@ def _triangulated(
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
     report.note("failed", failed)
+    if report.certified is not None:
+        report.certified.add(part.polygons, batch)
     mesh = meshes.flat(batch, part.attributes)
     gone = np.diff(mesh.triangle_starts) == 0
     if extrude is not None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
+from harness.errors import unknown
 from harness.figures.ratios import Ratio, paired_ratio
-from harness.stored.folder import Record
+from harness.stored.folder import Record, Run
 
-BASE = "ear-clipping"
-"""What ratios are given against: the triangulator most programs use today."""
+USUAL_BASE = "ear-clipping"
+"""What ratios are given against unless told otherwise: what most programs use today."""
 
 
 def group_of(record: Record) -> tuple[Any, ...]:
@@ -27,8 +29,32 @@ def groups(records: Sequence[Record]) -> list[list[Record]]:
 
 
 def base_of(members: Sequence[Record]) -> Record | None:
-    """Return the record of a group that the others are measured against, None without one."""
-    return next((r for r in members if r["triangulator"] == BASE and r["status"] == "ok"), None)
+    """Return the record of a group that the others are measured against; None if none was measured.
+
+    It is the base that the run chose (`base` of its records, as they are read), else ear clipping,
+    else the first that left no polygon out.
+    """
+    measured = [record for record in members if record["status"] == "ok"]
+    by_name = {record["triangulator"]: record for record in measured}
+    for name in (*(record.get("base") for record in measured[:1]), USUAL_BASE):
+        if name in by_name:
+            return by_name[name]
+    most = max((record.get("polygons") or 0 for record in measured), default=0)
+    return next((r for r in measured if (r.get("polygons") or 0) == most), None)
+
+
+def with_base(run: Run, name: str) -> Run:
+    """Return the run with the triangulator `name` as what ratios are given against.
+
+    Raises
+    ------
+    UsageError
+        if the run holds no such triangulator
+    """
+    known = dict.fromkeys(record["triangulator"] for record in run.records)
+    if run.records and name not in known:
+        raise unknown("base", name, known)
+    return replace(run, records=[{**record, "base": name} for record in run.records])
 
 
 def time_ratio(record: Record, base: Record | None) -> Ratio | None:

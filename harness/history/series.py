@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,12 @@ from harness.errors import UsageError, unknown
 from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
 from harness.stored.folder import Record, Run, read_run
+
+STUDIES = ("validate", "pareto", "calibrate")
+"""Commands whose runs measure thousands of triangulations of single polygons, each once."""
+
+STUDY_FILES = ("correlations.csv", "pareto.csv")
+"""What only a study has in its folder."""
 
 TIME = "time"
 """The one metric of a history that is no record's own: a time beside those of its peers."""
@@ -48,8 +56,18 @@ class Series:
     changes: tuple[int, ...]
 
 
-def find_runs(folders: Iterable[Path]) -> list[Run]:
-    """Read the runs in `folders` and below them, in the order they were made.
+class Found(NamedTuple):
+    """Runs in the order they were made, and how many studies were left out."""
+
+    runs: list[Run]
+    studies: int
+
+
+def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
+    """Read the runs in `folders` and below them.
+
+    studies : read them, too, but for those that another run was measured beside, which are older
+        states of the code; a folder that is named is always read
 
     Raises
     ------
@@ -63,8 +81,38 @@ def find_runs(folders: Iterable[Path]) -> list[Run]:
             raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
         for path in found or [folder]:
             paths[path.resolve()] = path
-    runs = [checked(read_run(path)) for path in paths.values()]
-    return sorted(runs, key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
+    named = {folder.resolve() for folder in folders}
+    kept, left = [], 0
+    for place, path in paths.items():
+        facts = read_facts(path)
+        if place not in named and (is_base(facts) or (is_study(path, facts) and not studies)):
+            left += is_study(path, facts)
+            continue
+        kept.append(checked(read_run(path)))
+    kept.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
+    return Found(kept, left)
+
+
+def read_facts(path: Path) -> dict[str, Any]:
+    """Return what a run's `run.json` holds, {} where it cannot be read: `read_run` tells."""
+    try:
+        facts = json.loads((path / "run.json").read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
+def is_study(path: Path, facts: Mapping[str, Any]) -> bool:
+    """Whether a run is a study's, which has no history: no case of it is measured again."""
+    command = (facts.get("environment") or {}).get("command")
+    named = isinstance(command, list) and len(command) > 1 and command[1] in STUDIES
+    return named or any((path / name).is_file() for name in STUDY_FILES)
+
+
+def is_base(facts: Mapping[str, Any]) -> bool:
+    """Whether a run is what another was measured beside: an older state of the code."""
+    beside = facts.get("beside")
+    return isinstance(beside, dict) and bool(beside.get("is_base"))
 
 
 def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[Series]:

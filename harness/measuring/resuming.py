@@ -30,6 +30,8 @@ def open_store(
     before = read_run(out)
     if not force:
         _refuse_other(before.facts, facts, out)
+    if "base" not in facts and "base" in before.facts:
+        facts["base"] = before.facts["base"]
     facts["frames"] = before.facts.get("frames", [])
     facts["devices"] = before.facts.get("devices", {})
     facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]

@@ -71,6 +71,7 @@ def run(
     split: Split | None = None,
     database: Path | None = None,
     beside: Beside | None = None,
+    base: str | None = None,
 ) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
@@ -80,6 +81,7 @@ def run(
     split : how a study takes the scene apart; by default it is measured whole
     database : model database that triangulations are read from and written to; None for none
     beside : another version of the code to measure in the same rounds
+    base : triangulator that tables and reports compare the others with
 
     Raises
     ------
@@ -90,7 +92,7 @@ def run(
     scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
     bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
     try:
-        return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside)
+        return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside, base)
     finally:
         bench.close(at_once=bench.stopping)
 
@@ -106,6 +108,7 @@ def _run(
     force: bool,
     split: Split | None,
     beside: Beside | None,
+    base: str | None,
 ) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
     label = scene_label(plan.scene)
@@ -114,7 +117,7 @@ def _run(
     plan = replace(plan, triangulators=_union(plans))
     usable = find_backends(plan, bench, reporter)
     broken = find_broken(plan.triangulators, bench)
-    facts = _facts(plan, scene)
+    facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside:
         facts["beside"] = beside.facts()
         plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from harness.figures.groups import BASE, time_ratio
+from harness.figures.groups import base_of, time_ratio
 from harness.figures.ratios import SLOWER, UNDECIDED, Ratio
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
@@ -77,17 +77,18 @@ def _by_time(records: Sequence[Record]) -> str | None:
     beside = ""
     if equals:
         beside = f" (no difference shown to {_listed(equals)})"
-    base = next((record for record in timed if record["triangulator"] == BASE), None)
-    if base is leader:
-        return f"drawn fastest when triangulated by {BASE}{beside}"
+    base = base_of(timed)
     ratio = time_ratio(leader, base)
+    name = "" if base is None else base["triangulator"]
+    if base is leader:
+        return f"drawn fastest when triangulated by {name}{beside}"
     if ratio is None:
         return f"drawn fastest when triangulated by {leader['triangulator']}{beside}"
     if ratio.verdict == UNDECIDED:
-        return f"drawn as fast by {leader['triangulator']} as by {BASE}: no difference is shown"
+        return f"drawn as fast by {leader['triangulator']} as by {name}: no difference is shown"
     return (
         f"drawn fastest when triangulated by {leader['triangulator']}{beside}: "
-        f"in {ratio.value:.3f} of {BASE}'s time (95 % interval {ratio.low:.3f} to {ratio.high:.3f})"
+        f"in {ratio.value:.3f} of {name}'s time (95 % interval {ratio.low:.3f} to {ratio.high:.3f})"
     )
 
 
@@ -100,11 +101,12 @@ def _by_counter(records: Sequence[Record], measure: str | None) -> str | None:
     if measure is None or len(counted) < 2:
         return None
     best = min(counted, key=lambda record: record["counters"][measure])
-    base = next((record for record in counted if record["triangulator"] == BASE), None)
+    base = base_of(counted)
     words = f"cheapest when triangulated by {best['triangulator']}: "
     words += f"{best['counters'][measure]:,} {find(measure).label}"
     if base is not None and base is not best:
-        words += f", {best['counters'][measure] / base['counters'][measure]:.3f} of {BASE}'s"
+        share = best["counters"][measure] / base["counters"][measure]
+        words += f", {share:.3f} of {base['triangulator']}'s"
     return words
 
 

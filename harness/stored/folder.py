@@ -204,7 +204,7 @@ class Store:
                         os.fsync(file.fileno())
                 Path(temporary).chmod(0o644)
                 Path(temporary).replace(place)
-            except OSError:
+            except BaseException:
                 Path(temporary).unlink(missing_ok=True)
                 raise
 
@@ -242,6 +242,8 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
+    if isinstance(facts.get("base"), str):
+        records = [{**record, "base": facts["base"]} for record in records]
     return Run(path, facts, records, problems)
 
 
@@ -260,6 +262,8 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
         try:
             record = json.loads(line)
             key = record["key"]
+            if not isinstance(key, str):
+                raise TypeError(key)
         except (ValueError, TypeError, KeyError):
             problems.append(f"{file}, line {number}: not a record; ignored")
             continue

@@ -39,7 +39,7 @@ def test_scripts_are_sound_and_take_values_from_the_environment(step, tmp_path):
     script = tmp_path / "script.sh"
     script.write_text(step["run"])
     subprocess.run(["bash", "-n", script], check=True)
-    assigned = set(re.findall(r"(?:^|\s)(?:read -r -a )?(\w+)(?:=| <<<)", step["run"]))
+    assigned = set(re.findall(r"(?:^|\s)(?:mapfile -t )?(\w+)(?:=| < <)", step["run"]))
     used = set(re.findall(r"\$\{?(\w+)", step["run"]))
     known = {"GITHUB_OUTPUT", *assigned, *step.get("env", {})}
     assert {name for name in used if not name.isdigit()} <= known
@@ -74,9 +74,47 @@ def test_the_gitlab_example_runs_what_is_here():
     assert job["artifacts"]["reports"]["junit"].endswith("compare.xml")
 
 
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        ("", []),
+        ("--scene city --quick", ["--scene", "city", "--quick"]),
+        ("--scene city\n--triangulators a,b\n", ["--scene", "city", "--triangulators", "a,b"]),
+        ("--scene 'my file.geojson'", ["--scene", "my file.geojson"]),
+        ("--scene $(touch x) `touch x`", ["--scene", "$(touch", "x)", "`touch", "x`"]),
+    ],
+)
+def test_options_may_be_of_several_lines_and_are_never_run(given, taken, tmp_path):
+    (script,) = (step["run"] for step in STEPS if step.get("name") == "Measure and compare")
+    scripts = tmp_path / "scripts"
+    scripts.mkdir()
+    told = scripts / "ci-compare.sh"
+    told.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done > told\n')
+    told.chmod(0o755)
+    environment = {"PATH": os.environ["PATH"], "ACTION": str(tmp_path), "FOLDER": "f"}
+    environment |= {"RUN": given, "COMPARE": "", "BESIDE": "", "GITHUB_OUTPUT": "output"}
+    command = ["bash", "-e", "-o", "pipefail", "-c", script]
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    assert (tmp_path / "told").read_text().splitlines() == [
+        *("f/baseline", "f/reports", "--"),
+        *taken,
+    ]
+    assert not (tmp_path / "x").exists()
+
+
+def test_the_documented_workflows_name_inputs_that_there_are():
+    text = (ROOT / "docs/how-to/ci.md").read_text()
+    examples = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", text, re.S)]
+    steps = [step for each in examples for job in each["jobs"].values() for step in job["steps"]]
+    used = [step["with"] for step in steps if "raster-harness" in step["uses"]]
+    assert len(used) >= 2
+    assert all(set(each) <= set(ACTION["inputs"]) for each in used)
+
+
 def test_the_script_makes_a_first_baseline(tmp_path):
     command = [ROOT / "scripts/ci-compare.sh", "kept/baseline", "out", "--gate", "counters", "--"]
-    command += ["--scene", "city:buildings=20", "--quick", "--rasterisers", MOCK]
+    command += ["--scene", "city:buildings=2", "--quick", "--rasterisers", MOCK]
+    command += ["--budget", "0.001"]
     command += ["--triangulators", "delaunay"]
     environment = {**os.environ, "KEEP": "yes", "PYTHON": sys.executable}
     done = subprocess.run(

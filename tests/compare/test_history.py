@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from harness.history import find_runs, read_series
 from harness.history.change_points import LEAST_STEP, changes_of_exact, changes_of_noisy
+from harness.history.choosing import MOST
 from harness.history.series import TOGETHER
 from tests.compare.runs import dearer, slower, write_run
 from tests.harness.test_cli import assert_one_line
@@ -35,12 +36,12 @@ def year(tmp_path) -> Path:
 
 
 def test_runs_are_found_below_folders_and_ordered_by_when_they_were_made(year):
-    runs = find_runs([year, year / "run-98"])
+    runs = find_runs([year, year / "run-98"]).runs
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
 
 
 def test_changes_are_where_they_were_made(year):
-    series = read_series(find_runs([year]))
+    series = read_series(find_runs([year]).runs)
     found = {(s.metric, s.name.triangulator): s.changes for s in series if s.changes}
     assert found == {
         ("quads", "ear-clipping"): (5,),
@@ -60,14 +61,14 @@ def test_a_new_content_is_no_change_of_code(tmp_path):
     for number in range(1, 7):
         edits = {"*": other} if number > 3 else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
-    assert not any(series.changes for series in read_series(find_runs([tmp_path])))
+    assert not any(series.changes for series in read_series(find_runs([tmp_path]).runs))
 
 
 def test_gaps_are_no_changes(tmp_path):
     for number in range(1, 5):
         leave_out = ("fan",) if number == 2 else ()
         write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
-    fan = next(s for s in read_series(find_runs([tmp_path])) if s.name.triangulator == "fan")
+    fan = next(s for s in read_series(find_runs([tmp_path]).runs) if s.name.triangulator == "fan")
     assert np.isnan(fan.values).tolist() == [False, True, False, False]
     assert fan.changes == ()
 
@@ -79,7 +80,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
     for number in range(1, 7):
         edits = {"delaunay": read_back} if number in (2, 5) else {}
         write_run(tmp_path / str(number), seed=number, edits=edits)
-    found = read_series(find_runs([tmp_path]), ["triangulate_ms"])
+    found = read_series(find_runs([tmp_path]).runs, ["triangulate_ms"])
     delaunay = next(series for series in found if series.name.triangulator == "delaunay")
     assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
     assert np.nanmax(delaunay.values) == 50
@@ -87,7 +88,7 @@ def test_a_cached_triangulation_is_no_new_measurement(tmp_path):
 
 
 def test_the_command_draws_and_lists(harness, year):
-    code, out, _ = harness("history", str(year), "--out", "plots")
+    code, out, _ = harness("history", str(year), "--out", "plots", "--all")
     assert code == 0
     files = {path.name for path in Path("plots").iterdir()}
     metrics = ("quads", "helper_lanes", "time")
@@ -104,12 +105,59 @@ def test_the_command_draws_and_lists(harness, year):
     assert len(marked) == 3
 
 
+def test_what_changed_most_is_shown_and_the_rest_is_counted(harness, year):
+    code, out, _ = harness("history", str(year), "--out", "plots")
+    assert code == 0
+    with Path("plots/history.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    series = {(row["metric"], row["triangulator"]) for row in rows}
+    assert len(series) == MOST
+    assert {
+        ("quads", "ear-clipping"),
+        ("helper_lanes", "ear-clipping"),
+        ("time", "delaunay"),
+    } < series
+    assert "16 runs, 12 series: plots; 4 more series: --all, or choose by --scene" in out
+    code, out, _ = harness(
+        *("history", str(year), "--out", "one", "--triangulator", "delaunay", "--metric", "time")
+    )
+    assert code == 0
+    assert "16 runs, 1 series: one" in out
+    assert {file.name for file in Path("one").iterdir()} == {"history.csv", "time.png", "time.svg"}
+
+
+def test_studies_and_what_was_measured_beside_are_left_out_and_said(harness, year):
+    write_run(year / "study", seed=3)
+    (year / "study/correlations.csv").write_text("")
+    environment = {"command": ["harness", "validate", "--scene", "city"]}
+    write_run(year / "stopped-study", seed=3, facts={"environment": environment})
+    write_run(year / "run-98/base", seed=3, facts={"beside": {"is_base": True}})
+    found = find_runs([year])
+    assert (len(found.runs), found.studies) == (16, 2)
+    assert len(find_runs([year], studies=True).runs) == 18
+    assert len(find_runs([year / "study"]).runs) == 1  # named, so wanted
+    code, out, _ = harness("history", str(year), "--out", "plots")
+    assert code == 0
+    assert out.startswith("left out: 2 studies; see --all")
+
+
+def test_what_one_run_alone_measured_has_no_history(harness):
+    write_run(Path("runs/one"), seed=1)
+    code, out, _ = harness("history", "runs", "--out", "plots")
+    assert code == 0
+    assert "1 run, 0 series: no case was measured by two runs; 16 more series" in out
+    assert not Path("plots").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "parts"),
     [
         (["nowhere"], 2, ["nowhere holds no run"]),
         (["runs", "--metrics", "qads"], 2, ["qads", "quads"]),
         (["runs", "--metrics", "bbox_tests"], 4, ["bbox_tests"]),
+        (["runs", "--scene", "cyti"], 2, ["cyti", "city"]),
+        (["runs", "--triangulator", "delauney"], 2, ["delauney", "delaunay"]),
+        (["runs", "--rasteriser", "opengls"], 2, ["opengls", "opengl"]),
     ],
 )
 def test_bad_usage(harness, arguments, code, parts):

@@ -58,6 +58,7 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     assert "plots/predicted-vs-measured.png" in files
 
 
+@pytest.mark.usefixtures("no_plots", "in_process")
 def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
     assert harness(*run, "--out", "results")[0] == 0
@@ -119,6 +120,7 @@ def test_a_file_without_polygons_is_one_line_and_exit_code_2(harness, name, cont
     assert_one_line(err, *parts)
 
 
+@pytest.mark.usefixtures("no_plots", "in_process")
 def test_one_bad_polygon_among_many_is_counted_and_named(harness):
     write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
     code, _, err = harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK)
@@ -130,6 +132,7 @@ def test_one_bad_polygon_among_many_is_counted_and_named(harness):
     assert "1" in noted[0][0]
 
 
+@pytest.mark.usefixtures("no_plots", "in_process")
 def test_nothing_measured_is_exit_code_4(harness):
     hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
     geometry = {"type": "Polygon", "coordinates": hole}

@@ -13,7 +13,7 @@ import trimesh
 
 from tests.harness.test_cli import MOCK, assert_one_line
 
-pytestmark = pytest.mark.usefixtures("no_plots")
+pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
 @pytest.fixture(autouse=True)
@@ -201,3 +201,28 @@ def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch
     assert [folder.name for folder in folders] == [
         *("city-20260101-120000", "city-20260101-120000-2", "city-20260101-120000-3")
     ]
+
+
+@pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])
+def test_lists_are_json_for_other_programs(harness, kind):
+    code, out, err = harness("list", kind, "--json")
+    assert (code, err) == (0, "")
+    rows = json.loads(out)
+    assert len(rows) >= 3
+    assert len({tuple(row) for row in rows}) == 1
+    table = harness("list", kind)[1]
+    assert all(next(iter(row.values())) in table for row in rows)
+
+
+def test_a_run_tells_its_cases_as_json_and_nothing_else(harness, no_plots):
+    run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
+    run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
+    code, out, _ = harness(*run, "--triangulators", "delaunay,greedy")
+    assert code == 0
+    told = json.loads(out)
+    assert told["results"] == "out"
+    assert not told["interrupted"]
+    cases = {case["triangulator"]: case for case in told["cases"]}
+    assert set(cases) == {"delaunay", "greedy"}
+    assert cases["greedy"]["status"] == "ok"
+    assert cases["greedy"]["time_ratio_low"] <= cases["greedy"]["time_ratio"]

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from harness.figures.groups import base_of, with_base
+from harness.stored.folder import read_run
 from harness.summary import BARS, print_summary
 
 SAMPLES = [1.0e-3, 1.1e-3, 0.9e-3, 1.0e-3, 1.05e-3, 0.95e-3, 1.0e-3, 1.02e-3]
@@ -36,7 +39,7 @@ def record(name: str, factor: float = 1.0, polygons: int = 500, **changes: objec
 
 def printed(records: list[dict], **options: object) -> str:
     output = io.StringIO()
-    print_summary(records, Console(file=output, width=80, **options))  # type: ignore[arg-type]
+    print_summary(records, Console(**{"file": output, "width": 80, **options}))  # type: ignore[arg-type]
     return output.getvalue()
 
 
@@ -84,11 +87,13 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
 
 
 def test_bars_grow_with_time_and_verdicts_are_words():
-    lines = {line.split()[0]: line for line in printed(RECORDS).splitlines()[2:8]}
+    text = printed(RECORDS, width=120)
+    lines = {line.split()[0]: line for line in text.splitlines()[2:7]}
     bars = {name: line.count("█") for name, line in lines.items()}
     assert bars["worst:half-perimeter"] == BARS[0]
     assert bars["optimal:half-perimeter"] < bars["ear-clipping"] < BARS[0]
-    assert "0.800 ±0.000 faster" in lines["optimal:half-perimeter"]
+    assert "█" * BARS[-1] in printed(RECORDS)
+    assert "0.800 (0.800-0.800) faster" in lines["optimal:half-perimeter"]
     assert "slower" in lines["worst:half-perimeter"]
     assert "(229 of 500 polygons)" in lines["fan"]
 
@@ -105,5 +110,69 @@ def test_a_terminal_that_knows_ascii_alone_gets_ascii():
     print_summary(RECORDS, Console(file=output, width=80))
     output.flush()
     text = raw.getvalue().decode("ascii")
-    assert "#" * BARS[0] in text
-    assert "+-" in text
+    assert "#" * BARS[-1] in text
+    assert "0.800 (0.800-0.800) faster" in text
+
+
+def rounds(*samples_s: float) -> dict:
+    ordered = sorted(samples_s)
+    return {
+        "samples_s": list(samples_s),
+        "median_s": ordered[len(ordered) // 2],
+        "reference_s": [1e-3] * len(samples_s),
+    }
+
+
+def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
+    """Medians of disturbed samples may be in another order than the rounds that timed both."""
+    machine = [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]
+    quiet = [1.2, 1.2, 1.2, 1.2, 1.2, 1.2, 1.2]
+    records = [
+        record("ear-clipping", time=rounds(*[0.1 * m for m in machine])),
+        record("delaunay", time=rounds(*[0.09 * m for m in machine[:4]], 0.1, 0.19, 0.19)),
+        record("greedy", time=rounds(*[0.1 * q for q in quiet])),
+    ]
+    medians = {each["triangulator"]: each["time"]["median_s"] for each in records}
+    assert medians["greedy"] < medians["ear-clipping"]
+    lines = [line for line in printed(records).splitlines()[2:] if line.strip()]
+    assert [line.split()[0] for line in lines] == ["greedy", "delaunay", "ear-clipping"]
+    assert "0.900 (0.500-0.950)" in lines[1]
+    bars = [line.count("█") for line in lines]
+    assert bars == sorted(bars)
+
+
+def with_the_base(name: str) -> list[dict]:
+    return [{**each, "base": name} for each in RECORDS]
+
+
+def test_the_base_is_chosen_or_ear_clipping_or_the_first_that_left_nothing_out():
+    assert "time vs ear-clipping" in printed(RECORDS)
+    text = printed(with_the_base("worst:half-perimeter"))
+    assert "vs worst:half-perimeter" in text
+    assert "0.667 (0.667-0.667) faster" in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+    without = [each for each in RECORDS if each["triangulator"] != "ear-clipping"]
+    fan_first = sorted(without, key=lambda each: each["triangulator"] != "fan")
+    text = printed(fan_first)
+    assert "vs optimal:half-perimeter" in text
+    assert "1.125 (1.125-1.125) slower" in text
+
+
+def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
+    run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
+    run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out")
+    run += ("--triangulators", "ear-clipping,delaunay")
+    code, _, err = harness(*run, "--base", "greedy")
+    assert code == 2
+    assert "--base greedy: it is not among --triangulators ear-clipping,delaunay" in err
+    code, out, err = harness(*run, "--base", "delaunay")
+    assert code == 0, err
+    assert "time vs delaunay" in out
+    found = read_run(Path("out"))
+    assert {entry["base"] for entry in found.records} == {"delaunay"}
+    assert base_of(found.records)["triangulator"] == "delaunay"
+    assert base_of(with_base(found, "ear-clipping").records)["triangulator"] == "ear-clipping"
+    code, _, err = harness("report", "out", "--base", "ear-cliping")
+    assert code == 2
+    assert "unknown base 'ear-cliping'; did you mean 'ear-clipping'?" in err
+    assert harness("report", "out", "--base", "ear-clipping")[0] == 0

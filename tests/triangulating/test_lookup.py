@@ -24,7 +24,7 @@ from tests.measuring.test_run import inline, plan_for, quiet
 from tests.mock import Clock
 from triangulators import vertices
 
-pytestmark = pytest.mark.usefixtures("no_plots")
+pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
 def cut(name, polygons, seed=0, calibration=None, database=None) -> FrameTriangulation:

@@ -18,7 +18,7 @@ from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.bridges import one_hole_optimum
 from triangulators.certificate import Branch, Leaf, Refused
-from triangulators.certify import check_certificate
+from triangulators.certifying import check_certificate
 from triangulators.cost import cost_of, evaluate
 from triangulators.optimal import solve
 from triangulators.polygon import boundary, boundary_area

@@ -11,6 +11,7 @@ import triangulators
 MODULES = (
     "triangulators",
     "triangulators.batch",
+    "triangulators.certifying",
     "triangulators.criteria",
     "triangulators.dropin",
     "triangulators.polygon",

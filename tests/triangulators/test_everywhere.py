@@ -31,7 +31,7 @@ def usable(_registered: tuple[str, ...]) -> list[str]:
     return [name for name in names(available_only=True) if find(name).builtin]
 
 
-def tested(polygon) -> list[str]:
+def names_for(polygon) -> list[str]:
     """Names of the triangulators to try; those steered by a criterion with two of them."""
     count = len(vertices(polygon))
     found = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
@@ -51,7 +51,7 @@ def check(polygon, label):
         return 0
     points = vertices(polygon)
     found = {}
-    for name in tested(polygon):
+    for name in names_for(polygon):
         entry = find(name.partition(":")[0])
         try:
             triangles = triangulate(polygon, name)

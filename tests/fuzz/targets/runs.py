@@ -27,6 +27,7 @@ from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.progress import Reporter
+from harness.triangulating.names import parse_all
 from tests.compare.runs import write_run
 from tests.conftest import exit_code, write_geojson
 from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
@@ -107,7 +108,7 @@ def sound() -> Path:
     scene = write_geojson(folder / "block.geojson", [ell, courtyard, box(0, 20, 8, 28)])
     plan = Plan(
         scene=str(scene),
-        triangulators=("ear-clipping", "delaunay", "optimal:half-perimeter"),
+        triangulators=parse_all(("ear-clipping", "delaunay", "optimal:half-perimeter")),
         rasterisers=("reference",),
         timing=TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
     )

@@ -1,0 +1,113 @@
+"""The optimum over edges: integers or floats, table or lists, the same cost by every way."""
+
+import numpy as np
+import pytest
+
+from harness.frame import View, make_frame
+from scenes import load
+from tests.triangulators.cases import convex, random_simple, shared, smooth, star
+from triangulators import criteria, edges, triangulate, vertices
+from triangulators.cost import cost_of
+from triangulators.dense import box_optimum
+from triangulators.polygon import boundary
+from triangulators.predicates import on_grid
+from triangulators.small_ring import grid_unit
+from triangulators.sparse import sparse_optimum
+from triangulators.starts import cycle_of
+from triangulators.verify import verify
+
+H = np.array([1.0, 0.0, 0.0])
+E = np.array([0.0, 0.0, 1.0])
+
+
+def by_triangles(ring, criterion, sign=1.0):
+    """The recurrence with a cost for each triangle, in float64."""
+    cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
+    best = sparse_optimum(ring.points, ring.start, ring.target, cost._replace(is_box=False))
+    return criteria.find(criterion).total(ring.points, best)
+
+
+@pytest.mark.parametrize(("criterion", "box"), [("half-perimeter", H), ("edge-length", E)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_table_and_lists_find_what_costs_of_triangles_find(monkeypatch, criterion, box, sign):
+    for polygon in (star(40, spread=0.4), star(90), convex(33), smooth(64)):
+        ring = cycle_of(boundary(polygon), "test")
+        expected = by_triangles(ring, criterion, sign)
+        for ratio in (0.0, 1e9):
+            monkeypatch.setattr(edges, "_SPARSE_TO_DENSE", ratio)
+            found = edges.edge_optimum(ring.points, ring.start, ring.target, sign * box)
+            assert verify(polygon, ring.cycle[found]).conforming
+            total = criteria.find(criterion).total(ring.points, found)
+            assert total == pytest.approx(expected, rel=1e-12)
+
+
+def test_integers_are_chosen_by_the_guard():
+    below, above = edges.INT32_LIMIT // 64 - 1, edges.INT32_LIMIT // 64
+    assert edges.integer_type(64, below) is np.int32
+    assert edges.integer_type(64, above) is np.int64
+
+
+@pytest.mark.parametrize("above", [False, True])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_sums_are_exact_on_both_sides_of_the_guard(monkeypatch, above, sign):
+    # The longest diagonals of a flat polygon come next to n (w + h): a zigzag, taken by `worst`.
+    n = 128  # with fewer corners no grid reaches the guard
+    width = edges.INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
+    step = np.arange(n // 2)
+    right = np.column_stack((width - (step - n // 4) ** 2 // n, 4 * step))
+    left = np.column_stack(((step - n // 4) ** 2 // n, 4 * step + 2))
+    ring = np.concatenate((right, left[::-1])).astype(np.float64)
+    ring[0, 1] += 1  # so that nothing coarser than 1 is a unit
+    span = np.ptp(ring, axis=0).sum()
+    assert (n * span >= edges.INT32_LIMIT) == above
+    assert grid_unit(ring) == 1.0
+    start = np.r_[0, np.cumsum(np.arange(n - 1, -1, -1))]
+    target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
+    weight = edges.weights_of_pairs(ring, start, target, sign * H)
+    assert weight.dtype == (np.int64 if above else np.int32)
+    costs = []
+    for ratio in (0.0, 1e9):
+        monkeypatch.setattr(edges, "_SPARSE_TO_DENSE", ratio)
+        found = edges.edge_optimum(ring, start, target, sign * H)
+        costs.append(criteria.find("half-perimeter").total(ring, found))
+        monkeypatch.setattr(edges, "integer_type", lambda corners, span: np.int64)
+        found = edges.edge_optimum(ring, start, target, sign * H)
+        costs.append(criteria.find("half-perimeter").total(ring, found))
+        monkeypatch.undo()
+    assert len(set(costs)) == 1
+    if sign < 0.0:
+        assert costs[0] > 0.9 * n * width
+
+
+def frames():
+    for name in ("city", "cad", "glyphs"):
+        yield from make_frame(load(name).polygons[::7], View(1024)).polygons
+
+
+def test_on_frames_the_optimum_is_that_of_the_table_of_triangles_exactly():
+    compared = 0
+    for polygon in frames():
+        if polygon.interiors or len(vertices(polygon)) > 250:
+            continue
+        outline = boundary(polygon)
+        ring = outline.points[outline.edges[:, 0]]
+        assert on_grid(ring)
+        for name, box in (("half-perimeter", H), ("overdraw", np.array([0.0, 1.0, 0.0]))):
+            before = box_optimum(ring, box, 0.0)
+            now = triangulate(polygon, f"optimal:{name}")
+            criterion = criteria.find(name)
+            assert criterion.total(outline.points, now) == criterion.total(ring, before)
+            compared += 1
+    assert compared > 100
+
+
+def test_grid_unit_is_the_coarsest():
+    points = vertices(random_simple(np.random.default_rng(1), 12, 50))
+    odd = points * 2 + 1
+    for unit in (2.0**-8, 1.0, 2.0**30, 2.0**-200):
+        assert grid_unit(odd * unit) == unit
+    assert grid_unit(points + 0.1) == 0.0
+    assert grid_unit(np.ascontiguousarray(points * 0.1)) == 0.0
+    for _, polygon in shared("helsinki.json")[:100]:
+        points = vertices(polygon)
+        assert (grid_unit(points) > 0.0) == on_grid(points)
