@@ -16,7 +16,7 @@ from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
 _WANTED = ("RoofSurface", "GroundSurface")
-_PLAN = "surfaces seen from above, their height is an attribute"
+_PLAN = "surfaces seen from above, with their height as an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk

@@ -38,7 +38,7 @@ class Cleaned:
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""(n, 2) coordinates to those of the source, by which a user finds the place."""
+"""Takes (n, 2) coordinates back to those of the source, so that a user finds the place."""
 
 
 def clean(
@@ -47,9 +47,9 @@ def clean(
     """Explode, flatten, repair and orient.
 
     `geometries` is a sequence of shapely geometries or None; `labels` name them in the notes
-    ("feature 0", "feature 1", ... unless given). Multi-polygons become one polygon a part. An
-    invalid polygon is repaired with `shapely.make_valid`; what has no area after that is dropped.
-    Where the geometries were projected, `locate` leads back: notes then name the source's places.
+    ("feature 0", "feature 1", ... unless given). Each part of a multi-polygon becomes a polygon.
+    An invalid polygon is repaired with `shapely.make_valid`; what then has no area is dropped. If
+    the geometries were projected, `locate` leads back: notes then give the source's places.
 
     >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
     >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])

@@ -34,7 +34,7 @@ def filled(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any
 
 
 def _by_direction(rings: list[Any]) -> tuple[list[Any], list[Any]]:
-    """Rings that run as the largest one does, and those that run against it."""
+    """Rings with the direction of the largest one, and rings with the opposite direction."""
     largest = max(rings, key=lambda ring: ring.area).exterior.is_ccw
     along = [r for r in rings if r.exterior.is_ccw == largest]
     return along, [r for r in rings if r.exterior.is_ccw != largest]

@@ -1,8 +1,8 @@
-"""What becomes of the errors that libraries raise on damaged files: one clear line each.
+"""Turns the errors that libraries raise on damaged files into one clear line each.
 
-Libraries raise what they like on bytes that they did not expect, and no list of exceptions is ever
-complete. So everything a reader raises ends at one of the two boundaries here. With
-`RASTER_HARNESS_DEBUG=1` there is no boundary: the error comes through with its traceback.
+A library may raise any exception on bytes that it did not expect, so a list of exceptions is never
+complete. Everything that a reader raises ends at one of the two boundaries here. With
+`RASTER_HARNESS_DEBUG=1` there is no boundary: the error is raised with its traceback.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from scenes.scene import Note, SceneError
 
 DEBUG = "RASTER_HARNESS_DEBUG"
-"""Environment variable that lets errors through as they were raised."""
+"""Environment variable that switches the boundaries off."""
 
 
 @contextmanager
@@ -30,8 +30,8 @@ def refused(
     >>> with refused("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
     Traceback (most recent call last):
-    scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code (damaged, \
-or of another format: write it again)
+    scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code (it is \
+damaged or has another format: write it again)
     """
     try:
         yield
@@ -39,14 +39,14 @@ or of another format: write it again)
         raise
     except MemoryError as error:
         raise SceneError(
-            f"{name} needs more memory than there is: it is damaged, or too large to be read whole"
+            f"{name} needs more memory than there is: it is damaged, or give only a part of it"
         ) from error
     except Exception as error:
         if debugging():
             raise
         general = (
             f"{name} cannot be read as {kind}: {reason(error)} "
-            "(damaged, or of another format: write it again)"
+            "(it is damaged or has another format: write it again)"
         )
         raise SceneError((explain and explain(error)) or general) from error
 
@@ -84,7 +84,7 @@ def reason(error: Exception) -> str:
 
 
 def debugging() -> bool:
-    """Whether errors come through as they were raised.
+    """Whether the boundaries are switched off.
 
     >>> debugging()
     False

@@ -1,4 +1,4 @@
-"""Polygons of any file a user has, whole or in chunks."""
+"""Polygons of a user's file, whole or in chunks."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Chunk:
     """A part of a file: valid polygons, their attributes, and notes on the rest.
 
     `crs` is the file's reference system. If the polygons were projected from longitude and
-    latitude, `projection` is the map they are on, which also leads back. `notes` say what was done
-    to the file as a whole, each in the first chunk that it holds for.
+    latitude, `projection` is their map, which also leads back. `notes` say what was done to the
+    file as a whole; each is in the first chunk that it is true of.
     """
 
     cleaned: Cleaned
@@ -48,8 +48,8 @@ def read(
 ) -> Scene:
     """All polygons of a file, as a scene.
 
-    Multi-polygons become one polygon a part, heights are dropped, and longitude and latitude are
-    projected to metres, by default where the file's reference system is geographic: see
+    Each part of a multi-polygon becomes a polygon and heights are dropped. Longitude and latitude
+    are projected to metres, by default if the file's reference system is geographic: see
     `scenes.projection`. `project=False` keeps degrees, `project=True` takes coordinates without a
     known reference system as those of WGS 84. `limit` stops after that many polygons. Raises
     SceneError if the file is missing, cannot be read, or holds no polygon.
@@ -100,8 +100,8 @@ def read_chunks(
 ) -> Iterator[Chunk]:
     """The polygons of a file, about `size` features at a time, so that memory stays bounded.
 
-    All chunks are on the map that fits the first, so they fit together. Raises SceneError as
-    `read` does, save that a file without polygons yields chunks without polygons.
+    All chunks are on the same map, chosen by the first, so they fit together. Raises SceneError as
+    `read` does, but a file without polygons yields chunks without polygons.
     """
     source = Source(_existing(path), layer, where)
     placing = Placing(path, project)

@@ -59,11 +59,11 @@ def _geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None,
     about = columns[column]
     encoding = about["encoding"]
     others = [name for name in columns if name != column]
-    notes = (f"geometry column {column}, not {', '.join(others)}",) if others else ()
+    notes = (f"geometry column {column} (others: {', '.join(others)})",) if others else ()
     there = column in schema.names
     if not there or encoding not in ("WKB", _nesting(schema.field(column).type)):
         raise SceneError(
-            f"{source.path}: column {column} is encoded as {encoding}, which is not read: "
+            f"{source.path}: column {column} has the encoding {encoding}, which cannot be read: "
             "write it as WKB"
         )
     return column, encoding, _code(about.get("crs", "OGC:CRS84")), notes

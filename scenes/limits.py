@@ -1,4 +1,4 @@
-"""How much a file may hold: what would fill the memory or the disk is refused in one line."""
+"""Limits on the size of a file, so that one that would fill the memory is refused in one line."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scenes.scene import SceneError
 LARGEST = 2**30
 """Bytes of the largest file that is read whole; `RASTER_HARNESS_LARGEST_FILE` sets another limit.
 
-What is read piece by piece has none: formats of GDAL, GeoParquet, WKT lines, CityJSON sequences.
+Formats that are read in chunks have no limit: those of GDAL, GeoParquet, WKT, CityJSON sequences.
 """
 
 VARIABLE = "RASTER_HARNESS_LARGEST_FILE"
 
 _RATIO = 100
-"""How much smaller an honest archive is at most; those made to fill memories are 1000 times."""
+"""A usual archive is at most this many times smaller than its content, a ZIP bomb 1000 times."""
 
 
 def largest() -> int:
@@ -35,15 +35,15 @@ def check_size(path: Path) -> None:
     size, limit = path.stat().st_size, largest()
     if size > limit:
         raise SceneError(
-            f"{path} has {_shown(size)}, and its format is read whole: the limit is "
-            f"{_shown(limit)}; give a part of it, or set {VARIABLE}={size}"
+            f"{path} has {_shown(size)}, but files of its format are held in memory and the limit "
+            f"is {_shown(limit)}: give a part of it, or set {VARIABLE}={size}"
         )
 
 
 def check_archive(path: Path) -> None:
-    """Raise SceneError for a ZIP archive that holds far more than its own size, and over the limit.
+    """Raise SceneError for a ZIP archive whose content is over the limit and far over its own size.
 
-    Formats that are ZIP archives by another suffix are looked into, too.
+    Some formats are ZIP archives with another suffix; this holds for them too.
     """
     with path.open("rb") as stream:
         if stream.read(4) != b"PK\x03\x04" or not zipfile.is_zipfile(path):

@@ -14,7 +14,7 @@ from scenes.layout import in_rows
 from scenes.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
-_FLAT = "each face in its own plane, side by side"
+_FLAT = "each face flat in its own plane, side by side"
 _PLANAR = 1e-3
 """A face that leaves its plane by more than this share of its size is noted."""
 
@@ -92,7 +92,7 @@ def _joined(source: Source) -> Iterator[Raw]:
 def facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Coplanar neighbouring triangles of a mesh, joined and laid flat: one geometry a facet."""
+    """Coplanar neighbouring triangles of a mesh, joined and laid flat: one geometry per facet."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

@@ -1,4 +1,4 @@
-"""What to say of a name that is not known."""
+"""Suggestions for a name that is not known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a file's geometries go: in metres if they are in degrees, and flat; and a word on that."""
+"""Projects a file's geometries if they are in degrees, drops heights, and notes what was done."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _DEGREES = "OGC:CRS84"
 
 
 class Placing:
-    """Places the chunks of one file: all on one map, which the first chunk with a geometry decides.
+    """Puts all chunks of one file on the same map, which the first chunk with a geometry decides.
 
     name : the file, for messages
-    project : None leaves it to the file's reference system, False keeps coordinates, True takes
-        those without a known system as longitude and latitude
-    units : of the placed coordinates
-    crs : the reference system of the source's coordinates, None if they have none after all
-    projection : the map, where the file's coordinates are longitude and latitude
+    project : None: the file's reference system decides; False: never; True: coordinates without a
+        known system are longitude and latitude
+    units : those of the geometries that `place` returns
+    crs : the reference system of the file's coordinates; None if they have none
+    projection : the map, if the file's coordinates are longitude and latitude
     """
 
     def __init__(self, name: str, project: bool | None = None) -> None:
@@ -38,13 +38,13 @@ class Placing:
 
     @property
     def back(self) -> Locate | None:
-        """From the map to the source's coordinates; None where nothing was projected."""
+        """From the map to the file's coordinates; None if nothing was projected."""
         return None if self.projection is None else self.projection.inverse
 
     def place(self, raw: Raw) -> tuple[NDArray[Any], tuple[str, ...]]:
         """The chunk's geometries, and notes on the file that no earlier chunk had.
 
-        Raises SceneError where a projection is asked for that cannot be.
+        Raises SceneError if the user wants a projection that is not possible.
         """
         given = np.empty(len(raw.geometries), dtype=object)
         given[:] = raw.geometries
@@ -77,19 +77,19 @@ class Placing:
             return []
         if known is None:
             shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
-            return [f"reference system {shown} is not known: coordinates as in the file"]
+            return [f"the reference system {shown} is not known, coordinates used as they are"]
         if off:
-            return [f"coordinates as in the file: they are no degrees, though it says {known.name}"]
-        return [f"coordinates as in the file: {known.name}, {self.units}"]
+            return [f"coordinates are not degrees as in {known.name}, used as they are"]
+        return [f"coordinates in {known.name}, {self.units}"]
 
     def _assumed(self, crs: str | None, coordinates: NDArray[Any]) -> str:
-        """The system by which coordinates are projected only because the user says so."""
+        """The system to take for coordinates that are projected because the user says so."""
         known = system(crs)
         if known is not None and not known.is_geographic:
             raise SceneError(f"{self._name} is in {known.name} already: leave project=True out")
         if not is_geographic(_DEGREES, coordinates):
             raise SceneError(
-                f"{self._name} holds coordinates that are no longitude and latitude: "
+                f"the coordinates of {self._name} are not longitude and latitude: "
                 "leave project=True out"
             )
         return _DEGREES

@@ -1,6 +1,6 @@
-"""PLY (Stanford polygon format), text and binary, by way of the package plyfile: n-gon faces.
+"""PLY (Stanford polygon format), text and binary, read by the package plyfile: n-gon faces.
 
-trimesh, which reads the other models, would cut the faces of PLY into triangles.
+trimesh, which reads the other models, would triangulate the faces.
 """
 
 from __future__ import annotations

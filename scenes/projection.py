@@ -1,4 +1,4 @@
-"""Longitude and latitude to metres, on a map made for the data; PROJ decides and projects.
+"""Projects longitude and latitude to metres, on a map that fits the data, by PROJ.
 
 Readers give coordinates with x (east, longitude) first, whatever order the reference system
 defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
@@ -22,18 +22,20 @@ from pyproj.crs.coordinate_operation import (
 from pyproj.exceptions import CRSError
 
 REACH = 90.0
-"""Degrees from its centre up to which data get an azimuthal map; beyond, shapes fold."""
+"""Degrees from their centre beyond which data get no azimuthal map: shapes would fold."""
 
 LONG_EDGE = 90.0
-"""Degrees of longitude from which an edge is meant straight in the plane of longitude and latitude,
-not on the globe."""
+"""An edge over more degrees of longitude is straight on the plane of longitude and latitude, not on
+the globe."""
 
 _POLE = 89.999
 
 
 @cache
 def system(crs: str | None) -> CRS | None:
-    """The horizontal reference system of this name, code, WKT or PROJJSON; None if PROJ knows none.
+    """The horizontal part of the reference system that has this name, code, WKT or PROJJSON.
+
+    None if PROJ does not know it.
 
     >>> system("EPSG:7844").name
     'GDA2020'
@@ -56,8 +58,8 @@ def system(crs: str | None) -> CRS | None:
 def is_geographic(crs: str | None, coordinates: NDArray[np.float64]) -> bool:
     """Whether these (n, 2) coordinates are longitude and latitude, by their reference system.
 
-    One that PROJ does not know never is. GDAL calls every GeoJSON without a `crs` member EPSG:4326,
-    so coordinates that no globe has are taken as planar.
+    They are not if PROJ does not know the system. GDAL gives EPSG:4326 to every GeoJSON without a
+    `crs` member, so coordinates out of the range of longitude and latitude are planar.
 
     >>> is_geographic("EPSG:6318", np.array([[-96.0, 38.0]]))
     True
@@ -86,13 +88,13 @@ def units(crs: str | None) -> str | None:
 
 @dataclass(frozen=True)
 class Projection:
-    """A map of a data set, in metres; areas on it are those on the ellipsoid.
+    """A map of a data set, in metres, on which areas are those on the ellipsoid.
 
-    `crs` is the geographic system of the data, whose datum is kept. `centre` is longitude and
-    latitude, in degrees from that system's own prime meridian, of Lambert's azimuthal equal-area
-    projection: lengths are right at the centre and to 0.1 % within 500 km. None stands for
-    Lambert's cylindrical equal-area projection, on which the whole globe lies as it does in the
-    file: meridians and parallels stay straight, and nothing folds or collapses.
+    `crs` is the geographic system of the data; its datum is kept. `centre` is the longitude and
+    latitude, in degrees from that system's own prime meridian, of the centre of Lambert's azimuthal
+    equal-area projection: lengths are exact at the centre and right to 0.1 % within 500 km. If
+    `centre` is None, the map is Lambert's cylindrical equal-area projection of the whole globe:
+    meridians and parallels stay straight, and nothing folds or collapses.
     """
 
     crs: str
@@ -136,7 +138,9 @@ class Projection:
         )
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 2) coordinates of the source to (n, 2) metres east and north; infinite off the map.
+        """(n, 2) coordinates of the source to (n, 2) metres east and north.
+
+        What cannot be projected becomes infinite.
 
         >>> there = Projection("EPSG:4326", (25.0, 60.0))
         >>> there.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
@@ -200,7 +204,9 @@ class Projection:
 
 
 def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Longitude and latitude of the mean of the points as vectors; right across the 180th.
+    """Longitude and latitude of the mean of the points as vectors on the globe.
+
+    So points on both sides of the 180th meridian have their mean between them.
 
     >>> mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
     180.0
@@ -218,12 +224,12 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _degrees_per_unit(geographic: CRS) -> float:
-    """Some systems of France and of old maps count in grads of 400 to the turn."""
+    """Some systems, most of them French, count in grads, 400 to the turn."""
     return float(np.degrees(geographic.axis_info[0].unit_conversion_factor))
 
 
 def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Of each edge of each ring: its step in longitude, its middle's latitude, its geometry."""
+    """Each edge of each ring: its step in longitude, the latitude of its middle, its geometry."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

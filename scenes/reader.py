@@ -31,12 +31,12 @@ class Source:
 
 @dataclass(frozen=True)
 class Raw:
-    """What a reader yields: geometries as they stand in the file, and what is known of them.
+    """What a reader yields: the geometries of the file, unchanged, and what is known about them.
 
-    `geometries` are shapely geometries or None; `labels` name them for messages; `attributes` has
-    one row a geometry; `crs` is a reference system as PROJ knows it, by code, WKT or PROJJSON;
-    `dropped` are items that did not even become a geometry, `repaired` those that did only after a
-    mend. `notes` say what was chosen for the user, such as one layer of several.
+    `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
+    one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
+    `dropped` are items that gave no geometry, `repaired` those that gave one only after a repair.
+    `notes` say what was chosen for the user, for example one layer of several.
     """
 
     geometries: NDArray[Any] | list[Any]
@@ -51,11 +51,11 @@ class Raw:
 
 @dataclass(frozen=True)
 class Reader:
-    """Where a format's reader is: "module:function", which takes a Source and a number of features.
+    """Reads a format: `function` is "module:function", which takes a Source and a chunk's size.
 
-    kind : the format's name, for messages
-    whole : whether it holds the whole file in memory
-    explain : name of a function in the module that gives a better message for some errors
+    kind : the format's name in messages
+    whole : whether the whole file is held in memory
+    explain : the name of a function in the module that has better messages for some errors
     """
 
     function: str
@@ -65,11 +65,11 @@ class Reader:
 
     @property
     def module(self) -> Any:
-        """The module, imported on first use: some take long."""
+        """The module, imported on first use because some take long."""
         return importlib.import_module(self.function.partition(":")[0])
 
     def __call__(self, source: Source, size: int) -> Iterator[Raw]:
-        """Read; whatever goes wrong is a SceneError of one line."""
+        """Yield the file's chunks; raises SceneError, in one line, for anything that goes wrong."""
         path = str(source.path)
         explain: Callable[..., str | None] | None = None
         if self.explain is not None:
@@ -97,11 +97,11 @@ _READERS = {
     ".svg": Reader("scenes.svg:read", "SVG"),
     ".cityjson": _CITY,
 }
-"""Suffix to reader; everything else goes to GDAL."""
+"""Suffix to reader; GDAL reads everything else."""
 
 
 def reader_of(path: Path) -> Reader:
-    """What reads this file."""
+    """Return the reader for this file."""
     suffix = path.suffix.lower()
     city = {".json": _CITY, ".jsonl": _SEQUENCE}
     if suffix in city and path.is_file():

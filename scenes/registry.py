@@ -1,4 +1,4 @@
-"""Scenes by name: which there are, and how one is loaded."""
+"""The scenes by name, and how one is loaded."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class Entry:
     package: str | None = None
 
     def available(self) -> str | None:
-        """None if the scene can be loaded, else the line that installs what it lacks."""
+        """None if the scene can be loaded, else the command that installs what is missing."""
         if self.package is None or find_spec(self.package) is not None:
             return None
         return f'pip install "raster-harness[{self.extra}]"'
 
     def size(self) -> tuple[int, int, int]:
-        """Polygons, vertices and holes of the scene as it is without parameters."""
+        """Polygons, vertices and holes of the scene without parameters."""
         polygons = np.asarray(load(self.name).polygons)
         holes = int(shapely.get_num_interior_rings(polygons).sum())
         # shapely counts the vertex that closes each ring
@@ -120,7 +120,7 @@ def entry(name: str) -> Entry:
     if is_function(name):
         base, _, rest = name.partition(":")
         if base in names() or exists(base):
-            raise UnknownScene(f"{name}: what does {rest} stand for? Give {base}:NAME={rest}")
+            raise UnknownScene(f"{name} names no parameter: give {base}:NAME={rest}")
         return Entry(name, name, f"user's function {name}", licence="the user's")
     raise UnknownScene(
         f"no scene is called {name!r}; {suggestion(name, names())} "
@@ -205,7 +205,7 @@ def _takes_seed(function: Callable[..., Any]) -> bool:
 
 
 def _called(name: str, function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """What another's function returns; if it fails, or ends the process, that is one line."""
+    """What a third party's function returns; SceneError if it fails or would end the process."""
     try:
         made = function(**arguments)
         if isinstance(made, Iterable):
@@ -222,20 +222,20 @@ def _called(name: str, function: Callable[..., Any], arguments: dict[str, Any]) 
 
 
 def _said(error: BaseException) -> str:
-    """An error in one line; one that would have ended the process by its name."""
+    """An error as one line; one that would end the process is shown by its name."""
     if isinstance(error, Exception):
         return reason(error)
     return f"it raised {type(error).__name__}({error})"
 
 
 def _as_scene(name: str, made: Scene | list[Any], parameters: dict[str, Any]) -> Scene:
-    """What a builder returned, as a Scene: another's may return bare polygons."""
+    """What a builder returned, as a Scene: a third party's may return bare polygons."""
     if isinstance(made, Scene):
         return replace(made, parameters=parameters | made.parameters)
     try:
         cleaned = clean(made)
     except TypeError as error:
-        raise SceneError(f"scene {name} returned what are not polygons: {error}") from error
+        raise SceneError(f"scene {name} returned something other than polygons: {error}") from error
     if not len(cleaned.polygons):
         raise SceneError(f"scene {name} holds no polygon")
     return Scene(

@@ -32,8 +32,8 @@ class Scene:
     `polygons` are valid, two-dimensional and oriented (exterior counter-clockwise with y up,
     interiors clockwise); holes are allowed. `dropped` names every geometry of the source that is
     not among them and `repaired` every one that was changed to make it valid. `attributes`, where
-    the source has any, is a table with one row a polygon. `notes` say what was chosen and changed
-    as a whole: the layer, the projection, heights.
+    the source has any, is a table with one row per polygon. `notes` say what was done to the
+    source as a whole: the layer chosen, the projection, heights dropped.
     """
 
     name: str

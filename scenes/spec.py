@@ -70,9 +70,9 @@ def exists(name: str) -> bool:
 
 
 def joined(name: str, **parameters: Any) -> str:
-    """A scene's name with parameters added, so that `load` finds them; those that are None are not.
+    """A scene's name with parameters added, as `load` reads them; None adds nothing.
 
-    Raises SceneError for a value that would be read as several.
+    Raises SceneError for a value that would be read as several parameters.
 
     >>> joined("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
     "town.gpkg:layer=parks,where=kind IN ('a', b=1)"
@@ -81,12 +81,14 @@ def joined(name: str, **parameters: Any) -> str:
     asked = {**given, **{key: str(each) for key, each in parameters.items() if each is not None}}
     text = base + ":" * bool(asked) + ",".join(f"{key}={each}" for key, each in asked.items())
     if parsed(text) != (base, asked):
-        raise SceneError(f"{text} cannot be told apart: put what has a comma before = in brackets")
+        raise SceneError(
+            f"{text} is ambiguous, because ',name=' begins the next parameter: put it in brackets"
+        )
     return text
 
 
 def label(text: str) -> str:
-    """What a scene is called in results: of a file only its name, for it is the same elsewhere.
+    """The scene's name in results: a file without its folder, so that it is the same anywhere.
 
     >>> label("data/town.gpkg:where=height/2 > 3"), label("city:buildings=20")
     ('town.gpkg:where=height/2 > 3', 'city:buildings=20')

@@ -23,7 +23,7 @@ from scenes.scene import Note, SceneError
 _SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
 _HIDDEN = ("defs", "clipPath", "mask", "symbol", "pattern", "marker")
 _STEPS = 8
-"""Chords a curve is drawn with."""
+"""Chords that replace a curve."""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawing is one chunk

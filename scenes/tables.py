@@ -1,4 +1,4 @@
-"""Attribute tables of Arrow as pandas has them, whatever bytes their texts hold."""
+"""Attribute tables of Arrow as pandas tables, even if their texts are not UTF-8."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 def to_pandas(batch: Any) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """A batch of Arrow as a table, and a note on columns whose text is not UTF-8.
 
-    Old Shapefiles and exports of databases have such text; what cannot be read becomes U+FFFD.
-    Neither Arrow nor pandas looks at the bytes before somebody asks for the text.
+    Old Shapefiles and database exports have such text; what cannot be read becomes U+FFFD. Arrow
+    and pandas do not check the bytes before the text is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())
@@ -38,7 +38,7 @@ def to_pandas(batch: Any) -> tuple[pd.DataFrame, tuple[str, ...]]:
 
 
 def _mended(column: Any) -> Any:
-    """A column of text with what is not UTF-8 replaced; of lists of text, nothing."""
+    """A column of text with what is not UTF-8 replaced; other columns become empty."""
     import pyarrow as pa
 
     binary = {pa.string(): pa.binary(), pa.large_string(): pa.large_binary()}.get(column.type)

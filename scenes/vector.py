@@ -130,7 +130,7 @@ def _layer(source: Source) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
     layer = source.layer or _first_with_polygons(layers)
     others = [name for name in known if name != layer]
-    return layer, (f"layer {layer}, not {', '.join(others)}",) if others else ()
+    return layer, (f"layer {layer} (others: {', '.join(others)})",) if others else ()
 
 
 def _first_with_polygons(layers: NDArray[Any]) -> str:
@@ -144,10 +144,10 @@ def _first_with_polygons(layers: NDArray[Any]) -> str:
 
 
 def _true_crs(path: Path, crs: str | None) -> str | None:
-    """The reference system, unless it is GDAL's guess for GeoJSON that names one unknown to it.
+    """The reference system that the file names, where GDAL has put its own guess in its place.
 
-    GeoJSON of 2008 may name a system in `crs`, or say by null that there is none. Where GDAL does
-    not know the name it takes longitude and latitude.
+    GeoJSON of 2008 may name a system in `crs`, or say by null that there is none. If GDAL does not
+    know the name, it takes longitude and latitude.
     """
     if crs != "EPSG:4326" or path.suffix.lower() not in (".geojson", ".json") or path.is_dir():
         return crs
@@ -179,7 +179,7 @@ def _crs_member(path: Path) -> Any:
 
 
 def explain(source: Source, error: Exception) -> str | None:
-    """A better message than the general one for what GDAL says, where there is one."""
+    """A better message than the general one for some errors of GDAL; None for others."""
     text = reason(error)
     if isinstance(error, UnicodeDecodeError):
         return (

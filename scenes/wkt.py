@@ -18,7 +18,7 @@ _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:
-    """One geometry a line, or one geometry over several lines; `#` begins a comment."""
+    """One geometry per line, or one over several lines; `#` begins a comment."""
     whole = _single(source)
     if whole is not None:
         yield whole
@@ -29,7 +29,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _single(source: Source) -> Raw | None:
-    """The file as one geometry, if it is small and not a geometry a line."""
+    """The file as one geometry, if it is small and has not one geometry per line."""
     if source.path.stat().st_size > 10_000_000:
         return None
     text = source.path.read_text(encoding="utf-8", errors="replace").strip()

@@ -49,7 +49,7 @@ def test_a_part_of_a_file(harness, town):
 
 def test_one_line_says_what_was_read(harness, town):
     code, _, err = harness("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
-    line = "town: layer houses, not parks; coordinates as in the file: ETRS89 / TM35FIN(E,N), m"
+    line = "town: layer houses (others: parks); coordinates in ETRS89 / TM35FIN(E,N), m"
     assert code == 0
     assert err.splitlines().count(line) == 1
     assert scene_of("out")["polygons"] == 4
@@ -86,7 +86,7 @@ def test_triangulate_says_what_was_done(harness, town):
     code, out, err = harness("triangulate", town, "-o", "out.parquet")
     assert code == 0
     assert "4 polygons" in out
-    assert f"{town}: layer houses, not parks; coordinates as in the file" in err
+    assert f"{town}: layer houses (others: parks); coordinates in" in err
 
 
 def test_triangulate_takes_text_that_is_not_utf8(harness, tmp_path):

@@ -182,11 +182,11 @@ class TestNotes:
 
     def test_layer_of_several(self, tmp_path):
         path = Path(write(tmp_path / "town.gpkg", POLYGONS[:1], "houses"))
-        assert load(path).notes == ("coordinates as in the file: ETRS89 / TM35FIN(E,N), m",)
+        assert load(path).notes == ("coordinates in ETRS89 / TM35FIN(E,N), m",)
         write(path, POLYGONS[1:], "parks", append=True)
         write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point", append=True)
-        assert load(path).notes[0] == "layer houses, not parks, trees"
-        assert load(path, layer="parks").notes[0] == "layer parks, not houses, trees"
+        assert load(path).notes[0] == "layer houses (others: parks, trees)"
+        assert load(path, layer="parks").notes[0] == "layer parks (others: houses, trees)"
 
     def test_heights(self, tmp_path):
         flat, tall = POLYGONS[0], shapely.force_3d(POLYGONS[1], 4.0)
@@ -203,7 +203,7 @@ class TestNotes:
 
     def test_models_and_cities(self, tmp_path):
         (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
-        assert load(tmp_path / "a.obj").notes == ("each face in its own plane, side by side",)
+        assert load(tmp_path / "a.obj").notes == ("each face flat in its own plane, side by side",)
 
 
 def test_limit(tmp_path):

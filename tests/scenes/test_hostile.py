@@ -165,7 +165,7 @@ def test_what_is_read_whole_has_a_limit(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
     monkeypatch.setenv(limits.VARIABLE, str(2**20))
-    with pytest.raises(SceneError, match="the limit is 1 MiB") as caught:
+    with pytest.raises(SceneError, match="limit is 1 MiB") as caught:
         load(path)
     assert f"set {limits.VARIABLE}={path.stat().st_size}" in str(caught.value)
     monkeypatch.setenv(limits.VARIABLE, "plenty")

@@ -154,7 +154,7 @@ class TestGeoParquet:
         native = geoparquet(tmp_path / "native.parquet", [SQUARE], encoding="polygon")
         for path, message in (
             (tmp_path / "plain.parquet", "no geometry column"),
-            (native, "encoded as polygon"),
+            (native, "has the encoding polygon"),
             (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as GeoParquet"),
         ):
             with pytest.raises(SceneError, match=message):

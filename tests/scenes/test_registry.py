@@ -171,7 +171,7 @@ class TestFunctions:
             ("own_scenes:fails", "failed: no luck"),
             ("own_scenes:ends", r"failed: it raised SystemExit\(0\)"),
             ("own_scenes:wrong", "returned int, not a Scene or polygons"),
-            ("own_scenes:words", "returned what are not polygons"),
+            ("own_scenes:words", "returned something other than polygons"),
             ("own_scenes:nothing", "holds no polygon"),
             ("own_scenes:number", "is not a function"),
             ("own_scenes:nowhere", "has no attribute 'nowhere'"),
@@ -179,7 +179,7 @@ class TestFunctions:
             ("own_scenes:whole:count=3", "it has none"),
             ("no_such_module:f", "No module named 'no_such_module'"),
             ("ends_at_once:f", r"cannot be imported: it raised SystemExit\(0\)"),
-            ("city:buildings", "Give city:NAME=buildings"),
+            ("city:buildings", "give city:NAME=buildings"),
         ],
     )
     def test_failures_are_one_clear_line(self, module, name, message):

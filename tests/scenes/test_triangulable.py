@@ -1,9 +1,11 @@
 """Every scene, framed and triangulated by all that there is, passes the verifier."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
-from harness.frame import View, make_frame
+from harness.frame import Frame, View, make_frame
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.names import parse
 from scenes import load
@@ -19,12 +21,17 @@ SCENES = (
 )
 
 
+@cache
+def frame_of(scene: str) -> Frame:
+    return make_frame(load(scene).polygons, View(resolution=512))
+
+
 @pytest.mark.parametrize("name", names(available_only=True))
 @pytest.mark.parametrize("scene", SCENES)
 def test_scene_by_triangulator(scene, name, monkeypatch):
     # `listed` keeps sets of triangulations: minutes for its most; the benchmarks let it do these.
     monkeypatch.setattr("triangulators.exhaustive.MOST_PAPER", 500)
-    frame = make_frame(load(scene).polygons, View(resolution=512))
+    frame = frame_of(scene)
     result = triangulate_polygons(parse(name), frame.polygons)
     assert result.failed == []
     done = [part for part in result.parts if part is not None]
