@@ -42,6 +42,12 @@ class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
     exit_code = NOTHING_MEASURED
 
 
+class Inconclusive(HarnessError):  # noqa: N818 - says what came out
+    """What was measured is too noisy to say anything."""
+
+    exit_code = INCONCLUSIVE
+
+
 class ReaderGone(BaseException):
     """Nobody reads what is written to standard output any more.
 

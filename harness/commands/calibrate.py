@@ -11,6 +11,7 @@ from rich.table import Table
 
 from harness import rasterisers
 from harness.commands.options import CALIBRATIONS, Quiet, Seed
+from harness.errors import Inconclusive
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import TimingSettings
@@ -74,7 +75,7 @@ def calibrate(
         "work": work,
         **described,
     }
-    study.write(fit, validation, facts, file)
+    file = study.write(fit, validation, facts, file)
     table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
     for heading in ("term", "coefficient", "95 % interval", "unit"):
         table.add_column(heading)
@@ -83,10 +84,12 @@ def calibrate(
         table.add_row(term, f"{fit.coefficients[term]:.3g}", f"{low:.3g} to {high:.3g}", unit)
     console = Console(highlight=False)
     console.print(table)
-    console.print(
-        f"R2 on {validation.draws} draws of {validation.polygons} held-out polygons: "
-        f"{validation.r2_over:.4f} over polygons, {validation.r2_within:.4f} within"
-    )
+    console.print(str(validation))
+    if not validation.good:
+        raise Inconclusive(
+            f"the fit is refused, for R2 below {study.LEAST_R2:g} would follow noise: close other "
+            f"programs, or draw longer, e.g. --budget {4 * budget:g}; kept in {file}"
+        )
     console.print(f"calibration: {file}", markup=False, soft_wrap=True)
 
 

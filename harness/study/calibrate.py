@@ -34,6 +34,10 @@ GROUP = 24
 HELD_OUT = ("ear-clipping", "delaunay", "optimal:half-perimeter", "worst:half-perimeter")
 RANDOM = 12
 
+LEAST_R2 = 0.8
+"""A fit that explains less than this share of the held-out draws' variance, over polygons or within
+them, is refused: its optimum would follow the noise. Quiet machines reach 0.98 both ways."""
+
 
 @dataclass(frozen=True)
 class Validation:
@@ -46,6 +50,18 @@ class Validation:
     r2_within: float
     polygons: int
     draws: int
+
+    def __str__(self) -> str:
+        """How well the held-out draws are predicted."""
+        return (
+            f"R2 on {self.draws} draws of {self.polygons} held-out polygons: "
+            f"{self.r2_over:.4f} over polygons, {self.r2_within:.4f} within"
+        )
+
+    @property
+    def good(self) -> bool:
+        """Whether `LEAST_R2` is reached both ways; never where a figure is not a number."""
+        return self.r2_over >= LEAST_R2 and self.r2_within >= LEAST_R2
 
 
 def calibrate(
@@ -166,12 +182,19 @@ def time_draws(
     return ratios, seconds
 
 
-def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path) -> None:
-    """Write a calibration file: the fit, how it did on held-out polygons, and of what device."""
+def write(
+    fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path
+) -> Path:
+    """Write a calibration file: the fit, how it did on held-out polygons, and of what device.
+
+    A fit that is not good goes to `<name>.refused.json` beside it, so that it can be looked at and
+    an older, good calibration stays. Returns the file.
+    """
     content = {
         "schema_version": 1,
         "device": device,
         **fit.to_json(),
+        "refused": not validation.good,
         "held_out": {
             "r2_over_polygons": validation.r2_over,
             "r2_within_polygons": validation.r2_within,
@@ -179,8 +202,11 @@ def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], 
             "draws": validation.draws,
         },
     }
+    if not validation.good:
+        file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(content, indent=2) + "\n")
+    return file
 
 
 def read_coefficients(file: Path) -> dict[str, float]:
@@ -189,14 +215,17 @@ def read_coefficients(file: Path) -> dict[str, float]:
     Raises
     ------
     UsageError
-        if it is missing or no calibration
+        if it is missing, no calibration, or was refused when it was made
     """
     try:
-        stored = json.loads(file.read_text())["coefficients"]
+        content = json.loads(file.read_text())
+        if content.get("refused"):
+            raise UsageError(f"{file} was refused: it fits too badly; repeat harness calibrate")
+        stored = content["coefficients"]
         # A file that is older than D, Q, P and R gives them no weight.
         since = dict.fromkeys(calibration.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in calibration.TERMS}
     except FileNotFoundError:
         raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{file} is not a calibration: {error!r}") from error

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely import box
 
-from harness.errors import UsageError
+from harness.errors import INCONCLUSIVE, UsageError
 from harness.measuring.processes import Bench
 from harness.study import calibration
 from harness.study.calibrate import (
@@ -98,8 +98,38 @@ def test_a_calibration_is_written_and_read_back(tmp_path, designed_draws_0):
     design, sets = designed_draws_0
     fit = calibration.fit(design, design @ TRUE, sets, resamples=5)
     file = tmp_path / "made" / "device.json"
-    write(fit, Validation(0.99, 0.95, 24, 384), {"name": "made"}, file)
+    assert write(fit, Validation(0.99, 0.95, 24, 384), {"name": "made"}, file) == file
     assert read_coefficients(file) == pytest.approx(fit.coefficients)
+
+
+@pytest.mark.parametrize(("over", "within"), [(0.99, -35.0), (0.7, 0.9), (0.99, float("nan"))])
+def test_a_poor_fit_is_refused_and_leaves_the_good_one(tmp_path, designed_draws_0, over, within):
+    design, sets = designed_draws_0
+    fit = calibration.fit(design, design @ TRUE, sets, resamples=5)
+    good = write(fit, Validation(0.99, 0.95, 24, 384), {}, tmp_path / "device.json")
+    before = good.read_bytes()
+    refused = write(fit, Validation(over, within, 24, 384), {}, good)
+    assert refused.name == "device.refused.json"
+    assert good.read_bytes() == before
+    with pytest.raises(UsageError, match=r"refused.*repeat harness calibrate"):
+        read_coefficients(refused)
+
+
+def test_the_command_refuses_a_poor_fit(harness, block, tmp_path, monkeypatch, designed_draws_0):
+    design, sets = designed_draws_0
+    fit = calibration.fit(design, design @ TRUE, sets, resamples=5)
+
+    def measured(backend, bench, *_):
+        bench.open(backend)
+        return fit, Validation(0.9, -35.0, 24, 384)
+
+    monkeypatch.setattr("harness.study.calibrate.calibrate", measured)
+    file = tmp_path / "device.json"
+    code, out, err = harness("calibrate", "--scene", str(block), "--out", str(file))
+    assert code == INCONCLUSIVE
+    assert "-35.0000 within" in out
+    assert "--budget 0.8" in " ".join(err.split())
+    assert not file.exists()
 
 
 @pytest.mark.parametrize("content", [None, "{}", "no JSON", '{"coefficients": {"draw": "x"}}'])
