@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Timer
 from typing import Annotated
 
 import typer
@@ -12,6 +13,9 @@ from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.progress import Reporter
 from harness.triangulating.database import ModelDatabase
+
+SAID_AFTER_S = 3.0
+COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
 
 
 def triangulate(
@@ -71,6 +75,14 @@ def triangulate(
         except ValueError:
             height = extrude
     database = ModelDatabase(say=reporter.warn) if cached else None
+    compiling = Timer(SAID_AFTER_S, lambda: reporter.say(COMPILING))
+    compiling.daemon = True
+    compiling.start()
+
+    def counted(polygons: int) -> None:
+        compiling.cancel()
+        counting(polygons)
+
     try:
         with reporter.counting(f"triangulating {file}") as counting:
             report = export_file(
@@ -83,10 +95,11 @@ def triangulate(
                 where=where,
                 limit=limit,
                 database=database,
-                progress=counting,
+                progress=counted,
                 certify=certify,
             )
     finally:
+        compiling.cancel()
         if database is not None:
             database.close()
     if report.notes:

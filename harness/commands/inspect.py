@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 
@@ -42,6 +44,7 @@ def inspect(
     frame = make_frame([loaded.polygons[polygon]], View(resolution, rotation))
     if not frame.polygons:
         raise UsageError(f"polygon {polygon} of {scene}: {frame.dropped[0][1]}")
+    frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
     drawn = {}
     console = Console(highlight=False)
     for recipe in recipes:

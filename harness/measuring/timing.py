@@ -122,10 +122,11 @@ def self_test(big_draw: Timeable) -> TimerTest:
         return TimerTest("wall", wall, None, resolution, "the device has no GPU timer")
     gpu = statistics.median(gpu_samples) / repeats
     apart = abs(gpu - wall) / wall
-    figures = f"GPU timer {gpu * 1e3:.3f} ms, wall clock {wall * 1e3:.3f} ms"
+    figures = f"{gpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
     if apart > AGREEMENT:
-        return TimerTest("wall", wall, gpu, resolution, f"{figures}: they disagree")
-    return TimerTest("gpu", wall, gpu, 1e-9, f"{figures}: they agree")
+        reason = f"the driver's GPU timer tells another time: {figures}"
+        return TimerTest("wall", wall, gpu, resolution, reason)
+    return TimerTest("gpu", wall, gpu, 1e-9, f"the GPU timer saw {figures}")
 
 
 def time_together(

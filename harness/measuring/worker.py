@@ -148,10 +148,15 @@ class Worker:
             self._connection.send((function, arguments))
         except OSError:
             self._died(written)
-        # What the task needs of the harness is imported first, which is not the task's time.
-        answer = self._receive(written, START_S, None)
-        if answer is None:
-            answer = self._receive(written, timeout_s, tick)
+        try:
+            # What the task needs of the harness is imported first, which is not the task's time.
+            answer = self._receive(written, START_S, None)
+            if answer is None:
+                answer = self._receive(written, timeout_s, tick)
+        except KeyboardInterrupt:
+            # What the process still sends would be taken for the next task's answer.
+            self._end(at_once=True)
+            raise
         done, result = answer
         if done:
             value: T = result

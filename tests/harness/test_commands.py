@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pandas as pd
 import pytest
 import trimesh
 
+from harness.commands.export import COMPILING
+from harness.export.triangulation import triangulate_batch
 from tests.harness.test_cli import MOCK, assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -91,6 +94,31 @@ def test_inspect_draws_a_picture(harness, block):
     code, _, err = harness("inspect", "--scene", str(block), "--polygon", "9")
     assert code == 2
     assert_one_line(err, "polygons 0 to 2")
+
+
+def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
+    told = []
+    monkeypatch.setattr(
+        "harness.heatmaps.draw_heatmaps", lambda frame, *_: told.extend(frame.source.tolist())
+    )
+    assert harness("inspect", "--scene", str(block), "--polygon", "2")[0] == 0
+    assert told == [2]
+
+
+def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
+    monkeypatch.setattr("harness.commands.export.SAID_AFTER_S", 0.0)
+    monkeypatch.setattr("harness.export.export.triangulate_batch", _slowly(triangulate_batch))
+    code, _, err = harness("triangulate", str(block), "-o", "block.obj")
+    assert code == 0
+    assert COMPILING in err
+
+
+def _slowly(function):
+    def call(*arguments, **options):
+        time.sleep(0.2)
+        return function(*arguments, **options)
+
+    return call
 
 
 def test_enumerate_refuses_what_has_too_many_triangulations(harness):

@@ -107,6 +107,15 @@ def test_ticks_say_how_long_it_takes(worker):
     assert waited
 
 
+def test_an_interrupted_task_answers_no_later_one(worker):
+    def interrupt(waited: float) -> None:  # noqa: ARG001 - a tick is told it
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        worker.call(sleep, 5.0, tick=interrupt)
+    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+
+
 @pytest.mark.parametrize("code", [0, 3])
 def test_an_exit_is_a_failure_whatever_its_code(worker, code):
     with pytest.raises(TaskFailed, match=rf"^SystemExit: {code}$"):

@@ -119,10 +119,13 @@ function drawGallery() {
   const [a, b] = [$("left").value, $("right").value];
   const [p, q] = [costsOf(a), costsOf(b)];
   const shown = mostDifferent(a, b).slice(0, THUMBNAILS);
-  $("gallery").replaceChildren(...shown.map((k) => {
-    const map = mapOf(k, b) ?? mapOf(k, a);
+  const maps = shown.map((k) => mapOf(k, b) ?? mapOf(k, a));
+  // One scale for all: a shade means the same in every thumbnail.
+  const most = maps.reduce((value, map) => (map ? Math.max(value, largest(map.values)) : value), 1);
+  $("gallery").replaceChildren(...shown.map((k, i) => {
+    const map = maps[i];
     const canvas = element("canvas", { "aria-hidden": "true" });
-    if (map) paint(canvas, map, largest(map.values), Math.max(1, Math.floor(110 / Math.max(map.at.width, map.at.height))), false);
+    if (map) paint(canvas, map, most, Math.max(1, Math.floor(110 / Math.max(map.at.width, map.at.height))), false);
     const told = p && q ? `${number(p[k])} → ${number(q[k])}` : "";
     const button = element("button", { type: "button", value: k, "aria-pressed": "false" }, canvas, `Polygon ${polygonName(k)}`, element("span", {}, told));
     button.addEventListener("click", () => { showPolygon(k); });
