@@ -29,9 +29,10 @@ class Entry:
 
     `function` is `module:function`; built-in functions take (boundary, **parameters),
     a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
-    `default_criterion` where none is given; `conforms` whether its triangulations have no
-    T-junctions: a library's result is passed on as it is. `needs` is a module that must be
-    importable, `install` the line that provides it.
+    `default_criterion` where none is given; `any_shape` whether it does every polygon without holes
+    or skips some; `conforms` whether its triangulations have no T-junctions: a library's result is
+    passed on as it is. `needs` is a module that must be importable, `install` the line that provides
+    it.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Entry:
     handles_holes: bool = True
     criteria: bool = False
     default_criterion: str = "overdraw"
+    any_shape: bool = True
     conforms: bool = True
     needs: str | None = None
     install: str | None = None
@@ -70,12 +72,14 @@ BUILTIN = {
             "a fan from a vertex that sees the whole polygon",
             "triangulators.fan:triangulate",
             handles_holes=False,
+            any_shape=False,
         ),
         Entry(
             "strip",
             "a zigzag of diagonals, where some start allows it",
             "triangulators.strip:triangulate",
             handles_holes=False,
+            any_shape=False,
         ),
         Entry(
             "ear-clipping",

@@ -182,9 +182,7 @@ def time_draws(
     return ratios, seconds
 
 
-def write(
-    fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path
-) -> Path:
+def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path) -> Path:
     """Write a calibration file: the fit, how it did on held-out polygons, and of what device.
 
     A fit that is not good goes to `<name>.refused.json` beside it, so that it can be looked at and

@@ -69,7 +69,8 @@ def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
     if not fit:
         raise UsageError(
             f"{scene.name} has no polygon without holes of {FEWEST_VERTICES} to "
-            f"{design.most_vertices} vertices to study"
+            f"{design.most_vertices} vertices; a study needs some with many triangulations: "
+            "give another scene or file"
         )
     steps = np.linspace(0, len(fit) - 1, min(design.polygons, len(fit)))
     chosen = dict.fromkeys(fit[round(step)] for step in steps.tolist())

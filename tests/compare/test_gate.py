@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from harness.compare.html import to_html
 from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import to_markdown
+from harness.compare.outcomes import decide
 from harness.compare.rows import groups
 from harness.compare.settings import Settings
 from harness.compare.wording import headline
@@ -167,6 +169,12 @@ def test_a_drift_on_the_threshold_is_let_pass(tmp_path):
     assert {case.time.outcome for case in below.cases} == {"regressed"}
     assert [drift.outcome for drift in below.drifts] == ["regressed"]
     assert below.exit_code == 1
+
+
+def test_an_improvement_must_exceed_the_threshold_too():
+    bound = math.log1p(0.25)
+    assert decide(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
+    assert decide(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
 
 
 @pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])

@@ -82,7 +82,8 @@ def test_what_a_set_of_polygons_has_in_common_bends_the_fit_little(designed_draw
     found = np.array([fit.coefficients[name] for name in calibration.TERMS])
     logs = [np.log(design @ coefficients) for coefficients in (TRUE, found)]
     r2 = calibration.r_squared_within(np.exp(logs[0]), np.exp(logs[1]), sets)
-    assert r2 > 0.98
+    # With the weight of what is shared at 1 instead of `BETWEEN`, it is 0.9935.
+    assert r2 > 0.9975
 
 
 def test_r2_within_polygons_is_blind_to_their_size():

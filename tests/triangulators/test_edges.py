@@ -9,6 +9,7 @@ from tests.triangulators.cases import convex, random_simple, shared, smooth, sta
 from triangulators import criteria, edges, triangulate, vertices
 from triangulators.cost import cost_of
 from triangulators.dense import box_optimum
+from triangulators.features import FEATURES
 from triangulators.polygon import boundary
 from triangulators.predicates import on_grid
 from triangulators.small_ring import grid_unit
@@ -99,6 +100,24 @@ def test_on_frames_the_optimum_is_that_of_the_table_of_triangles_exactly():
             assert criterion.total(outline.points, now) == criterion.total(ring, before)
             compared += 1
     assert compared > 100
+
+
+def test_a_mixture_of_boxes_and_edges_is_exact_in_the_dense_table():
+    """A diagonal is an edge of two triangles, a side of the boundary of one."""
+    weights = np.zeros(len(FEATURES))
+    weights[FEATURES.index("bbox_area")], weights[FEATURES.index("edge_length")] = 1.0, 30.0
+    mixture = criteria.Criterion("mixture", "", tuple(weights))
+    random = np.random.default_rng(5)
+    differ = 0
+    for _ in range(60):
+        polygon = random_simple(random, 9, 30)
+        ring = (outline := boundary(polygon)).points[outline.edges[:, 0]]
+        found = mixture.total(ring, box_optimum(ring, np.array([0.0, 1.0, 30.0]), 0.0))
+        every = triangulate(polygon, "exhaustive", criterion=mixture)
+        assert found == pytest.approx(mixture.total(vertices(polygon), every), rel=1e-12)
+        single = mixture.total(ring, box_optimum(ring, np.array([0.0, 1.0, 15.0]), 0.0))
+        differ += found < single * (1 - 1e-9)
+    assert differ > 5
 
 
 def test_grid_unit_is_the_coarsest():

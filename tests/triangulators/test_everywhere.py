@@ -18,10 +18,6 @@ from triangulators.verify import verify
 LISTING = {"exhaustive": 9, "listed": 9, "pareto": 14}
 """Vertices up to which those are tried here that keep all triangulations, or a front of them."""
 
-BY_SHAPE = ("fan", "strip")
-"""What may skip a polygon without holes, however few vertices it has."""
-
-
 CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
 LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
 
@@ -57,7 +53,7 @@ def check(polygon, label):
             triangles = triangulate(polygon, name)
         except Skipped:
             holed = polygon.interiors and not entry.handles_holes
-            assert entry.name in BY_SHAPE or holed or len(points) > 1500, (label, name)
+            assert not entry.any_shape or holed or len(points) > 1500, (label, name)
             continue
         result = verify(polygon, triangles)
         assert result.ok, (label, name, result.problems)
