@@ -31,8 +31,8 @@ class Entry:
     a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
     `default_criterion` where none is given; `any_shape` whether it does every polygon without holes
     or skips some; `conforms` whether its triangulations have no T-junctions: a library's result is
-    passed on as it is. `needs` is a module that must be importable, `install` the line that provides
-    it.
+    passed on as it is. `needs` is a module that must be importable, `install` the line that
+    provides it.
     """
 
     name: str

@@ -108,7 +108,7 @@ def test_ticks_say_how_long_it_takes(worker):
 
 
 def test_an_interrupted_task_answers_no_later_one(worker):
-    def interrupt(waited: float) -> None:  # noqa: ARG001 - a tick is told it
+    def interrupt(waited: float) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
