@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from harness.compare.quantiles import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
-from harness.stored.folder import Record, Run, read_run
+from harness.stored.folder import Record, Run, parsed, read_run
 
 STUDIES = ("validate", "pareto", "calibrate")
 """Commands whose runs measure thousands of triangulations of single polygons, each once."""
@@ -96,7 +95,7 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
 def read_facts(path: Path) -> dict[str, Any]:
     """Return what a run's `run.json` holds, {} where it cannot be read: `read_run` tells."""
     try:
-        facts = json.loads((path / "run.json").read_bytes())
+        facts = parsed((path / "run.json").read_bytes())
     except (OSError, ValueError):
         return {}
     return facts if isinstance(facts, dict) else {}

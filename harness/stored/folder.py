@@ -209,6 +209,20 @@ class Store:
                 raise
 
 
+def parsed(content: bytes) -> Any:
+    """Read JSON; halves of surrogate pairs, which cannot be written again, become question marks.
+
+    Raises
+    ------
+    ValueError
+        if it is not JSON
+    """
+    value = json.loads(content)
+    if b"\\u" not in content and b"\xed" not in content:
+        return value
+    return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
+
+
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
 
@@ -228,7 +242,7 @@ def read_run(path: Path) -> Run:
     with clear_errors(path):
         if facts_file.exists():
             try:
-                found = json.loads(facts_file.read_bytes())
+                found = parsed(facts_file.read_bytes())
                 facts = found if isinstance(found, dict) else {}
                 if found is not facts:
                     problems.append(f"{facts_file} does not hold an object")
@@ -260,7 +274,7 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
     records: dict[str, Record] = {}
     for number, line in enumerate(content[:whole].splitlines(), start=1):
         try:
-            record = json.loads(line)
+            record = parsed(line)
             key = record["key"]
             if not isinstance(key, str):
                 raise TypeError(key)
