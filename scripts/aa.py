@@ -1,13 +1,13 @@
 """Compares equal code with itself as CI does, while other programs start and stop.
 
-    python scripts/aa.py --pairs 100 --dearer 20 --out results/aa
+    python scripts/aa.py --pairs 100 --slower 20 --out results/aa
 
 A pair is one `run --beside HEAD --draw-twice`, so that every drawing is there twice, and its
 `compare`. In every other pair a program that keeps a core busy starts or stops on the way. Of the
-dearer pairs, one of HEAD's drawings has 3 % of its triangles drawn twice, which no counter sees.
+slower pairs, one of HEAD's drawings has 3 % of its triangles drawn twice, which no counter sees.
 Each pair's exit code and time are appended to `pairs.csv`; a series that was stopped goes on.
 
-Ends with 1 if equal code was called a regression or dearer code was not.
+Ends with 1 if equal code was called a regression or slower code was not.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parent.parent
 TRIANGULATORS = "ear-clipping,delaunay,sweep,mine:cut"
 HEAVY = "tests.compare.heavy:HeavyOpenGL"
 WHICH = "2"
-"""Place of HEAD's drawing that is dearer, in the order above."""
+"""Place of HEAD's drawing that is slower, in the order above."""
 
 MINE = "from triangulators import triangulate\ndef cut(p): return triangulate(p, 'greedy')\n"
 BUSY = "while True: sum(range(100_000))"
@@ -42,21 +42,21 @@ def main() -> int:
     file = out / "pairs.csv"
     done = _done(file)
     wanted = [(n, 0.0) for n in range(options.pairs)]
-    wanted += [(n, options.share) for n in range(options.dearer)]
+    wanted += [(n, options.share) for n in range(options.slower)]
     for number, share in wanted:
         if (str(number), str(share)) not in done:
             _append(file, _pair(project, out / "reports", number, share, options.run))
     rows = _rows(file)
     equal = Counter(row["exit_code"] for row in rows if float(row["share"]) == 0)
-    dearer = Counter(row["exit_code"] for row in rows if float(row["share"]) > 0)
-    print(f"equal code, exit codes: {dict(equal)}; dearer code: {dict(dearer)}")
-    return int(equal["1"] > 0 or dearer["1"] < dearer.total())
+    slower = Counter(row["exit_code"] for row in rows if float(row["share"]) > 0)
+    print(f"equal code, exit codes: {dict(equal)}; slower code: {dict(slower)}")
+    return int(equal["1"] > 0 or slower["1"] < slower.total())
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--pairs", type=int, default=100, help="of equal code")
-    parser.add_argument("--dearer", type=int, default=20, help="pairs with more work in HEAD")
+    parser.add_argument("--slower", type=int, default=20, help="pairs with more work in HEAD")
     parser.add_argument("--share", type=float, default=0.03, help="how much more")
     parser.add_argument("--run", default="--scene city", help="options of harness run")
     parser.add_argument("--out", type=Path, default=Path("results/aa"))

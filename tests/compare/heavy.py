@@ -18,7 +18,7 @@ EXTRA = "HEAVY_EXTRA"
 """Environment variable: the share of a drawing's triangles that is drawn twice, e.g. 0.1."""
 
 WHICH = "HEAVY_DRAWING"
-"""Environment variable: which triangulation of a run, in the order of its plan, is the dear one."""
+"""Environment variable: which triangulation of a run, in the order of its plan, does more work."""
 
 SCENE = 1000
 """The self-test and the reference are smaller than this many triangles, a scene is not."""

@@ -137,7 +137,7 @@ def plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
     }
 
 
-def dearer(share: float, *, time: float | None = None) -> Edit:
+def costlier(share: float, *, time: float | None = None) -> Edit:
     """Return an edit that adds `share` to quads and, if given, `time` to every sample."""
 
     def edit(entry: dict[str, Any]) -> None:

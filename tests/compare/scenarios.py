@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.compare.runs import MACHINE, beside, dearer, failed, old, plan, slower, write_run
+from tests.compare.runs import MACHINE, beside, costlier, failed, old, plan, slower, write_run
 
 
 class Scenario(NamedTuple):
@@ -27,7 +27,7 @@ def equal_runs() -> None:
 
 def real_regression() -> None:
     write_run(BASE, seed=1)
-    edits = {"ear-clipping": dearer(0.09, time=0.12), "delaunay": dearer(-0.02, time=-0.09)}
+    edits = {"ear-clipping": costlier(0.09, time=0.12), "delaunay": costlier(-0.02, time=-0.09)}
     write_run(HEAD, seed=2, edits=edits)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.compare.runs import dearer, failed, plan, slower, write_run
+from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT
 
@@ -102,7 +102,7 @@ def test_a_driver_update_is_reported_not_refused(runs):
 
 
 def test_thresholds_let_growth_pass(runs, harness):
-    assert runs(edits={"fan": dearer(0.02)})[0] == 1
+    assert runs(edits={"fan": costlier(0.02)})[0] == 1
     loose = ("--threshold", "quads=2%", "--threshold", "helper_lanes=10%")
     assert harness("compare", "base", "head", *loose)[0] == 0
     assert harness("compare", "base", "head", *loose[:2])[0] == 1
@@ -124,7 +124,7 @@ def test_settings_come_from_the_project_and_options_win(runs, harness):
         '[tool.raster-harness]\ngate = "counters"\n'
         '[tool.raster-harness.threshold]\nquads = "3%"\nhelper_lanes = "10%"\n'
     )
-    assert runs(edits={"fan": dearer(0.02), "delaunay": slower(0.2)})[0] == 0
+    assert runs(edits={"fan": costlier(0.02), "delaunay": slower(0.2)})[0] == 0
     assert harness("compare", "base", "head", "--gate", "counters,time")[0] == 1
     assert harness("compare", "base", "head", "--threshold", "quads=1%")[0] == 1
 
@@ -184,7 +184,7 @@ def test_other_scenes_have_nothing_comparable(runs):
 def test_changed_content_is_not_compared(runs):
     def other(entry):
         entry |= {"scene_hash": "0" * 16}
-        dearer(0.5)(entry)
+        costlier(0.5)(entry)
 
     code, out, _ = runs(edits={"*": other})
     assert code == 4
@@ -208,7 +208,7 @@ def test_the_time_of_a_cached_triangulation_is_neither_better_nor_worse(runs, se
 def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     def lost(entry):
         entry |= {"polygons": 499, "reason": "failed polygon 3: boom"}
-        dearer(-0.1)(entry)
+        costlier(-0.1)(entry)
 
     code, out, _ = runs(edits={"fan": lost})
     assert code == 1
@@ -221,7 +221,7 @@ def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
 def test_the_step_summary_is_added_to(runs, monkeypatch):
     Path("summary.md").write_text("before\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
-    assert runs("--markdown", "out/report.md", edits={"fan": dearer(0.1)})[0] == 1
+    assert runs("--markdown", "out/report.md", edits={"fan": costlier(0.1)})[0] == 1
     text = Path("summary.md").read_text()
     assert text == "before\n" + Path("out/report.md").read_text()
     assert "**Regression:** fan on llvmpipe: +10.0 % quads" in text

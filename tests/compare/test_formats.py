@@ -20,7 +20,7 @@ from harness.compare.markdown import LIMIT, MARKER, to_markdown
 from harness.compare.settings import Settings
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
-from tests.compare.runs import TRIANGULATORS, dearer, failed, write_run
+from tests.compare.runs import TRIANGULATORS, costlier, failed, write_run
 from tests.compare.scenarios import SCENARIOS
 from tests.paths import ROOT
 
@@ -56,7 +56,7 @@ def nasty(tmp_path):
             if name == "tab\there":
                 failed("failed", reason)(entry)
             else:
-                dearer(0.1)(entry)
+                costlier(0.1)(entry)
 
         return edit
 
@@ -141,7 +141,7 @@ def test_markup_in_names_and_reasons_stays_text(nasty):
 def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_path):
     runs = []
     for name, seed in (("base", 1), ("head", 2)):
-        folder = write_run(tmp_path / name, seed=seed, edits={"fan": dearer(0.1 * (seed - 1))})
+        folder = write_run(tmp_path / name, seed=seed, edits={"fan": costlier(0.1 * (seed - 1))})
         lines = (folder / "cases.jsonl").read_text().splitlines()
         many = []
         for size in range(40):

@@ -15,7 +15,7 @@ from harness.history import find_runs, read_series
 from harness.history.change_points import LEAST_STEP, changes_of_exact, changes_of_noisy
 from harness.history.choosing import MOST
 from harness.history.series import TOGETHER
-from tests.compare.runs import dearer, slower, write_run
+from tests.compare.runs import costlier, slower, write_run
 from tests.harness.test_cli import assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -28,7 +28,7 @@ def year(tmp_path) -> Path:
     for number in range(1, 17):
         edits = {"delaunay": slower(0.12)} if number >= 10 else {}
         if number >= 6:
-            edits["ear-clipping"] = dearer(0.03)
+            edits["ear-clipping"] = costlier(0.03)
         speed = math.exp(rng.normal(0, 0.05))
         # Names that sort in another order than the runs were made.
         write_run(tmp_path / f"run-{99 - number}", seed=number, edits=edits, speed=speed)
@@ -56,7 +56,7 @@ def test_changes_are_where_they_were_made(year):
 def test_a_new_content_is_no_change_of_code(tmp_path):
     def other(entry):
         entry["scene_hash"] = "0" * 16
-        dearer(0.5)(entry)
+        costlier(0.5)(entry)
 
     for number in range(1, 7):
         edits = {"*": other} if number > 3 else {}

@@ -38,7 +38,7 @@ def judge(found, settings=SETTINGS, machines_differ=False):
 
 
 @pytest.mark.parametrize("drift", [0.8, 1.0, 1.25])
-def test_a_dearer_case_is_found_whatever_the_machine_does(drift):
+def test_a_slower_case_is_found_whatever_the_machine_does(drift):
     changes, together = judge(pairs(np.random.default_rng(1), [0, 0, 0.1, 0, 0], drift=drift))
     assert [c.outcome for c in changes] == [*["unchanged"] * 2, "regressed", *["unchanged"] * 2]
     assert changes[2].low < 1.1 < changes[2].high
