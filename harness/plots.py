@@ -87,17 +87,18 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         if (rank := correlation_of_ratios(columns, base, name, measure)) is not None
     }
     panels = _panels(ranks)
-    figure = Figure(figsize=(TWO_COLUMNS, 3.4))
+    figure = Figure(figsize=(TWO_COLUMNS, 3.6))
     axes = figure.subplots(1, len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
         _scatter(panel, columns, base, criterion, measure)
-    axes[0].set_ylabel(f"counted {find(measure).label}, ratio to {base}")
+    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {base}")
     _share_axes(axes[: len(panels)])
     _rank_bars(axes[-1], ranks, measure)
     where = members[0]
     figure.suptitle(
-        f"Which criterion predicts {find(measure).label}? {where['scene']} at "
-        f"{where['resolution']} px, {where['rasteriser']} on {where['device']}; one mark a polygon",
+        f"Which criterion predicts {find(measure).label}? {where['scene']}, "
+        f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
+        "one mark per polygon and triangulator",
         fontsize=9,
     )
     handles, labels = axes[0].get_legend_handles_labels()
@@ -206,7 +207,7 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
         words = f"{ratio.value:.3f}  {1e3 * record['time']['median_s']:.3g} ms"
         panel.annotate(
             words,
-            (max(ratio.value, ratio.high), place),
+            (max(ratio.high, 1.0), place),
             (4, 0),
             textcoords="offset points",
             fontsize=6.5,
@@ -215,7 +216,7 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
     panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
     panel.set_ylim(-0.6, len(pairs) - 0.4)
-    panel.set_xlim(0, 1.55 * max(max(ratio.high, 1.0) for _, ratio in pairs))
+    panel.set_xlim(0, 1.62 * max(max(ratio.high, 1.0) for _, ratio in pairs))
     panel.grid(visible=False, axis="y")
     left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
     note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""

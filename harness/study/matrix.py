@@ -193,9 +193,9 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | Non
             rank = ranks.get((criterion, measure), np.nan)
             panel.set_title(f"rank correlation {rank:.3f}", fontsize=8)
             panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
-            panel.set_ylabel(f"measured {label(measure)}, over median")
+            panel.set_ylabel(f"measured {label(measure)},\nover median")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=5, markerscale=2)
+    figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=2 * len(measures), markerscale=2)
     figure.suptitle(
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: as predicted",
@@ -225,5 +225,4 @@ def _marks(panel: Axes, rows: pd.DataFrame, criterion: str, measure: str) -> Non
             label=name,
             rasterized=True,
         )
-    ends = [float(np.nanmin(x)), float(np.nanmax(x))]
-    panel.plot(ends, ends, color="black", linewidth=0.8, linestyle="--")
+    panel.axline((1, 1), slope=1, color="black", linewidth=0.8, linestyle="--")

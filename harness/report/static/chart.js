@@ -104,7 +104,7 @@ function chartOption(marks, stacked) {
   const every = isRatio() ? marks.flatMap((m) => [m.y, ...m.x]).filter(positive) : null;
   const axis = (name, i, y) => ({
     type: "log", logBase: spread(every ?? marks.map((m) => (y ? m.y : m.x[i]))) > 4 ? 2 : Math.SQRT2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,
-    nameTextStyle: { color: ink }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true,
+    nameTextStyle: { color: ink, fontSize: stacked ? 11 : 12 }, axisLabel: { color: soft, formatter: (v) => String(+v.toPrecision(3)), hideOverlap: true,
       showMinLabel: false, showMaxLabel: false },
     axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } },
     min: every ? Math.min(1, sampleEnds(every)[0]) * 0.94 : (v) => v.min * 0.94,
@@ -126,8 +126,8 @@ function chartOption(marks, stacked) {
     animation: false,
     aria: { enabled: false },
     textStyle: { color: ink, fontFamily: "system-ui, sans-serif" },
-    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: 13, fontWeight: 600, color: ink },
-      left: stacked || !i ? 62 : "55%", top: stacked && i ? "51%" : 8 })),
+    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink },
+      left: stacked ? 4 : i ? "55%" : 62, top: stacked && i ? "51%" : 8 })),
     grid: [panel(0), panel(1)],
     xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
