@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Timer
 
 from rich.console import Console
 from rich.progress import (
@@ -118,6 +119,17 @@ class Reporter:
         with Progress(*columns, TimeElapsedColumn(), console=self.console) as bars:
             task = bars.add_task(title, total=None)
             yield lambda count: bars.update(task, completed=count)
+
+    @contextmanager
+    def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
+        """Show `message` if what follows takes long; gives a function that makes it needless."""
+        timer = Timer(seconds, lambda: self.say(message))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield timer.cancel
+        finally:
+            timer.cancel()
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Stage]:

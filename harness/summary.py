@@ -31,6 +31,10 @@ BARS = (8, 6, 4, 2)
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
 
 
+POLYGONS = ("polygons", "polygons_skipped", "polygons_failed")
+"""Fields of a record that together count a view's polygons."""
+
+
 def print_summary(records: Sequence[Record], console: Console) -> None:
     """Print one table for each group, fastest triangulator first, then what went wrong."""
     for members in groups(records):
@@ -57,7 +61,8 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
     first = records[0]
     title = (
-        f"{first['scene']}, {first['resolution']} px: {first['rasteriser']} on {first['device']}"
+        f"{first['scene']}, {_polygons(first):,} polygons, {first['resolution']} px: "
+        f"{first['rasteriser']} on {first['device']}"
     )
     if first["rotation"]:
         title += f", turned by {first['rotation']:g} degrees"
@@ -115,6 +120,11 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
     return Text("█" * (eighths // 8) + part, style="cyan")
 
 
+def _polygons(record: Record) -> int:
+    """Return how many polygons the view has, drawn or not."""
+    return int(sum(record.get(name) or 0 for name in POLYGONS))
+
+
 def _heading(base: Record | None) -> str:
     name = "" if base is None else base["triangulator"]
     return f"time vs {name}" if len(name) <= len("ear-clipping") else f"vs {name}"
@@ -135,9 +145,10 @@ def _rank(record: Record, base: Record | None, complete: int) -> tuple[bool, flo
 
 
 def _against(record: Record, base: Record | None, complete: int) -> Text:
-    if record is base:
+    if record is base and record["polygons"] == _polygons(record):
         return Text("-")
-    if record["polygons"] != complete:
+    if record is base or record["polygons"] != complete:
+        complete = _polygons(record)
         return Text(f"({record['polygons']} of {complete} polygons)")
     ratio = time_ratio(record, base)
     if ratio is None:

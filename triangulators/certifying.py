@@ -13,7 +13,6 @@ from triangulators.cost import Cost, cost_of, evaluate
 from triangulators.criteria import Criterion
 from triangulators.errors import TriangulationError
 from triangulators.exact import optimum
-from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.proof import SECONDS, prove
 from triangulators.starts import ring_triangulation
@@ -61,7 +60,7 @@ def certify(
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
     if outline.holes == 0 and len(outline.edges) <= TABLE:
         return _by_table(outline, corners, cost)
-    proof = prove(outline, search_cuts(outline.points, corners, cost), cost, seconds)
+    proof = prove(outline, corners, cost, seconds)
     if proof is None:
         total = evaluate(outline.points, corners, cost)
         return Certificate(total, -math.inf, math.inf, False)

@@ -6,6 +6,7 @@ and says whether that could be proven. Beyond the number of vertices, windows of
 clipping and Delaunay are optimised.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -122,21 +123,17 @@ def _search(
             return exact
     proof = None
     if sign > 0.0 and not cost.maximum and len(points) <= PROVEN:
-        proof = _prove(outline, cost, limit, SECONDS, seed)
+        proof = _prove(outline, cost, limit, math.inf)  # the same result on any machine
     if proof is None:
         return search_cuts(points, best_start(outline, cost), cost, seed)
     return proof.triangles
 
 
-def _prove(
-    outline: Boundary, cost: Cost, limit: int, seconds: float, seed: int = 0
-) -> Proof | None:
+def _prove(outline: Boundary, cost: Cost, limit: int, seconds: float) -> Proof | None:
     """Return the optimum of a polygon with holes and evidence for it; None where it is too large.
 
-    What the local search finds is where the linear program starts, and its answer if the program
-    is not solved in time.
+    What the local search finds is the answer if the linear program is not solved in time.
     """
     if outline.holes == 0 or len(outline.edges) > limit:
         return None
-    start = search_cuts(outline.points, best_start(outline, cost), cost, seed)
-    return prove(outline, start, cost, seconds)
+    return prove(outline, best_start(outline, cost), cost, seconds)

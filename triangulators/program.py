@@ -25,6 +25,7 @@ from numba import njit
 from triangulators.candidates import Candidates
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
+_MOST_STEPS = 300_000  # of the simplex method in a round: a limit that is the same on any machine
 _MOST_ADDED = 4000  # constraints added in a round
 
 
@@ -60,6 +61,7 @@ def solve(
     model = highspy.Highs()
     model.setOptionValue("output_flag", False)
     model.setOptionValue("time_limit", seconds)
+    model.setOptionValue("simplex_iteration_limit", _MOST_STEPS)
     model.setOptionValue("presolve", "off")
     model.setOptionValue("primal_feasibility_tolerance", 1e-9)
     model.setOptionValue("dual_feasibility_tolerance", 1e-9)

@@ -1,4 +1,9 @@
-"""Find an optimum and the evidence for it: exclusion, then the linear program, then branching."""
+"""Find an optimum and the evidence for it.
+
+Local minimality excludes most edges. Where what is left connects the polygon's rings, a table
+solves it (`skeleton`); otherwise the linear program does (`program`), and where that is not whole,
+branching.
+"""
 
 from typing import NamedTuple
 
@@ -8,13 +13,16 @@ from triangulators.candidates import Candidates, candidates_of
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
 from triangulators.local_minimality import exclude
+from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
-from triangulators.predicates import turn
 from triangulators.program import Solution, solve
+from triangulators.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.units import Units, costs_of, units_for, weights_of
 
 SECONDS = 60.0  # for the linear programs of one polygon
 _WHOLE = 1e-6
+_MOST_WAYS = 300  # tables of one polygon; the linear program is cheaper then
+_ENDLESS = 2**58  # weight that no triangulation reaches
 
 
 class Proof(NamedTuple):
@@ -28,10 +36,10 @@ class _Search:
     """Branch and bound over one polygon's candidates."""
 
     def __init__(
-        self, candidates: Candidates, weights: np.ndarray, units: Units, seconds: float
+        self, candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units, seconds: float
     ) -> None:
-        self.candidates, self.weights, self.units = candidates, weights, units
-        self.seconds = seconds
+        self.candidates, self.weights, self.cost = candidates, weights, cost
+        self.units, self.seconds = units, seconds
         self.light = weights / units.factor
         self.best = np.empty(0, dtype=np.int64)
         self.least = np.inf
@@ -44,6 +52,18 @@ class _Search:
 
     def node(self, allowed: np.ndarray, depth: int) -> Leaf | Branch:
         """Return evidence for the triangulations made of `allowed` triangles."""
+        parts = parts_of(self.candidates, allowed)
+        if parts.count == 1:
+            table = by_table(self.candidates, self.weights, allowed, parts.cut)
+            if table is not None:
+                self.offer(table.chosen)
+                return Leaf(table.potentials, 0)
+        elif parts.count == 2:
+            across = ways_across(self.candidates, allowed, parts.of)
+            if across is not None and len(across.ways) <= _MOST_WAYS:
+                return self._each_way(allowed, across, depth)
+        if depth == 0:
+            self.offer(self._searched())
         found = solve(self.candidates, self.light, allowed, self.best, self.seconds)
         if found.solved:
             whole = found.share > 1.0 - _WHOLE
@@ -54,6 +74,28 @@ class _Search:
                 return self._branch(allowed, found, depth)
         return self._leaf(allowed, found)
 
+    def _searched(self) -> np.ndarray:
+        """Improve the best by the local search, as a start that the linear program goes on from."""
+        c = self.candidates
+        return _numbers(c, search_cuts(c.points, c.triangles[self.best], self.cost))
+
+    def _each_way(self, allowed: np.ndarray, across: Across, depth: int) -> Leaf | Branch:
+        """Take each way to the other part as given; there must be one."""
+        c = self.candidates
+        found = []
+        for edge in across.ways.tolist():
+            a, b = c.edges[edge].tolist()
+            within = allowed & ~crossed(c.points, c.edges, a, b)[c.sides].any(axis=1)
+            found.append(((a, b), self.node(within, depth + 1)))
+            allowed = allowed & ~(c.sides == edge).any(axis=1)
+        # No triangle is left at this side of the boundary: its potential may be what it likes.
+        potentials = np.zeros(len(c.edges), dtype=np.int64)
+        potentials[across.edge] = int(c.side[across.edge]) * _ENDLESS
+        node: Leaf | Branch = Leaf(potentials, 0)
+        for pair, within_it in reversed(found):
+            node = Branch(pair, node, within_it)
+        return node
+
     def _branch(self, allowed: np.ndarray, found: Solution, depth: int) -> Branch:
         """Branch on the diagonal that is most nearly half chosen."""
         c = self.candidates
@@ -63,8 +105,7 @@ class _Search:
         edge = int(np.argmin(np.abs(chosen - 0.5)))
         a, b = c.edges[edge].tolist()
         without = allowed & ~(c.sides == edge).any(axis=1)
-        crossing = np.array([_cross(c.points, a, b, *pair) for pair in c.edges.tolist()])
-        within = allowed & ~crossing[c.sides].any(axis=1)
+        within = allowed & ~crossed(c.points, c.edges, a, b)[c.sides].any(axis=1)
         return Branch((a, b), self.node(without, depth + 1), self.node(within, depth + 1))
 
     def _leaf(self, allowed: np.ndarray, found: Solution) -> Leaf:
@@ -94,7 +135,7 @@ def prove(
     units = units_for(candidates.points, cost, largest, total, outline.expected_triangles)
     weights = weights_of(candidates.points, candidates.triangles, *cost[:4], *units[:3])
     excluded, alive = exclude(candidates, weights, cost, units)
-    search = _Search(candidates, weights, units, seconds)
+    search = _Search(candidates, weights, cost, units, seconds)
     search.offer(start)
     root = search.node(alive, 0)
     evidence = Evidence(*units[:3], candidates.edges, excluded, root)
@@ -112,11 +153,3 @@ def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:
     low, middle, high = np.sort(triangles.astype(np.int64), axis=1).T
     return (low * n + middle) * n + high
-
-
-def _cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    if {a, b} & {c, d}:
-        return False
-    return turn(points, a, b, c) * turn(points, a, b, d) < 0.0 and (
-        turn(points, c, d, a) * turn(points, c, d, b) < 0.0
-    )

@@ -11,7 +11,8 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     """Split triangles at vertices that lie on their edges; return (m', 3) int32.
 
     Each T-junction is resolved by drawing the vertex to the opposite corner. Area, coverage and
-    winding do not change; triangles without T-junctions keep their place and order.
+    winding do not change; triangles without T-junctions keep their place and order. A sliver whose
+    own corner lies on its opposite edge goes: the triangle on that edge's other side is split there.
     """
     loose = unmatched_edges(outline, triangles)
     if not loose:
@@ -29,7 +30,8 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
         for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
             on_edge = inside.get((int(outline.site[tail]), int(outline.site[head])), [])
             chains.append([tail, *on_edge, head])
-        _split(chains, result)
+        if not any(set(chain[1:-1]) & set(corners) for chain in chains):
+            _split(chains, result)
     return np.array(result, dtype=np.int32).reshape(-1, 3)
 
 

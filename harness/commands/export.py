@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from threading import Timer
 from typing import Annotated
 
 import typer
@@ -75,16 +74,16 @@ def triangulate(
         except ValueError:
             height = extrude
     database = ModelDatabase(say=reporter.warn) if cached else None
-    compiling = Timer(SAID_AFTER_S, lambda: reporter.say(COMPILING))
-    compiling.daemon = True
-    compiling.start()
 
     def counted(polygons: int) -> None:
-        compiling.cancel()
+        needless()
         counting(polygons)
 
     try:
-        with reporter.counting(f"triangulating {file}") as counting:
+        with (
+            reporter.counting(f"triangulating {file}") as counting,
+            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+        ):
             report = export_file(
                 file,
                 out,
@@ -99,13 +98,14 @@ def triangulate(
                 certify=certify,
             )
     finally:
-        compiling.cancel()
         if database is not None:
             database.close()
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
+    if report.flat:
+        reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")
     Console().print(
         f"{out}: {report.polygons:,} polygons, {report.triangles:,} triangles "
         f"in {report.seconds:.1f} s",

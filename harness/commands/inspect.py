@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -38,18 +39,22 @@ def inspect(
     from harness.heatmaps import draw_heatmaps
 
     recipes = parse_all(split_names(triangulator), seed=seed)
-    loaded = load_scene(scene, seed, Reporter())
+    reporter = Reporter()
+    loaded = load_scene(scene, seed, reporter)
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
     frame = make_frame([loaded.polygons[polygon]], View(resolution, rotation))
     if not frame.polygons:
         raise UsageError(f"polygon {polygon} of {scene}: {frame.dropped[0][1]}")
     frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
+    file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")
+    _require_writable(file)
     drawn = {}
     console = Console(highlight=False)
     for recipe in recipes:
         recipe.load()
-        result = triangulate_polygons(recipe, frame.polygons[:1])
+        with reporter.if_long(f"a first run compiles {recipe.base} ..."):
+            result = triangulate_polygons(recipe, frame.polygons[:1])
         part = result.parts[0]
         if part is None:
             console.print(f"{recipe}: {[*result.skipped, *result.failed][0][1]}", markup=False)
@@ -57,12 +62,20 @@ def inspect(
             drawn[str(recipe)] = part
     if not drawn:
         raise UsageError(f"no triangulator given can do polygon {polygon} of {scene}")
-    file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")
     try:
         draw_heatmaps(frame, 0, drawn, file)
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
     console.print(f"picture: {file}", markup=False, soft_wrap=True)
+
+
+def _require_writable(file: Path) -> None:
+    """Refuse a place that cannot be written, before any work is done."""
+    folder = file.parent
+    if not folder.is_dir():
+        raise UsageError(f"cannot write {file}: there is no folder {folder}")
+    if not os.access(file if file.exists() else folder, os.W_OK):
+        raise UsageError(f"cannot write {file}: Permission denied; give another --out")
 
 
 def add_to(app: typer.Typer) -> None:

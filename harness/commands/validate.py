@@ -24,6 +24,9 @@ from harness.triangulating.names import parse_all
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
 
+ENOUGH = 12
+"""Polygons below which a study says that it is a look and no result."""
+
 QUICK = Design(polygons=6, random=10, most_vertices=60)
 
 
@@ -106,7 +109,11 @@ def validate(
         write_report(read_run(folder))
     matrix.print_matrix(correlations, console)
     extremes.print_claim(ends, "overdraw", console)
+    few = table["polygon"].nunique()
+    if few < ENOUGH:
+        console.print(f"{few} polygons say little; by default a study has {Design.polygons}")
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
+    console.print(f"to look at: {folder}/report.html", markup=False, soft_wrap=True)
 
 
 def add_to(app: typer.Typer) -> None:

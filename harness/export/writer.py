@@ -67,7 +67,9 @@ class Output:
             folder = tempfile.TemporaryDirectory(dir=parent, prefix=".raster-harness-")
         except OSError as error:
             reason = error.strerror or error
-            raise UsageError(f"{parent} cannot be written: {reason}; give another -o") from error
+            raise UsageError(
+                f"{parent.resolve()} cannot be written: {reason}; give another -o"
+            ) from error
         self._folder = Path(self._stack.enter_context(folder))
         return self
 

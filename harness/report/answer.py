@@ -71,13 +71,19 @@ def _by_time(records: Sequence[Record]) -> str | None:
     timed = [record for record in records if find("draw_ms")(record) is not None]
     if len(timed) < 2:
         return None
-    ranked = sorted(timed, key=lambda record: find("draw_ms")(record) or 0.0)
+    base = base_of(timed)
+    # In the order of the ranking below it: paired ratios, where there are any.
+    ratios = [time_ratio(record, base) for record in timed]
+    if all(ratios):
+        order = [ratio.value for ratio in ratios if ratio]
+    else:
+        order = [find("draw_ms")(record) or 0.0 for record in timed]
+    ranked = [timed[place] for place in sorted(range(len(timed)), key=order.__getitem__)]
     leader = ranked[0]
     equals = [r["triangulator"] for r in ranked[1:] if not _is_slower(time_ratio(r, leader))]
     beside = ""
     if equals:
         beside = f" (no difference shown to {_listed(equals)})"
-    base = base_of(timed)
     ratio = time_ratio(leader, base)
     name = "" if base is None else base["triangulator"]
     if base is leader:

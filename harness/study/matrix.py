@@ -195,7 +195,13 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | Non
             panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
             panel.set_ylabel(f"measured {label(measure)},\nover median")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles[::-1], labels[::-1], loc="outside lower center", ncols=2 * len(measures), markerscale=2)
+    figure.legend(
+        handles[::-1],
+        labels[::-1],
+        loc="outside lower center",
+        ncols=2 * len(measures),
+        markerscale=2,
+    )
     figure.suptitle(
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: as predicted",

@@ -20,7 +20,7 @@ LABELS = {
     "predicted-vs-measured": [
         "predicted by",
         "the paper&#x27;s overdraw A,",
-        "counted helper lanes, ratio",
+        "counted helper lanes,",
     ],
     "ranking": ["draw time, ratio to", "optimal:half-perimeter"],
 }

@@ -72,7 +72,9 @@ def _changed(triangles: np.ndarray, vertex_count: int, change: dict[str, Any]) -
         shared = set(spoilt[row].tolist()) & set(spoilt[other].tolist())
         if len(shared) == 2:
             a, b = sorted(shared)
-            c, d = (next(v for v in spoilt[k].tolist() if v not in shared) for k in (row, other))
-            for k, (p, q, r) in ((row, (a, c, d)), (other, (b, c, d))):
-                spoilt[k] = (p, q, r)
+            # A triangle that was spoilt before may have a corner twice, and so no third one.
+            third = [[v for v in spoilt[k].tolist() if v not in shared] for k in (row, other)]
+            if all(third):
+                (c, *_), (d, *_) = third
+                spoilt[row], spoilt[other] = (a, c, d), (b, c, d)
     return spoilt

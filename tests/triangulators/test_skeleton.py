@@ -1,0 +1,99 @@
+"""Tables over what local minimality leaves prove the same optimum as the linear program does."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.triangulators.cases import glyphs, with_holes
+from triangulators import criteria, program, proof, skeleton
+from triangulators.candidates import candidates_of
+from triangulators.certificate import Branch, Leaf
+from triangulators.certifying import certificate_of
+from triangulators.cost import cost_of
+from triangulators.polygon import boundary, boundary_area
+from triangulators.proof import prove
+from triangulators.starts import best_start
+
+
+def posed(polygon, name="half-perimeter"):
+    outline = boundary(polygon)
+    criterion = criteria.find(name)
+    return outline, cost_of(criterion, boundary_area(outline), outline.expected_triangles)
+
+
+def proven(polygon, name="half-perimeter"):
+    """Return the cost of the optimum that is found, and the evidence; it must be proven."""
+    outline, cost = posed(polygon, name)
+    found = prove(outline, best_start(outline, cost), cost)
+    certificate = certificate_of(outline, found.triangles, cost, found.evidence)
+    assert certificate.proven, polygon.wkt
+    return certificate.cost, found.evidence
+
+
+def annulus(n: int, seed: int) -> shapely.Polygon:
+    """Return a ring with many locally minimal diagonals: next to none can be excluded."""
+    rng = np.random.default_rng(seed)
+    rings = []
+    for radius in (100, 70):
+        turn = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+        rings.append(np.rint(radius * np.column_stack([np.cos(turn), np.sin(turn)]) * 256) / 256)
+    return shapely.Polygon(rings[0], [rings[1]])
+
+
+def holed() -> list[shapely.Polygon]:
+    rng = np.random.default_rng(4)
+    found = [with_holes(rng, 8, int(rng.integers(1, 5))) for _ in range(25)]
+    return found + [polygon for _, polygon in glyphs("B8%&") if polygon.interiors]
+
+
+@pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])
+def test_the_table_finds_what_the_program_finds(monkeypatch, name):
+    by_table = [proven(polygon, name) for polygon in holed()]
+    assert sum(isinstance(evidence.root, Leaf) for _, evidence in by_table) > 20
+    apart = skeleton.Parts(9, np.empty(0), np.empty(0))
+    monkeypatch.setattr(proof, "parts_of", lambda *_: apart)
+    for polygon, (cost, _) in zip(holed(), by_table, strict=True):
+        assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
+
+
+def test_connected_skeletons_need_no_program(monkeypatch):
+    monkeypatch.setattr(program, "highspy", None)
+    needed = 0
+    for polygon in holed():
+        try:
+            proven(polygon)
+        except AttributeError:
+            needed += 1
+    assert needed <= 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
+    polygon = annulus(12, seed)
+    outline, cost = posed(polygon)
+    everything = candidates_of(outline, best_start(outline, cost))
+    count = len(everything.triangles)
+    # With nothing excluded the skeleton is the boundary alone, and all ways are many.
+    parts = skeleton.parts_of(everything, np.ones(count, np.bool_))
+    assert parts.count == 2
+    across = skeleton.ways_across(everything, np.ones(count, np.bool_), parts.of)
+    edge = everything.edges[across.edge]
+    assert everything.side[across.edge] != 0
+    assert len(set(across.ways.tolist())) == len(across.ways)
+    ways = everything.edges[across.ways]
+    assert (np.isin(ways, edge).sum(axis=1) == 1).all()
+    assert (parts.of[ways[:, 0]] != parts.of[ways[:, 1]]).all()
+    monkeypatch.setattr(
+        proof, "exclude", lambda *_: (np.empty(0, np.int32), np.ones(count, np.bool_))
+    )
+    cost_each_way, evidence = proven(polygon)
+    assert isinstance(evidence.root, Branch)
+    monkeypatch.undo()
+    assert proven(polygon)[0] == cost_each_way
+
+
+def test_crossed_edges_are_those_of_the_other_diagonal():
+    points = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0), (8.0, 6.0)])
+    edges = np.array([(0, 1), (1, 2), (2, 3), (0, 3), (0, 2), (1, 3), (3, 4)], np.int32)
+    assert skeleton.crossed(points, edges, 0, 2).tolist() == [0, 0, 0, 0, 0, 1, 0]
+    assert skeleton.crossed(points, edges, 1, 2).tolist() == [0, 0, 0, 0, 0, 0, 0]
