@@ -148,7 +148,7 @@ def _against(record: Record, base: Record | None, complete: int) -> Text:
     if record is base and record["polygons"] == _polygons(record):
         return Text("-")
     if record is base or record["polygons"] != complete:
-        complete = _polygons(record)
+        complete = max(complete, _polygons(record))
         return Text(f"({record['polygons']} of {complete} polygons)")
     ratio = time_ratio(record, base)
     if ratio is None:

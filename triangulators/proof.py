@@ -53,12 +53,12 @@ class _Search:
     def node(self, allowed: np.ndarray, depth: int) -> Leaf | Branch:
         """Return evidence for the triangulations made of `allowed` triangles."""
         parts = parts_of(self.candidates, allowed)
-        if parts.count == 1:
+        if parts.number == 1:
             table = by_table(self.candidates, self.weights, allowed, parts.cut)
             if table is not None:
                 self.offer(table.chosen)
                 return Leaf(table.potentials, 0)
-        elif parts.count == 2:
+        elif parts.number == 2:
             across = ways_across(self.candidates, allowed, parts.of)
             if across is not None and len(across.ways) <= _MOST_WAYS:
                 return self._each_way(allowed, across, depth)

@@ -11,8 +11,8 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     """Split triangles at vertices that lie on their edges; return (m', 3) int32.
 
     Each T-junction is resolved by drawing the vertex to the opposite corner. Area, coverage and
-    winding do not change; triangles without T-junctions keep their place and order. A sliver whose
-    own corner lies on its opposite edge goes: the triangle on that edge's other side is split there.
+    winding do not change; triangles without T-junctions keep their place and order. A sliver
+    with a corner on its own opposite edge goes: the triangle across that edge is split there.
     """
     loose = unmatched_edges(outline, triangles)
     if not loose:

@@ -31,7 +31,7 @@ _NOTHING = np.int64(2**58)  # cost where no triangles fit; twice that is still a
 
 
 class Table(NamedTuple):
-    """The triangles (m,) of an optimum, by their numbers, and potentials (e,) int64 of the edges."""
+    """Triangles (m,) of an optimum, by their numbers, and potentials (e,) int64 of the edges."""
 
     chosen: np.ndarray
     potentials: np.ndarray
@@ -47,10 +47,10 @@ class Across(NamedTuple):
 class Parts(NamedTuple):
     """Parts of the boundary that diagonals of the skeleton connect.
 
-    count: how many there are; of (n,): a number for each site's; cut (e,): the diagonals.
+    number: how many there are; of (n,): a number for each site's; cut (e,): the diagonals.
     """
 
-    count: int
+    number: int
     of: np.ndarray
     cut: np.ndarray
 
@@ -116,6 +116,23 @@ def _root_of(parent: np.ndarray, v: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent: np.ndarray) -> int:
+    """Join the sites of each ring in `parent` (n,), 0..n - 1; return how many rings there are."""
+    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
+    for e in range(len(edges)):
+        if side[e] != 0:
+            on_boundary[edges[e, 0]] = on_boundary[edges[e, 1]] = True
+    rings = on_boundary.sum()
+    for e in range(len(edges)):
+        if side[e] != 0:
+            a, b = _root_of(parent, edges[e, 0]), _root_of(parent, edges[e, 1])
+            if a != b:
+                parent[a] = b
+                rings -= 1
+    return rings
+
+
+@njit(cache=True, nogil=True)
 def _connect(
     points: np.ndarray,
     edges: np.ndarray,
@@ -128,43 +145,30 @@ def _connect(
 
     parent (n,): 0..n - 1, becomes the part of each site.
     """
-    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
-    for e in range(len(edges)):
-        if side[e] != 0:
-            on_boundary[edges[e, 0]] = on_boundary[edges[e, 1]] = True
-    rings = on_boundary.sum()
-    for e in range(len(edges)):
-        if side[e] != 0:
-            a, b = _root_of(parent, edges[e, 0]), _root_of(parent, edges[e, 1])
-            if a != b:
-                parent[a] = b
-                rings -= 1
-    # Only diagonals between rings can connect them, and only edges whose boxes meet can cross.
+    parts = _join_rings(points, edges, side, parent)
+    # Only diagonals between parts can connect them, and only edges whose boxes meet can cross.
     low = np.empty(len(edges))
-    for e in range(len(edges)):
-        low[e] = min(points[edges[e, 0], 0], points[edges[e, 1], 0])
-    order = np.argsort(low)
     widest = 0.0
-    for e in order:
+    for e in range(len(edges)):
+        x, other = points[edges[e, 0], 0], points[edges[e, 1], 0]
+        low[e] = min(x, other)
         if left[e]:
-            widest = max(widest, abs(points[edges[e, 0], 0] - points[edges[e, 1], 0]))
+            widest = max(widest, abs(x - other))
+    order = np.argsort(low)
     for place in range(len(order)):
-        if rings == 1:
+        if parts == 1:
             break
         e = order[place]
         if not left[e] or side[e] != 0:
             continue
-        a, b = edges[e, 0], edges[e, 1]
-        if _root_of(parent, a) == _root_of(parent, b):
-            continue
-        if _is_crossed(points, edges, left, order, low, place, widest):
-            continue
-        cut[e] = True
-        parent[_root_of(parent, a)] = _root_of(parent, b)
-        rings -= 1
+        a, b = _root_of(parent, edges[e, 0]), _root_of(parent, edges[e, 1])
+        if a != b and not _is_crossed(points, edges, left, order, low, place, widest):
+            cut[e] = True
+            parent[a] = b
+            parts -= 1
     for v in range(len(points)):
         parent[v] = _root_of(parent, v)
-    return rings
+    return parts
 
 
 @njit(cache=True, nogil=True)
@@ -190,21 +194,22 @@ def _is_crossed(
             if (step > 0 and low[f] >= right) or (step < 0 and low[f] + widest <= low[e]):
                 break
             c, d = edges[f, 0], edges[f, 1]
-            if not left[f] or c == a or c == b or d == a or d == b:
-                continue
-            if max(points[c, 1], points[d, 1]) <= bottom or min(points[c, 1], points[d, 1]) >= top:
-                continue
-            if _cross(points, a, b, c, d):
+            beside = max(points[c, 1], points[d, 1]) <= bottom
+            beside = beside or min(points[c, 1], points[d, 1]) >= top
+            if left[f] and not beside and _cross(points, a, b, c, d):
                 return True
     return False
 
 
 @njit(cache=True)
 def _cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether two edges without a common end cross; no site is inside an edge."""
-    return (turn(points, a, b, c) > 0.0) != (turn(points, a, b, d) > 0.0) and (
-        turn(points, c, d, a) > 0.0
-    ) != (turn(points, c, d, b) > 0.0)
+    """Whether two edges cross; none has a site inside, and edges with a common end do not."""
+    apart = c not in (a, b) and d not in (a, b)
+    return (
+        apart
+        and (turn(points, a, b, c) > 0.0) != (turn(points, a, b, d) > 0.0)
+        and (turn(points, c, d, a) > 0.0) != (turn(points, c, d, b) > 0.0)
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -212,9 +217,7 @@ def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray
     """Return which edges (e,) cross the edge a-b."""
     found = np.zeros(len(edges), dtype=np.bool_)
     for e in range(len(edges)):
-        c, d = edges[e, 0], edges[e, 1]
-        apart = c != a and c != b and d != a and d != b
-        found[e] = apart and _cross(points, a, b, c, d)
+        found[e] = _cross(points, a, b, edges[e, 0], edges[e, 1])
     return found
 
 
@@ -248,7 +251,7 @@ def _fill(
         if state[h] == 2:
             height -= 1
             continue
-        ready = True
+        before = height
         best, which = _NOTHING, -1
         for place in range(start[h], start[h + 1]):
             t = items[place]
@@ -257,31 +260,45 @@ def _fill(
             seen[t] = True
             total = weights[t]
             for k in range(3):
-                e = sides[t, k]
-                if e == h // 2 or side[e] != 0 or cut[e]:
+                out = _way_out(triangles, sides, side, cut, t, k, h)
+                if out < 0:
                     continue
-                # The half-edge of t itself runs along its corners; its twin leads out of t.
-                out = 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
-                if state[out] == 0:
-                    if state[h] == 1:
-                        return False
-                    waiting[height] = out
-                    height += 1
-                    ready = False
-                    if height == len(waiting):
-                        return False
-                elif state[out] == 1:
+                if state[out] == 2:
+                    total += far[out]
+                elif state[out] == 1 or state[h] == 1 or height == len(waiting):
                     return False
                 else:
-                    total += far[out]
-            if ready and total < best:
+                    waiting[height] = out
+                    height += 1
+            if height == before and total < best:
                 best, which = total, t
-        if ready:
+        if height == before:
             far[h], choice[h], state[h] = best, which, 2
             height -= 1
         else:
             state[h] = 1
     return True
+
+
+@njit(cache=True)
+def _way_out(
+    triangles: np.ndarray,
+    sides: np.ndarray,
+    side: np.ndarray,
+    cut: np.ndarray,
+    t: int,
+    k: int,
+    h: int,
+) -> int:
+    """Return the half-edge that leads out of triangle t over side k, if it is entered by h.
+
+    -1 where k is the side of h itself, or nothing is beyond it.
+    """
+    e = sides[t, k]
+    if e == h // 2 or side[e] != 0 or cut[e]:
+        return -1
+    # The triangle runs along its own half-edge; the twin, run the other way, has what is beyond.
+    return 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
 
 
 @njit(cache=True)
@@ -310,9 +327,9 @@ def _trace(
         chosen[found] = t
         found += 1
         for k in range(3):
-            e = sides[t, k]
-            if e != h // 2 and side[e] == 0 and not cut[e]:
-                waiting[height] = 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
+            out = _way_out(triangles, sides, side, cut, t, k, h)
+            if out >= 0:
+                waiting[height] = out
                 height += 1
     # The ring is walked in another pass: from the first corner of the root, sides in their order.
     row = np.empty(len(triangles), dtype=np.int64)
@@ -336,9 +353,9 @@ def _trace(
             height -= 1
             continue
         step[h] += 1
-        e = sides[t, k]
-        if side[e] == 0 and not cut[e]:
-            waiting[height] = 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
+        out = _way_out(triangles, sides, side, cut, t, k, h)
+        if out >= 0:
+            waiting[height] = out
             height += 1
         else:
             place += 1
@@ -367,11 +384,37 @@ def _fill_rest(
 
     Of their sides, that one leads away from the root whose first end is later in the ring.
     """
-    begin = np.zeros(len(points) + 1, dtype=np.int64)
+    begin, at = _corners_at(len(points), triangles, chosen)
+    for t in range(len(triangles)):
+        if not alive[t] or seen[t]:
+            continue
+        for k in range(3):
+            out = _way_out(triangles, sides, side, cut, t, k, -2)
+            if out < 0 or state[out] == 2:
+                continue  # nothing is beyond this side, or it leads out of the triangle
+            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+            first = _place(points, triangles, chosen, places, begin, at, a, b)
+            last = _place(points, triangles, chosen, places, begin, at, b, a)
+            if first > last >= 0:
+                table = (side, triangles, sides, start, items, weights, alive, cut)
+                if not _fill(out ^ 1, *table, far, choice, state, seen):
+                    return False
+                break
+        if not seen[t]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _corners_at(
+    count: int, triangles: np.ndarray, chosen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (begin, at): `at[begin[v]:begin[v + 1]]` are 3 m + k of the corners at site v."""
+    begin = np.zeros(count + 1, dtype=np.int64)
     for m in range(len(chosen)):
         for k in range(3):
             begin[triangles[chosen[m], k] + 1] += 1
-    for v in range(len(points)):
+    for v in range(count):
         begin[v + 1] += begin[v]
     end = begin[:-1].copy()
     at = np.empty(3 * len(chosen), dtype=np.int64)
@@ -380,32 +423,7 @@ def _fill_rest(
             v = triangles[chosen[m], k]
             at[end[v]] = 3 * m + k
             end[v] += 1
-    for t in range(len(triangles)):
-        if not alive[t] or seen[t]:
-            continue
-        for k in range(3):
-            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
-            e = sides[t, k]
-            if side[e] != 0 or cut[e]:
-                continue
-            half = 2 * e + (a > b)
-            if state[half] == 2 or state[half ^ 1] == 2:
-                # Known from one side, so this is the side that leads away, or it is not.
-                if state[half] == 2:
-                    return False  # then the triangle would have been seen
-                continue
-            first = _place(points, triangles, chosen, places, begin, at, a, b)
-            last = _place(points, triangles, chosen, places, begin, at, b, a)
-            if first < 0 or last < 0:
-                return False
-            if first > last:
-                table = (side, triangles, sides, start, items, weights, alive, cut)
-                if not _fill(half, *table, far, choice, state, seen):
-                    return False
-                break
-        if not seen[t]:
-            return False
-    return True
+    return begin, at
 
 
 @njit(cache=True)

@@ -79,10 +79,10 @@ def _is_options(value: Any) -> bool:
 def _is_time(value: Any) -> bool:
     if not isinstance(value, dict):
         return False
-    # Older runs have no reference draw; the other fields are as old as times are.
-    lists = (value.get("samples_s"), value.get("ci95_s"), value.get("reference_s", []))
+    # What is absent is an older run's; null is damage.
+    lists = (value.get(name, []) for name in ("samples_s", "reference_s", "ci95_s"))
     numbers = all(isinstance(part, list) and all(map(_is_number, part)) for part in lists)
-    return numbers and _is_number(value.get("median_s"))
+    return numbers and _is_number(value.get("median_s", 0.0))
 
 
 def _facts(facts: dict[str, Any], problems: list[str]) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
     count = len(everything.triangles)
     # With nothing excluded the skeleton is the boundary alone, and all ways are many.
     parts = skeleton.parts_of(everything, np.ones(count, np.bool_))
-    assert parts.count == 2
+    assert parts.number == 2
     across = skeleton.ways_across(everything, np.ones(count, np.bool_), parts.of)
     edge = everything.edges[across.edge]
     assert everything.side[across.edge] != 0
