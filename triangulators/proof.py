@@ -56,7 +56,8 @@ class _Search:
         if parts.number == 1:
             table = by_table(self.candidates, self.weights, allowed, parts.cut)
             if table is not None:
-                self.offer(table.chosen)
+                if len(table.chosen):
+                    self.offer(table.chosen)
                 return Leaf(table.potentials, 0)
         elif parts.number == 2:
             across = ways_across(self.candidates, allowed, parts.of)

@@ -70,7 +70,8 @@ def by_table(
 ) -> Table | None:
     """Return an optimum of the triangles that are `alive`, where `cut` leaves one part.
 
-    weights, alive (t,): of the triangles. None where there is no triangulation.
+    weights, alive (t,): of the triangles. Where they make no triangulation none are chosen, and the
+    potentials say so by a sum that no triangulation reaches. None where the table fails.
     """
     c = candidates
     root = int(np.flatnonzero(c.side != 0)[0])
@@ -80,12 +81,33 @@ def by_table(
     state = np.zeros(len(far), dtype=np.int8)
     seen = np.zeros(len(c.triangles), dtype=np.bool_)
     table = (*c[2:], weights, alive, cut, far, choice, state, seen)
-    if not _fill(half, *table) or far[half] >= _NOTHING:
+    if not _fill(half, *table):
         return None
-    chosen, corners = _trace(c.triangles, c.sides, c.side, cut, choice, half)
-    if not _fill_rest(c.points, chosen, corners, *table):
+    if far[half] < _NOTHING:
+        chosen, places = _trace(c.triangles, c.sides, c.side, cut, choice, half)
+        laid_out = chosen
+    else:
+        chosen = np.empty(0, dtype=np.int64)
+        laid_out, places = _lay_out(c, cut, half)
+    if len(laid_out) == 0 or not _fill_rest(c.points, laid_out, places, *table):
         return None
     return Table(chosen, far[::2] - far[1::2])
+
+
+def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return any triangulation of the polygon as it is cut, as `_trace` does; none if it fails."""
+    c = candidates
+    gone = np.zeros(len(c.edges), dtype=np.bool_)
+    for a, b in c.edges[cut].tolist():
+        gone |= crossed(c.points, c.edges, a, b)
+    free = ~gone[c.sides].any(axis=1)
+    far = np.zeros(2 * len(c.edges), dtype=np.int64)
+    choice = np.full(len(far), -1, dtype=np.int32)
+    state, seen = np.zeros(len(far), dtype=np.int8), np.zeros(len(free), dtype=np.bool_)
+    alike = np.zeros(len(free), dtype=np.int64)
+    if not _fill(half, *c[2:], alike, free, cut, far, choice, state, seen) or far[half] > 0:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int32)
+    return _trace(c.triangles, c.sides, c.side, cut, choice, half)
 
 
 def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Across | None:
