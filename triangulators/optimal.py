@@ -28,9 +28,9 @@ from triangulators.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
 PROVEN = 500
-"""Vertices up to which a polygon with holes is proven as it is triangulated.
+"""Vertices up to which the linear program is asked where a polygon's rings stay apart.
 
-Larger ones take seconds to minutes: `solve` and `certify` prove them for those who ask. What is
+With more it can take minutes: `solve` and `certify` ask it for those who want a proof. What is
 worst is never proven: local minimality excludes next to nothing there.
 """
 
@@ -122,8 +122,9 @@ def _search(
         if exact is not None:
             return exact
     proof = None
-    if sign > 0.0 and not cost.maximum and len(points) <= PROVEN:
-        proof = _prove(outline, cost, limit, math.inf)  # the same result on any machine
+    if sign > 0.0 and not cost.maximum:
+        # Never a time between the two: the result is the same on any machine.
+        proof = _prove(outline, cost, limit, math.inf if len(points) <= PROVEN else 0.0)
     if proof is None:
         return search_cuts(points, best_start(outline, cost), cost, seed)
     return proof.triangles

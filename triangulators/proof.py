@@ -65,6 +65,8 @@ class _Search:
                 return self._each_way(allowed, across, depth)
         if depth == 0:
             self.offer(self._searched())
+        if self.seconds == 0.0:
+            return self._leaf(allowed, np.zeros(len(self.candidates.edges)))
         found = solve(self.candidates, self.light, allowed, self.best, self.seconds)
         if found.solved:
             whole = found.share > 1.0 - _WHOLE
@@ -73,7 +75,7 @@ class _Search:
                 self.offer(np.flatnonzero(whole))
             elif found.bound < self.least / self.units.factor - _WHOLE and depth < 40:
                 return self._branch(allowed, found, depth)
-        return self._leaf(allowed, found)
+        return self._leaf(allowed, found.potentials)
 
     def _searched(self) -> np.ndarray:
         """Improve the best by the local search, as a start that the linear program goes on from."""
@@ -109,10 +111,10 @@ class _Search:
         within = allowed & ~crossed(c.points, c.edges, a, b)[c.sides].any(axis=1)
         return Branch((a, b), self.node(without, depth + 1), self.node(within, depth + 1))
 
-    def _leaf(self, allowed: np.ndarray, found: Solution) -> Leaf:
+    def _leaf(self, allowed: np.ndarray, light: np.ndarray) -> Leaf:
         """Round potentials to integers; the lift makes up for what that breaks."""
         c = self.candidates
-        potentials = np.rint(found.potentials * self.units.factor).astype(np.int64)
+        potentials = np.rint(light * self.units.factor).astype(np.int64)
         ahead = c.triangles < np.roll(c.triangles, -1, axis=1)
         around = np.where(ahead, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
         slack = (self.weights - around)[allowed]
@@ -124,8 +126,8 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), between sites, and find evidence of how good it is.
 
-    seconds: for each linear program; one that is not solved in time gives a weak bound. None if
-    the polygon has too many candidates.
+    seconds: for each linear program; one that is not solved in time gives a weak bound, as does
+    none at all where seconds are 0. None if the polygon has too many candidates.
     """
     candidates = candidates_of(outline, triangles)
     if candidates is None:

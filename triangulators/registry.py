@@ -155,7 +155,7 @@ BUILTIN = {
         ),
         Entry(
             "optimal",
-            "the minimum of a criterion: exact up to 2,000 vertices, 500 with holes;"
+            "the minimum of a criterion: exact up to 2,000 vertices, with holes nearly always;"
             " beyond by search",
             "triangulators.optimal:triangulate",
             criteria=True,
