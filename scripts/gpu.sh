@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# What this machine's best device says, in about ten minutes: what works, whether its counters are
+# those of the exact reference, which criterion predicts, what the choice of a triangulator gains,
+# and what its time is made of.
+#
+#   scripts/gpu.sh [OUT]      OUT: a folder, by default results/reference/<device>
+#
+# DEVICE=name  another device than the best one; see: .venv/bin/python -m harness list rasterisers
+# PYTHON=path  another Python than that of .venv, with the packages of requirements.lock
+# QUICK=yes    short times: to see that everything works
+#
+# A step that fails does not stop the others; the last line says which failed. What is there already
+# is kept, so a call that was cut off goes on where it was.
+set -uo pipefail
+cd "$(dirname "$0")/.."
+python=${PYTHON:-.venv/bin/python}
+export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"
+
+device=${DEVICE:-$("$python" -c \
+    'from harness.rasterisers import find_device; print(find_device("opengl").name)')} || exit 3
+to=${1:-results/reference/$device}
+mkdir -p "$to"
+if [ "${QUICK:-}" = yes ]; then
+    scenes="city:buildings=40" sizes=256 budget=0.05 study=(--quick)
+else
+    scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 study=(--budget 0.05)
+fi
+peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
+peers+=,worst:half-perimeter
+failed=()
+
+step() { # name, file that the step leaves, command
+    local name=$1 made=$2
+    shift 2
+    [ -e "$made" ] && { printf '%s: there already\n' "$name"; return; }
+    printf '\n== %s %s\n' "$name" "$(date +%T)"
+    # Of a run that was cut off nothing is kept; what a step measured is, even if it failed.
+    [ "$(dirname "$made")" = "$to" ] || rm -rf "$(dirname "$made")"
+    "$@" || failed+=("$name")
+}
+
+doctor() {
+    { "$python" -m harness doctor; nvidia-smi 2>/dev/null; true; } | tee "$to/doctor.txt"
+}
+
+# Draws a scene on the device and on the reference, and lists the counters that differ.
+equality() {
+    "$python" -m harness run --scene "$1" --device "$device" --rasterisers opengl,reference \
+        --resolution "$sizes" --triangulators $peers --budget 0.001 --precision 1 --quiet \
+        --out "$to/equality-${1%%:*}" || return
+    "$python" - "$to/equality-${1%%:*}/summary.csv" <<'PY'
+import sys
+
+import pandas as pd
+
+table = pd.read_csv(sys.argv[1])
+parts = {name: part for name, part in table.groupby("rasteriser")}
+by = ["triangulator", "resolution"]
+both = parts["opengl"].merge(parts["reference"], on=by, suffixes=("", " of the reference"))
+names = [c for c in ("fragments", "quads", "helper_lanes") if both[c].notna().all()]
+wrong = [n for n in names if (both[n] != both[f"{n} of the reference"]).any()]
+print(f"{len(both)} cases, {', '.join(names) or 'no counter'} compared: ", end="")
+print(f"{', '.join(wrong)} differ" if wrong else "all equal")
+for name in wrong:
+    print(both[[*by, name, f"{name} of the reference"]].to_string(index=False))
+sys.exit(bool(wrong) or not names)
+PY
+}
+
+step doctor "$to/doctor.txt" doctor
+for scene in $scenes; do
+    step "equality $scene" "$to/equality-${scene%%:*}/summary.csv" equality "$scene"
+done
+for scene in $scenes; do
+    step "gains $scene" "$to/gains-${scene%%:*}/summary.csv" \
+        "$python" -m harness run --scene "$scene" --device "$device" --resolution "$sizes" \
+        --triangulators $peers --budget $budget --quiet --out "$to/gains-${scene%%:*}"
+done
+step validate "$to/validate-city/correlations.csv" \
+    "$python" -m harness validate --scene city --resolution 512 --device "$device" \
+    --rasterisers opengl,bounding-box "${study[@]}" --quiet --out "$to/validate-city"
+step calibrate "$to/calibration.json" \
+    "$python" -m harness calibrate --device "$device" --resolution 512 --budget $budget --quiet \
+    --out "$to/calibration.json"
+step "gains over all" "$to/gains/gains.csv" \
+    "$python" -m harness gains "$to"/gains-*/ --out "$to/gains"
+
+if [ ${#failed[@]} -gt 0 ]; then
+    printf '\nfailed: %s\n' "$(IFS=,; echo "${failed[*]}")"
+    exit 1
+fi
+printf '\nall done: %s\n' "$to"
