@@ -91,6 +91,14 @@ def browser() -> Iterator[Chromium]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _signals_as_in_a_terminal() -> None:
+    """Let signals do what they usually do, however the tests were started: nohup ignores SIGHUP."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _own_model_database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep tests, and the programs they start, away from the user's model database."""
     with pytest.MonkeyPatch.context() as patch:

@@ -86,6 +86,15 @@ def test_other_signals_end_like_ctrl_c(harness, stored, monkeypatch, number):
     assert signal.getsignal(number) is before
 
 
+def test_what_was_started_by_nohup_outlives_its_terminal(harness, stored, monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(1))
+        assert harness("report", "run")[0] == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_a_wrong_option_is_one_line(harness):
     code, _, err = harness("run", "--sceene", "city")
     assert code == 2
