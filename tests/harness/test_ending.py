@@ -17,7 +17,7 @@ from shapely import box
 from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
 from harness.stored import drawings
-from harness.stored.folder import Store, read_run
+from harness.stored.folder import Run, Store, read_run
 from tests.conftest import write_geojson
 from tests.harness.test_cli import MOCK, assert_one_line
 from tests.measuring.test_run import measure, plan_for
@@ -89,10 +89,15 @@ def test_other_signals_end_like_ctrl_c(harness, stored, monkeypatch, number):
 def test_what_was_started_by_nohup_outlives_its_terminal(harness, stored, monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(1))
+        monkeypatch.setattr("harness.report.write_report", _hang_up)
         assert harness("report", "run")[0] == 0
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def _hang_up(run: Run, *_: object) -> Path:
+    signal.raise_signal(signal.SIGHUP)
+    return run.path / "report.html"
 
 
 def test_a_wrong_option_is_one_line(harness):
