@@ -31,7 +31,14 @@ from triangulators.errors import (
     UnknownName,
 )
 from triangulators.polygon import vertices
-from triangulators.registry import find, full_name, names, parse, triangulate
+from triangulators.registry import (
+    find,
+    full_name,
+    names,
+    parse,
+    triangulate,
+    triangulate_with_gap,
+)
 
 drop_stale()  # compiled code is loaded at the first call
 
@@ -52,6 +59,7 @@ __all__ = [
     "parse",
     "triangulate",
     "triangulate_many",
+    "triangulate_with_gap",
     "vertices",
     "warm_up",
 ]

@@ -16,7 +16,7 @@ from triangulators.cost import Cost, plain_cost
 from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.optimal import LIMIT
-from triangulators.refined import refine_many, test_of
+from triangulators.refined import refine_many, take_many, test_of
 from triangulators.registry import parse, triangulate
 from triangulators.small_holes import MOST_HOLES
 from triangulators.small_ring import SMALL
@@ -75,6 +75,31 @@ def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:
     return Ragged(coordinates[keep], np.cumsum(lengths - 1), polygon_ends)
 
 
+class Attempt(NamedTuple):
+    """What compiled code made of a batch: `found[i]` is worth something where done[i], (p,)."""
+
+    found: Triangulations
+    done: np.ndarray
+
+
+def attempt_many(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str = "optimal:half-perimeter",
+    *,
+    check: bool = True,
+    threads: int | None = None,
+    **parameters: Any,
+) -> Attempt:
+    """Do the part of a batch that compiled code can; see `triangulate_many`, which does the rest.
+
+    Raises `UnknownName`.
+    """
+    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    work = _Work.of(arrays)
+    _attempt(polygons, name, check, threads or _cores(), parameters, work)
+    return Attempt(Triangulations(work.triangles, work.starts), work.done)
+
+
 def triangulate_many(
     polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
     name: str = "optimal:half-perimeter",
@@ -87,8 +112,8 @@ def triangulate_many(
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
-    to 192 vertices with few holes or none, exactly and on all threads; and `refined`. What is
-    left, and everything under other names, goes one at a time through `triangulate`. Either way a
+    to 192 vertices with few holes or none, exactly and on all threads; also `refined` and
+    `ear-clipping`. What is left, and everything under other names, goes one at a time through `triangulate`. Either way a
     polygon's triangulation costs what that of `triangulate` does. check: test shapely polygons for
     validity first. threads: by default one for each core this process may use. parameters: as for
     `triangulate`. Raises `UnknownName`.
@@ -97,18 +122,9 @@ def triangulate_many(
         >>> found[0].shape, found.failed
         ((2, 3), {1: 'the polygon is empty'})
     """
-    choice = parse(name)
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
-    if cost is not None:
-        sound = np.ones(len(work.done), dtype=np.bool_)
-        if check and not isinstance(polygons, Ragged):
-            sound = shapely.is_valid(np.asarray(polygons, dtype=object))
-        if choice.entry.name == "refined":
-            _refined(work, cost, sound, threads or _cores())
-        else:
-            _compiled(work, cost, sound, threads or _cores(), parameters.get("limit", LIMIT))
+    _attempt(polygons, name, check, threads or _cores(), parameters, work)
     if work.done.all():
         return Triangulations(work.triangles, work.starts)
     return _finish(arrays, polygons, name, parameters, work)
@@ -143,6 +159,31 @@ class _Work(NamedTuple):
         return cls(coordinates, rings, owners, begins, starts, triangles, done)
 
 
+def _attempt(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str,
+    check: bool,
+    threads: int,
+    parameters: dict[str, Any],
+    work: _Work,
+) -> None:
+    """Do what compiled code can; marks it in `work.done`."""
+    choice = parse(name)
+    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
+    plain_ears = choice.entry.name == "ear-clipping" and not parameters
+    if cost is None and not plain_ears:
+        return
+    sound = np.ones(len(work.done), dtype=np.bool_)
+    if check and not isinstance(polygons, Ragged):
+        sound = shapely.is_valid(np.asarray(polygons, dtype=object))
+    if cost is None:
+        _clipped(work, sound, threads, take_many)
+    elif choice.entry.name == "refined":
+        _clipped(work, sound, threads, refine_many, test_of(cost), cost.weights, cost.function)
+    else:
+        _compiled(work, cost, sound, threads, parameters.get("limit", LIMIT))
+
+
 def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
     """Do what compiled code can; marks it in `work.done`."""
     lengths, rings = np.diff(work.begins), np.diff(work.owners)
@@ -158,9 +199,10 @@ def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: i
         _wait(running)
 
 
-def _refined(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
-    """Clip ears in this thread, and improve what it gives in others; marks `work.done`."""
-    test = test_of(cost)
+def _clipped(
+    work: _Work, sound: np.ndarray, threads: int, finish: Callable[..., None], *how: Any
+) -> None:
+    """Clip ears in this thread, and let others `finish` them; marks `work.done`."""
     counts = np.diff(work.owners)
     ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
     begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
@@ -181,9 +223,8 @@ def _refined(work: _Work, cost: Cost, sound: np.ndarray, threads: int) -> None:
             bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
             arrays = (coordinates, work.rings[1:], work.owners, joined, bounds)
-            how = (test, cost.weights, cost.function)
             out = (work.starts, work.triangles, work.done)
-            running.append(pool.submit(refine_many, first, last, *arrays, *how, *out))
+            running.append(pool.submit(finish, first, last, *arrays, *how, *out))
         _wait(running)
 
 

@@ -49,7 +49,26 @@ def triangulate(
     cube at worst; beyond it windows of a triangulation are. seed: choices of the local search.
     parameters: the criterion's (see `criteria.find`).
     """
-    return _optimise(outline, criteria.find(criterion, **parameters), 1.0, limit, seed)
+    wanted = criteria.find(criterion, **parameters)
+    return _optimise(outline, wanted, 1.0, limit, seed).triangles
+
+
+def triangulate_with_gap(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    limit: int = LIMIT,
+    seed: int = 0,
+    **parameters: Any,
+) -> tuple[np.ndarray, float]:
+    """Return what `triangulate` does, and how far it may be from the optimum, relative to its cost.
+
+    0 where it is the optimum: by a table, or by a proof as `certify` makes one, which `checker` has
+    not looked at. Infinite where there is no bound: what windows or the local search gave.
+    """
+    wanted = criteria.find(criterion, **parameters)
+    found = _optimise(outline, wanted, 1.0, limit, seed)
+    return found.triangles, found.gap
 
 
 def triangulate_worst(
@@ -61,7 +80,8 @@ def triangulate_worst(
     **parameters: Any,
 ) -> np.ndarray:
     """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
-    return _optimise(outline, criteria.find(criterion, **parameters), -1.0, limit, seed)
+    wanted = criteria.find(criterion, **parameters)
+    return _optimise(outline, wanted, -1.0, limit, seed).triangles
 
 
 class Solved(NamedTuple):
@@ -88,46 +108,53 @@ def solve(
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
     proof = None if wanted.maximum else _prove(outline, cost, LIMIT, seconds)
     if proof is None:
-        triangles = _optimise(outline, wanted, 1.0, LIMIT, 0)
+        triangles = _optimise(outline, wanted, 1.0, LIMIT, 0).triangles
         return Solved(triangles, certify(polygon, triangles, wanted, seconds=seconds))
     triangles = walk(proof.triangles, len(outline.points))
     return Solved(triangles, certificate_of(outline, triangles, cost, proof.evidence))
 
 
+class _Found(NamedTuple):
+    """A triangulation (m, 3) and how far it may be from the optimum, infinite where unknown."""
+
+    triangles: np.ndarray
+    gap: float
+
+
 def _optimise(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
-) -> np.ndarray:
+) -> _Found:
     small = small_optimum(outline, criterion, sign, limit)
     if small is not None:
-        return walk(small, len(outline.points))
+        return _Found(walk(small, len(outline.points)), 0.0)
     found = _search(outline, criterion, sign, limit, seed)
-    return walk(found, len(outline.points))
+    return _Found(walk(found.triangles, len(outline.points)), found.gap)
 
 
 def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
-) -> np.ndarray:
+) -> _Found:
     cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     points = outline.points
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
         table = cost.is_box and len(cycle) <= TABLE_ONLY and on_grid(points)
         start = None if table else ring_triangulation(outline, cycle)
-        return cycle[optimum(points[cycle], start, cost)]
+        return _Found(cycle[optimum(points[cycle], start, cost)], 0.0)
     if len(outline.edges) > limit:
         start = best_start(outline, cost)
-        return sweep_windows(points, start, cost, min(PIECE, limit), seed)
+        return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
     if outline.holes == 1 and len(points) <= ONE_HOLE:
         exact = one_hole_optimum(outline, cost)
         if exact is not None:
-            return exact
+            return _Found(exact, 0.0)
     proof = None
     if sign > 0.0 and not cost.maximum:
         # Never a time between the two: the result is the same on any machine.
         proof = _prove(outline, cost, limit, math.inf if len(points) <= PROVEN else 0.0)
     if proof is None:
-        return search_cuts(points, best_start(outline, cost), cost, seed)
-    return proof.triangles
+        return _Found(search_cuts(points, best_start(outline, cost), cost, seed), math.inf)
+    return _Found(proof.triangles, proof.gap)
 
 
 def _prove(outline: Boundary, cost: Cost, limit: int, seconds: float) -> Proof | None:

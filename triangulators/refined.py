@@ -226,6 +226,31 @@ def refine_many(
             done[index] = True
 
 
+@njit(cache=True, nogil=True)
+def take_many(
+    first: int,
+    last: int,
+    coordinates: np.ndarray,
+    ring_ends: np.ndarray,
+    owners: np.ndarray,
+    raw: np.ndarray,
+    bounds: np.ndarray,
+    starts: np.ndarray,
+    triangles: np.ndarray,
+    done: np.ndarray,
+) -> None:
+    """Take over the triangles of `raw`, as `refine_many` gets them, where they are conforming."""
+    for index in range(first, last):
+        start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
+        ends = ring_ends[owners[index] : owners[index + 1]] - start
+        own = raw[bounds[index - first] : bounds[index - first + 1]]
+        room = triangles[starts[index] : starts[index + 1]]
+        whole = len(own) > 0 and len(own) == len(room)
+        if whole and is_triangulation(coordinates[start : start + ends[-1]], ends, own):
+            room[:] = own
+            done[index] = True
+
+
 def test_of(cost: Cost) -> int:
     """Return the test by which flips lessen a cost."""
     by_l1, by_area, by_l2 = cost.box.tolist()

@@ -31,7 +31,8 @@ class Entry:
     a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
     `default_criterion` where none is given; `any_shape` whether it does every polygon without holes
     or skips some; `conforms` whether its triangulations have no T-junctions: a library's result is
-    passed on as it is. `needs` is a module that must be importable, `install` the line that
+    passed on as it is. `with_gap` is a function like `function` that also says how far the result
+    may be from the optimum. `needs` is a module that must be importable, `install` the line that
     provides it.
     """
 
@@ -43,6 +44,7 @@ class Entry:
     default_criterion: str = "overdraw"
     any_shape: bool = True
     conforms: bool = True
+    with_gap: str | None = None
     needs: str | None = None
     install: str | None = None
     builtin: bool = True
@@ -159,6 +161,7 @@ BUILTIN = {
             " beyond by search",
             "triangulators.optimal:triangulate",
             criteria=True,
+            with_gap="triangulators.optimal:triangulate_with_gap",
         ),
         Entry(
             "worst",
@@ -303,6 +306,30 @@ def triangulate(
         raw = function(outline, **parameters)
     triangles = _normalised(outline, raw, choice)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
+
+
+def triangulate_with_gap(
+    polygon: shapely.Polygon,
+    name: str,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
+    **parameters: Any,
+) -> tuple[np.ndarray, float | None]:
+    """Return what `triangulate` does, and how far it may be from the optimum of its criterion.
+
+    The gap is relative to the cost, 0 where the result is optimal and infinite where nothing is
+    known; None for a triangulator that does not look for the optimum. Raises as `triangulate`.
+
+        >>> triangulate_with_gap(shapely.box(0, 0, 2, 1), "optimal")[1]
+        0.0
+    """
+    choice = parse(name)
+    if choice.entry.with_gap is None:
+        return triangulate(polygon, name, criterion=criterion, **parameters), None
+    outline = checked_boundary(polygon)
+    wanted = choice.criterion if criterion is None else criterion
+    raw, gap = _load(choice.entry.with_gap)(outline, criterion=wanted, **parameters)
+    return _normalised(outline, raw, choice), gap
 
 
 def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:

@@ -191,6 +191,17 @@ METRICS = {
             description="pixels covered too often or not at all: a defect of the triangulation",
         ),
         Figure(
+            "proven",
+            "proven optimal",
+            "polygons",
+            "count",
+            "higher",
+            None,
+            _field("proven"),
+            description="polygons of which no triangulation has less of the criterion, with proof",
+            heading="proven",
+        ),
+        Figure(
             "t_junctions",
             "T-junctions",
             "vertices",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -102,12 +103,27 @@ def measured(
         "polygons_cached": triangulation.cached,
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
+        **proven_of(triangulation.gaps),
         "coverage_error": None,
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
         record["coverage_error"] = coverage.error(counters["fragments"], drawn)
     return record
+
+
+def proven_of(gaps: Sequence[float]) -> Record:
+    """Return how many polygons are proven optimal, and the largest gap of the others.
+
+    The gap is None where a polygon has no bound; nothing where the triangulator is no optimum.
+    """
+    if not gaps:
+        return {}
+    largest = max(gaps)
+    return {
+        "proven": sum(gap == 0.0 for gap in gaps),
+        "largest_gap": largest if math.isfinite(largest) else None,
+    }
 
 
 def incomplete(triangulation: FrameTriangulation) -> str | None:

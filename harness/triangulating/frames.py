@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from harness.frame import Frame
 from harness.triangulating.lookup import Lookup
 from harness.triangulating.names import Recipe
 from triangulators import Skipped, vertices
+from triangulators.batch import ragged
 from triangulators.verify import verify
 
 
@@ -28,6 +30,8 @@ class FrameTriangulation:
     t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
     cached : polygons whose triangles were read from the model database; `seconds` has for them
         what computing them took when they were
+    gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the least
+        cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
     notes : what the user should know of the model database
     """
 
@@ -37,6 +41,7 @@ class FrameTriangulation:
     failed: list[tuple[int, str]] = field(default_factory=list)
     t_junctions: list[int] = field(default_factory=list)
     cached: int = 0
+    gaps: list[float] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -89,32 +94,69 @@ def triangulate_polygons(
         known = kept.find(polygons)
         if None in known:
             warm_up(recipe)
+        unknown = [number for number, timed in enumerate(known) if timed is None]
+        batch = _batch(recipe, [polygons[number] for number in unknown], result)
+        at_once = {unknown[place]: part for place, part in batch.items()}
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
-            part, junctions, seconds = None, 0, 0.0
+            each = _Computed(None, 0, 0.0, None)
             if timed is not None:
                 part, junctions, _ = check(polygon, timed.triangles)
-                seconds = timed.seconds
-            if part is not None:
+                each = _Computed(part, junctions, timed.seconds, recipe.gap_of_kept(polygon))
+            if each.part is not None:
                 result.cached += 1
-            else:
-                part, junctions, seconds = _compute(recipe, polygon, number, result)
-                if part is not None:
-                    kept.keep(number, part, seconds)
-            result.seconds += seconds
-            result.parts.append(part)
-            result.t_junctions.append(junctions)
+            elif number in at_once:
+                part, junctions, _ = check(polygon, at_once[number])
+                each = _Computed(part, junctions, 0.0, recipe.gap_of_kept(polygon))
+            if each.part is None:
+                each = _compute(recipe, polygon, number, result)
+                # Kept means proven, where that can be: what a search found is computed again.
+                if each.part is not None and each.gap == recipe.gap_of_kept(polygon):
+                    kept.keep(number, each.part, each.seconds)
+            result.seconds += each.seconds
+            result.parts.append(each.part)
+            result.t_junctions.append(each.junctions)
+            if each.part is not None and each.gap is not None:
+                result.gaps.append(each.gap)
     result.notes = kept.notes
     return result
 
 
-def _compute(
-    recipe: Recipe, polygon: Polygon, number: int, result: FrameTriangulation
-) -> tuple[NDArray[np.int32] | None, int, float]:
-    """Return triangles, T-junctions and seconds; without triangles `result` is told why."""
-    part, junctions = None, 0
+def _batch(
+    recipe: Recipe, polygons: Sequence[Polygon], result: FrameTriangulation
+) -> dict[int, NDArray[np.int32]]:
+    """Return the triangles of those polygons that compiled code does all at once, and tell its time.
+
+    So `seconds` is the algorithm's own, where it is quicker than what is around a single call.
+    """
+    if not polygons:
+        return {}
+    arrays = ragged(polygons)
     start = time.perf_counter()
     try:
-        part = recipe.triangulate(polygon)
+        found, done = recipe.attempt(arrays)
+    except Exception:  # one by one, each can say what is wrong
+        return {}
+    result.seconds += time.perf_counter() - start
+    return {place: found[place] for place in np.flatnonzero(done).tolist()}
+
+
+class _Computed(NamedTuple):
+    """One polygon's triangles, T-junctions, seconds and gap."""
+
+    part: NDArray[np.int32] | None
+    junctions: int
+    seconds: float
+    gap: float | None
+
+
+def _compute(
+    recipe: Recipe, polygon: Polygon, number: int, result: FrameTriangulation
+) -> _Computed:
+    """Run the triangulator; without triangles `result` is told why."""
+    part, junctions, gap = None, 0, None
+    start = time.perf_counter()
+    try:
+        part, gap = recipe.triangulate_with_gap(polygon)
     except Skipped as reason:
         result.skipped.append((number, str(reason)))
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
@@ -124,7 +166,7 @@ def _compute(
         part, junctions, problem = check(polygon, part)
         if problem:
             result.failed.append((number, problem))
-    return part, junctions, seconds
+    return _Computed(part, junctions, seconds, gap)
 
 
 def warm_up(recipe: Recipe) -> None:
@@ -134,6 +176,7 @@ def warm_up(recipe: Recipe) -> None:
     """
     if recipe.base in _warm:
         return
+    recipe.attempt(ragged(list(small_polygons())))
     for polygon in small_polygons():
         try:
             check(polygon, recipe.triangulate(polygon))

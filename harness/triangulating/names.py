@@ -10,8 +10,9 @@ module:function         a third party's, which only a worker process imports
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +21,16 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError, did_you_mean
-from triangulators import UnknownName, criteria, full_name, registry, triangulate
+from triangulators import (
+    UnknownName,
+    criteria,
+    full_name,
+    registry,
+    triangulate_with_gap,
+    vertices,
+)
+from triangulators.batch import Ragged, attempt_many
+from triangulators.optimal import LIMIT
 
 NUMBER, UPRIGHT = "#", "@0"
 
@@ -94,12 +104,39 @@ class Recipe:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise UsageError(f"triangulator '{self}' cannot be loaded: {reason}") from error
 
+    def attempt(self, arrays: Ragged) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
+        """Return triangles (m, 3) of each polygon of a batch, and which (p,) are any good.
+
+        On one thread. The others are left to `triangulate`, and all of them for third parties.
+        """
+        count = len(arrays.polygon_ends)
+        if not self.builtin:
+            return [], np.zeros(count, np.bool_)
+        parameters: dict[str, Any] = self.parameters
+        if self.calibration is not None:
+            parameters = {"criterion": criteria.calibrated(dict(self._weights))}
+        return attempt_many(arrays, self.base, threads=1, **parameters)
+
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
         """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""
+        return self.triangulate_with_gap(polygon)[0]
+
+    def gap_of_kept(self, polygon: Polygon) -> float | None:
+        """Return the gap that triangles of the model database have: only what is proven is kept.
+
+        Of polygons that are too large to be proven as they are triangulated, all are kept.
+        """
+        name = self.base.partition(":")[0]
+        if not self.builtin or registry.BUILTIN[name].with_gap is None:
+            return None
+        return 0.0 if len(vertices(polygon)) <= LIMIT else math.inf
+
+    def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
+        """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""
         if self.calibration is not None:
             criterion = criteria.calibrated(dict(self._weights))
-            return triangulate(polygon, self.base, criterion=criterion)
-        return triangulate(polygon, self.base, **self.parameters)
+            return triangulate_with_gap(polygon, self.base, criterion=criterion)
+        return triangulate_with_gap(polygon, self.base, **self.parameters)
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
