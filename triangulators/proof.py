@@ -21,8 +21,8 @@ from triangulators.units import Units, costs_of, units_for, weights_of
 
 SECONDS = 60.0  # for the linear programs of one polygon
 _WHOLE = 1e-6
-_MOST_WAYS = 300  # tables of one polygon; the linear program is cheaper then
-_ENDLESS = 2**58  # weight that no triangulation reaches
+_MOST_WORK = 10**8  # triangles in all tables of one polygon; some ten seconds
+_ENDLESS = 2**60 - 1  # weight that no triangulation reaches
 
 
 class Proof(NamedTuple):
@@ -66,7 +66,8 @@ class _Search:
                 return Leaf(table.potentials, 0)
         elif parts.number == 2:
             across = ways_across(self.candidates, allowed, parts.of)
-            if across is not None and len(across.ways) <= _MOST_WAYS:
+            work = 0 if across is None else len(across.ways) * len(allowed)
+            if across is not None and work <= _MOST_WORK:
                 return self._each_way(allowed, across, depth)
         if depth == 0:
             self.offer(self._searched())

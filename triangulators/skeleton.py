@@ -27,7 +27,7 @@ from numba import njit
 from triangulators.candidates import Candidates
 from triangulators.predicates import turn
 
-_NOTHING = np.int64(2**58)  # cost where no triangles fit; twice that is still an int64
+_NOTHING = np.int64(2**60 - 1)  # cost where no triangles fit; thrice that is still an int64
 
 
 class Table(NamedTuple):
