@@ -136,7 +136,8 @@ def _batch(
         found, done = recipe.attempt(arrays)
     except Exception:  # one by one, each can say what is wrong
         return {}
-    result.seconds += time.perf_counter() - start
+    if done.any():
+        result.seconds += time.perf_counter() - start
     return {place: found[place] for place in np.flatnonzero(done).tolist()}
 
 

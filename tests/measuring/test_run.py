@@ -8,6 +8,7 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from shapely import Polygon, box
@@ -22,9 +23,10 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.stored.folder import Store, read_arrays, read_run
 from harness.triangulating import names
-from harness.triangulating.names import parse_all
+from harness.triangulating.names import Recipe, parse_all
 from tests.conftest import write_geojson
 from tests.mock import MockRasteriser
+from triangulators import Ragged
 
 MOCK = "tests.mock:MockRasteriser"
 FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
@@ -103,16 +105,22 @@ def test_a_triangulator_that_cannot_do_a_polygon_is_recorded_with_its_reason(blo
     assert (fan["coverage_error"], clipping["coverage_error"]) == (0, 0)
 
 
+def nothing_at_once(_recipe: Recipe, arrays: Ragged) -> tuple[list[object], np.ndarray]:
+    """Leave every polygon of a batch to single calls."""
+    return [], np.zeros(len(arrays.polygon_ends), np.bool_)
+
+
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the triangulator `name` fail on every polygon of that many holes."""
-    whole = names.triangulate
+    whole = names.triangulate_with_gap
 
     def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
         if wanted == name and len(polygon.interiors) == holes:
             raise ValueError("scripted")
         return whole(polygon, wanted, **more)
 
-    monkeypatch.setattr(names, "triangulate", triangulate)
+    monkeypatch.setattr(names, "triangulate_with_gap", triangulate)
+    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
 
 
 def test_what_the_baseline_left_out_is_compared_with_nothing(block, tmp_path, monkeypatch):

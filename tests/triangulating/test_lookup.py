@@ -20,7 +20,7 @@ from harness.triangulating.lookup import KEEP_S, Lookup
 from harness.triangulating.names import Recipe, parse
 from scenes import load
 from tests.harness.test_cli import MOCK
-from tests.measuring.test_run import inline, plan_for, quiet
+from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
 from tests.mock import Clock
 from triangulators import vertices
 
@@ -51,13 +51,14 @@ def all_kept(monkeypatch):
 def computed(monkeypatch) -> list[str]:
     """Names of the triangulators that were called, one a polygon; warming up is not counted."""
     calls: list[str] = []
-    triangulate = Recipe.triangulate
+    triangulate = Recipe.triangulate_with_gap
 
     def counted(recipe, polygon):
         calls.append(str(recipe))
         return triangulate(recipe, polygon)
 
-    monkeypatch.setattr(Recipe, "triangulate", counted)
+    monkeypatch.setattr(Recipe, "triangulate_with_gap", counted)
+    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     monkeypatch.setattr(frames, "warm_up", lambda _: None)
     return calls
 
@@ -111,13 +112,14 @@ def test_what_is_computed_as_quickly_as_read_is_not_kept(
     database, monkeypatch, clock, seconds, kept
 ):
     small = make_frame(load("city:buildings=4").polygons, View(512)).polygons
-    triangulate = Recipe.triangulate
+    triangulate = Recipe.triangulate_with_gap
 
     def timed(recipe, polygon):
         clock.spend(seconds)
         return triangulate(recipe, polygon)
 
-    monkeypatch.setattr(Recipe, "triangulate", timed)
+    monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
+    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     cut("ear-clipping", small, 0, None, database)
     with ModelDatabase(database) as model:
         assert model.info().entries == kept
@@ -230,7 +232,8 @@ def test_long_computing_is_written_on_the_way(database, monkeypatch):
 
 
 @pytest.mark.usefixtures("all_kept")
-def test_a_run_says_how_much_it_read(block, database, tmp_path):
+def test_a_run_says_how_much_it_read(block, database, tmp_path, monkeypatch):
+    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     plan = plan_for(block)
     runs = [
         run(plan, tmp_path / str(n), quiet(), open_worker=inline, database=database).records
@@ -304,5 +307,30 @@ def test_times_are_those_of_the_triangulator_alone(monkeypatch, clock):
 
     monkeypatch.setattr(frames, "_warm", set())
     monkeypatch.setattr(Recipe, "triangulate", slow_at_first)
+    monkeypatch.setattr(Recipe, "triangulate_with_gap", slow_at_first)
     found = cut("delaunay", POLYGONS, 0)
     assert found.seconds == pytest.approx(1e-3 * len(POLYGONS))
+
+
+def test_what_a_batch_does_at_once_is_timed_as_one(monkeypatch, clock):
+    small = make_frame(load("city:buildings=9").polygons, View(512)).polygons
+    attempt = Recipe.attempt
+
+    def timed(recipe, arrays):
+        clock.spend(0.25)
+        return attempt(recipe, arrays)
+
+    def spent(recipe, polygon):
+        clock.spend(9.0)
+        raise AssertionError
+
+    expected = cut("optimal:half-perimeter", small)
+    frames.warm_up(parse("optimal:half-perimeter"))
+    monkeypatch.setattr(Recipe, "attempt", timed)
+    monkeypatch.setattr(Recipe, "triangulate_with_gap", spent)
+    found = cut("optimal:half-perimeter", small)
+    assert found.seconds == 0.25
+    assert not found.failed
+    assert found.gaps == [0.0] * len(small)
+    for one, other in zip(found.parts, expected.parts, strict=True):
+        assert np.array_equal(one, other)
