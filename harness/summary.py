@@ -44,6 +44,8 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
+        for line in _proven(good):
+            console.print(line, markup=False, highlight=False)
 
 
 def _fitting(records: list[Record], console: Console) -> Table:
@@ -118,6 +120,20 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
         return Text("#" * max(1, eighths // 8))
     part = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
     return Text("█" * (eighths // 8) + part, style="cyan")
+
+
+def _proven(records: Sequence[Record]) -> list[str]:
+    """Say of which optima every polygon is proven, and how far the others may be from it."""
+    told = [record for record in records if record.get("proven") is not None]
+    whole = [r["triangulator"] for r in told if r["proven"] == r["polygons"]]
+    lines = [f"proven optimal, every polygon: {', '.join(whole)}"] if whole else []
+    for record in told:
+        if record["proven"] != record["polygons"]:
+            gap = record.get("largest_gap")
+            rest = "the others were searched" if gap is None else f"the others within {gap:.2%}"
+            count = f"{record['proven']:,} of {record['polygons']:,} polygons"
+            lines.append(f"proven optimal, {count}: {record['triangulator']}; {rest}")
+    return lines
 
 
 def _polygons(record: Record) -> int:

@@ -113,10 +113,10 @@ def triangulate_many(
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
     to 192 vertices with few holes or none, exactly and on all threads; also `refined` and
-    `ear-clipping`. What is left, and everything under other names, goes one at a time through `triangulate`. Either way a
-    polygon's triangulation costs what that of `triangulate` does. check: test shapely polygons for
-    validity first. threads: by default one for each core this process may use. parameters: as for
-    `triangulate`. Raises `UnknownName`.
+    `ear-clipping`. What is left, and everything under other names, goes one at a time through
+    `triangulate`. Either way a polygon's triangulation costs what that of `triangulate` does.
+    check: test shapely polygons for validity first. threads: by default one for each core this
+    process may use. parameters: as for `triangulate`. Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed

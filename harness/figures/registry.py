@@ -199,7 +199,6 @@ METRICS = {
             None,
             _field("proven"),
             description="polygons of which no triangulation has less of the criterion, with proof",
-            heading="proven",
         ),
         Figure(
             "t_junctions",

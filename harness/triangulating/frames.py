@@ -30,8 +30,8 @@ class FrameTriangulation:
     t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
     cached : polygons whose triangles were read from the model database; `seconds` has for them
         what computing them took when they were
-    gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the least
-        cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
+    gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
+        least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
     notes : what the user should know of the model database
     """
 
@@ -124,7 +124,7 @@ def triangulate_polygons(
 def _batch(
     recipe: Recipe, polygons: Sequence[Polygon], result: FrameTriangulation
 ) -> dict[int, NDArray[np.int32]]:
-    """Return the triangles of those polygons that compiled code does all at once, and tell its time.
+    """Return the triangles of the polygons that compiled code does all at once, and tell its time.
 
     So `seconds` is the algorithm's own, where it is quicker than what is around a single call.
     """

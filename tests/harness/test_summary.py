@@ -176,3 +176,23 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     assert code == 2
     assert "unknown base 'ear-cliping'; did you mean 'ear-clipping'?" in err
     assert harness("report", "out", "--base", "ear-clipping")[0] == 0
+
+
+def test_what_is_proven_is_said_below():
+    whole = {"proven": 500, "largest_gap": 0.0}
+    some = {"proven": 497, "largest_gap": 0.00123}
+    searched = {"proven": 0, "largest_gap": None}
+    text = printed(
+        [
+            record("ear-clipping"),
+            record("optimal:overdraw", 0.9, **whole),
+            record("optimal:half-perimeter", 0.8, **whole),
+            record("optimal:shape", 0.95, **some),
+            record("optimal:edge-length", 0.97, **searched),
+        ]
+    )
+    said = " ".join(text.split())
+    assert "every polygon: optimal:overdraw, optimal:half-perimeter" in said
+    assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in said
+    assert "0 of 500 polygons: optimal:edge-length; the others were searched" in said
+    assert "proven" not in printed(RECORDS)
