@@ -17,13 +17,13 @@ from triangulators import criteria
 from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.certificate import Certificate
 from triangulators.certifying import certificate_of, certify
-from triangulators.cost import Cost, cost_of
+from triangulators.cost import cost_of
 from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.order import walk
 from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.predicates import on_grid
-from triangulators.proof import SECONDS, Proof, prove
+from triangulators.proof import SECONDS, prove
 from triangulators.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
@@ -100,13 +100,16 @@ def solve(
 ) -> Solved:
     """Return the optimum of a criterion together with its certificate (see `certify`).
 
-    seconds: for each linear program of a polygon with holes. Raises what `certify` raises.
+    Polygons of any size are tried, those with holes or more than 2,000 vertices as `certify` does.
+    seconds: for each linear program. Raises what `certify` raises.
     """
     check(polygon)
     outline = boundary(polygon)
     wanted = criteria.find(criterion, **parameters)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
-    proof = None if wanted.maximum else _prove(outline, cost, LIMIT, seconds)
+    proof = None
+    if not wanted.maximum and (outline.holes > 0 or len(outline.edges) > LIMIT):
+        proof = prove(outline, best_start(outline, cost), cost, seconds)
     if proof is None:
         triangles = _optimise(outline, wanted, 1.0, LIMIT, 0).triangles
         return Solved(triangles, certify(polygon, triangles, wanted, seconds=seconds))
@@ -151,17 +154,8 @@ def _search(
     proof = None
     if sign > 0.0 and not cost.maximum:
         # Never a time between the two: the result is the same on any machine.
-        proof = _prove(outline, cost, limit, math.inf if len(points) <= PROVEN else 0.0)
+        seconds = math.inf if len(points) <= PROVEN else 0.0
+        proof = prove(outline, best_start(outline, cost), cost, seconds)
     if proof is None:
         return _Found(search_cuts(points, best_start(outline, cost), cost, seed), math.inf)
     return _Found(proof.triangles, proof.gap)
-
-
-def _prove(outline: Boundary, cost: Cost, limit: int, seconds: float) -> Proof | None:
-    """Return the optimum of a polygon with holes and evidence for it; None where it is too large.
-
-    What the local search finds is the answer if the linear program is not solved in time.
-    """
-    if outline.holes == 0 or len(outline.edges) > limit:
-        return None
-    return prove(outline, best_start(outline, cost), cost, seconds)
