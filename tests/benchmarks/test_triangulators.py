@@ -24,8 +24,7 @@ from triangulators.criteria import predict
 from triangulators.dense import box_optimum
 from triangulators.dropin import triangulate_float64
 from triangulators.edges import edge_optimum
-from triangulators.polygon import boundary
-from triangulators.polygon import ragged as ragged_one
+from triangulators.polygon import boundary, rings_of
 from triangulators.starts import cycle_of
 
 
@@ -157,7 +156,7 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(bench
 
 def test_drop_in_against_earcut_is_reported(benchmark):
     polygon = load("city", buildings=50).polygons[0]
-    points, ends = ragged_one(polygon)
+    points, ends = rings_of(polygon)
     ratio = compare(
         benchmark,
         lambda: triangulate_float64(points, ends),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shutil
 import subprocess
 import sys
 import zipfile
+
+import pytest
 
 from tests.paths import ROOT
 
@@ -50,3 +53,11 @@ def test_the_locks_pin_every_package_with_hashes_and_name_no_address():
         pinned = [entry for entry in entries if "==" in entry.split("\n")[0]]
         assert pinned
         assert all("--hash=sha256:" in entry for entry in pinned), name
+
+
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "tests/benchmarks").glob("*.py")), ids=lambda f: f.stem
+)
+def test_benchmarks_find_what_they_import(file):
+    """They run by hand only, so nothing else would notice a name that is gone."""
+    importlib.import_module(f"tests.benchmarks.{file.stem}")
