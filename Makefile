@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city helsinki test check format fuzz bench study compare-demo docs docs-full lock clean
+.PHONY: help setup city helsinki test check format fuzz bench proven study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -44,6 +44,9 @@ compare-demo: setup  ## what CI does: a baseline, an equal run, a regression; wr
 
 bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
+
+proven: setup  ## prove the optimum for H of every scene's polygons; prints a table
+	PYTHONPATH=. $(PY) scripts/proven.py
 
 study: setup  ## the studies behind docs/findings.md; more than an hour on a quiet machine
 	scripts/study.sh

@@ -1,6 +1,6 @@
 """Print, for each scene, how many polygons' optimum is proven, the largest gap and the times.
 
-    python scripts/proven.py [--criterion half-perimeter] [--holes] [--most 5000] [SCENE ...]
+    PYTHONPATH=. python scripts/proven.py [--criterion NAME] [--holes] [--most 5000] [SCENE ...]
 
 A polygon's time is that of finding the optimum and of checking the proof, together.
 """
