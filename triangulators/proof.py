@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.candidates import Candidates, candidates_of
+from triangulators.candidates import MOST, Candidates, candidates_of
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
 from triangulators.local_minimality import exclude
@@ -21,7 +21,9 @@ from triangulators.units import Units, costs_of, units_for, weights_of
 
 SECONDS = 60.0  # for the linear programs of one polygon
 _WHOLE = 1e-6
-_MOST_WORK = 10**8  # triangles in all tables of one polygon; some ten seconds
+_MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
+_QUICK_WORK, _QUICK_ROWS = 10**7, 40_000  # the same, and rows of a program: some seconds
+_QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
 _ENDLESS = 2**60 - 1  # weight that no triangulation reaches
 
 
@@ -45,6 +47,8 @@ class _Search:
     ) -> None:
         self.candidates, self.weights, self.cost = candidates, weights, cost
         self.units, self.seconds = units, seconds
+        # Without a time limit, work is limited to what takes seconds on any machine.
+        self.timed = 0.0 < seconds < np.inf
         self.light = weights / units.factor
         self.best = np.empty(0, dtype=np.int64)
         self.least = np.inf
@@ -66,12 +70,12 @@ class _Search:
                 return Leaf(table.potentials, 0)
         elif parts.number == 2:
             across = ways_across(self.candidates, allowed, parts.of)
-            work = 0 if across is None else len(across.ways) * len(allowed)
-            if across is not None and work <= _MOST_WORK:
+            most = _MOST_WORK if self.timed else _QUICK_WORK
+            if across is not None and len(across.ways) * int(allowed.sum()) <= most:
                 return self._each_way(allowed, across, depth)
         if depth == 0:
             self.offer(self._searched())
-        if self.seconds == 0.0:
+        if self.seconds == 0.0 or (not self.timed and int(allowed.sum()) > _QUICK_ROWS):
             return self._leaf(allowed, np.zeros(len(self.candidates.edges)))
         found = solve(self.candidates, self.light, allowed, self.best, self.seconds)
         if found.solved:
@@ -132,10 +136,12 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), between sites, and find evidence of how good it is.
 
-    seconds: for each linear program; one that is not solved in time gives a weak bound, as does
-    none at all where seconds are 0. None if the polygon has too many candidates.
+    seconds: for each linear program; one that is not solved in time gives a weak bound. Where
+    seconds are infinite, programs of more than 40,000 triangles are not tried, and where they are 0
+    none is, which gives a weak bound, too. None if the polygon has too many candidates.
     """
-    candidates = candidates_of(outline, triangles)
+    timed = 0.0 < seconds < np.inf
+    candidates = candidates_of(outline, triangles, MOST if timed else _QUICK)
     if candidates is None:
         return None
     costs = costs_of(candidates.points, candidates.triangles, *cost[:4])
