@@ -8,6 +8,16 @@ from triangulators.small_ring import ring_optimum
 
 
 @njit(cache=True, nogil=True)
+def polygon_of(
+    index: int, coordinates: np.ndarray, ring_ends: np.ndarray, owners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (n, 2) of polygon `index` of a batch, and where in them each ring ends."""
+    start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
+    ends = ring_ends[owners[index] : owners[index + 1]] - start
+    return coordinates[start : start + ends[-1]], ends
+
+
+@njit(cache=True, nogil=True)
 def do_rings(
     first: int,
     last: int,
@@ -51,7 +61,6 @@ def do_holes(
     """
     for task in range(first, last):
         index = which[task]
-        start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
-        ends = ring_ends[owners[index] : owners[index + 1]] - start
+        points, ends = polygon_of(index, coordinates, ring_ends, owners)
         own = triangles[starts[index] : starts[index + 1]]
-        done[index] = holes_optimum(coordinates[start : start + ends[-1]], ends, box, own)
+        done[index] = holes_optimum(points, ends, box, own)

@@ -173,3 +173,22 @@ def tolerance(points: np.ndarray) -> float:
     Zero where float64 determinants are exact; otherwise the rounding error of a coordinate.
     """
     return 0.0 if on_grid(points) else float(np.abs(points).max()) * 4.0 * 2.0**-52
+
+
+@njit(cache=True, nogil=True)
+def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether the open segments a-b and c-d cross in a point inside both."""
+    ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]
+    if max(cx, dx) < min(ax, bx) or min(cx, dx) > max(ax, bx):
+        return False
+    ay, by, cy, dy = points[a, 1], points[b, 1], points[c, 1], points[d, 1]
+    if max(cy, dy) < min(ay, by) or min(cy, dy) > max(ay, by):
+        return False
+    if a in (c, d) or b in (c, d):
+        return False
+    # By signs, not by their product, which may underflow.
+    of_c, of_d = turn(points, a, b, c), turn(points, a, b, d)
+    if not (min(of_c, of_d) < 0.0 < max(of_c, of_d)):
+        return False
+    of_a, of_b = turn(points, c, d, a), turn(points, c, d, b)
+    return min(of_a, of_b) < 0.0 < max(of_a, of_b)

@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 
 from triangulators.candidates import Candidates
+from triangulators.components import join
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
 _MOST_STEPS = 300_000  # of the simplex method in a round: a limit that is the same on any machine
@@ -149,13 +150,5 @@ def _off_tree(count: int, edges: np.ndarray, side: np.ndarray, inner: np.ndarray
 def _grow_tree(count: int, edges: np.ndarray, order: np.ndarray, free: np.ndarray) -> None:
     root = np.arange(count)
     for e in order:
-        a, b = edges[e, 0], edges[e, 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        if a != b:
-            root[a] = b
+        if join(root, edges[e, 0], edges[e, 1]):
             free[e] = False

@@ -48,7 +48,7 @@ class _Search:
         self.candidates, self.weights, self.cost = candidates, weights, cost
         self.units, self.seconds = units, seconds
         # Without a time limit, work is limited to what takes seconds on any machine.
-        self.timed = 0.0 < seconds < np.inf
+        self.timed = _is_timed(seconds)
         self.light = weights / units.factor
         self.best = np.empty(0, dtype=np.int64)
         self.least = np.inf
@@ -140,8 +140,7 @@ def prove(
     seconds are infinite, programs of more than 40,000 triangles are not tried, and where they are 0
     none is, which gives a weak bound, too. None if the polygon has too many candidates.
     """
-    timed = 0.0 < seconds < np.inf
-    candidates = candidates_of(outline, triangles, MOST if timed else _QUICK)
+    candidates = candidates_of(outline, triangles, MOST if _is_timed(seconds) else _QUICK)
     if candidates is None:
         return None
     costs = costs_of(candidates.points, candidates.triangles, *cost[:4])
@@ -158,6 +157,10 @@ def prove(
     bound = _bound(candidates, root, outline.expected_triangles)
     gap = 0.0 if bound // factor >= total // factor else (total - bound) / abs(total)
     return Proof(candidates.triangles[search.best], evidence, gap)
+
+
+def _is_timed(seconds: float) -> bool:
+    return 0.0 < seconds < np.inf
 
 
 def _bound(candidates: Candidates, node: Leaf | Branch, count: int) -> int:

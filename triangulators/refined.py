@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from triangulators import criteria, ear_clipping
+from triangulators.batch_kernels import polygon_of
 from triangulators.cost import Cost, cost_of, plain_cost, total_cost, triangle_cost
 from triangulators.order import walk_of
 from triangulators.polygon import Boundary, boundary_area
@@ -216,9 +217,7 @@ def refine_many(
     raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i.
     """
     for index in range(first, last):
-        start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
-        ends = ring_ends[owners[index] : owners[index + 1]] - start
-        points = coordinates[start : start + ends[-1]]
+        points, ends = polygon_of(index, coordinates, ring_ends, owners)
         own = raw[bounds[index - first] : bounds[index - first + 1]]
         if len(own) > 0 and is_triangulation(points, ends, own):
             room = triangles[starts[index] : starts[index + 1]]
@@ -241,12 +240,11 @@ def take_many(
 ) -> None:
     """Take over the triangles of `raw`, as `refine_many` gets them, where they are conforming."""
     for index in range(first, last):
-        start = ring_ends[owners[index] - 1] if owners[index] > 0 else 0
-        ends = ring_ends[owners[index] : owners[index + 1]] - start
+        points, ends = polygon_of(index, coordinates, ring_ends, owners)
         own = raw[bounds[index - first] : bounds[index - first + 1]]
         room = triangles[starts[index] : starts[index + 1]]
         whole = len(own) > 0 and len(own) == len(room)
-        if whole and is_triangulation(coordinates[start : start + ends[-1]], ends, own):
+        if whole and is_triangulation(points, ends, own):
             room[:] = own
             done[index] = True
 

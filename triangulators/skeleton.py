@@ -25,7 +25,8 @@ import numpy as np
 from numba import njit
 
 from triangulators.candidates import Candidates
-from triangulators.predicates import turn
+from triangulators.components import join, root_of
+from triangulators.predicates import cross, turn
 
 _NOTHING = np.int64(2**60 - 1)  # cost where no triangles fit; thrice that is still an int64
 
@@ -129,14 +130,6 @@ def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Ac
     return Across(edge, sides[row, k - 1])
 
 
-@njit(cache=True)
-def _root_of(parent: np.ndarray, v: int) -> int:
-    while parent[v] != v:
-        parent[v] = parent[parent[v]]
-        v = parent[v]
-    return v
-
-
 @njit(cache=True, nogil=True)
 def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent: np.ndarray) -> int:
     """Join the sites of each ring in `parent` (n,), 0..n - 1; return how many rings there are."""
@@ -147,10 +140,7 @@ def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent:
     rings = on_boundary.sum()
     for e in range(len(edges)):
         if side[e] != 0:
-            a, b = _root_of(parent, edges[e, 0]), _root_of(parent, edges[e, 1])
-            if a != b:
-                parent[a] = b
-                rings -= 1
+            rings -= join(parent, edges[e, 0], edges[e, 1])
     return rings
 
 
@@ -183,13 +173,13 @@ def _connect(
         e = order[place]
         if not left[e] or side[e] != 0:
             continue
-        a, b = _root_of(parent, edges[e, 0]), _root_of(parent, edges[e, 1])
-        if a != b and not _is_crossed(points, edges, left, order, low, place, widest):
+        a, b = edges[e, 0], edges[e, 1]
+        apart = root_of(parent, a) != root_of(parent, b)
+        if apart and not _is_crossed(points, edges, left, order, low, place, widest):
             cut[e] = True
-            parent[a] = b
-            parts -= 1
+            parts -= join(parent, a, b)
     for v in range(len(points)):
-        parent[v] = _root_of(parent, v)
+        parent[v] = root_of(parent, v)
     return parts
 
 
@@ -207,7 +197,6 @@ def _is_crossed(
     e = order[place]
     a, b = edges[e, 0], edges[e, 1]
     right = max(points[a, 0], points[b, 0])
-    bottom, top = min(points[a, 1], points[b, 1]), max(points[a, 1], points[b, 1])
     for step in (-1, 1):
         at = place + step
         while 0 <= at < len(order):
@@ -215,23 +204,9 @@ def _is_crossed(
             at += step
             if (step > 0 and low[f] >= right) or (step < 0 and low[f] + widest <= low[e]):
                 break
-            c, d = edges[f, 0], edges[f, 1]
-            beside = max(points[c, 1], points[d, 1]) <= bottom
-            beside = beside or min(points[c, 1], points[d, 1]) >= top
-            if left[f] and not beside and _cross(points, a, b, c, d):
+            if left[f] and cross(points, a, b, edges[f, 0], edges[f, 1]):
                 return True
     return False
-
-
-@njit(cache=True)
-def _cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether two edges cross; none has a site inside, and edges with a common end do not."""
-    apart = c not in (a, b) and d not in (a, b)
-    return (
-        apart
-        and (turn(points, a, b, c) > 0.0) != (turn(points, a, b, d) > 0.0)
-        and (turn(points, c, d, a) > 0.0) != (turn(points, c, d, b) > 0.0)
-    )
 
 
 @njit(cache=True, nogil=True)
@@ -239,7 +214,7 @@ def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray
     """Return which edges (e,) cross the edge a-b."""
     found = np.zeros(len(edges), dtype=np.bool_)
     for e in range(len(edges)):
-        found[e] = _cross(points, a, b, edges[e, 0], edges[e, 1])
+        found[e] = cross(points, a, b, edges[e, 0], edges[e, 1])
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from triangulators.order import walk_of
-from triangulators.predicates import turn
+from triangulators.predicates import cross
 from triangulators.small_ring import SMALL, ring_optimum, weight
 
 MOST_HOLES = 3
@@ -181,31 +181,14 @@ def _blocked(
     """
     size = len(cycle)
     for k in range(size):
-        if _cross(points, a, b, cycle[k], cycle[k + 1 if k + 1 < size else 0]):
+        if cross(points, a, b, cycle[k], cycle[k + 1 if k + 1 < size else 0]):
             return True
     for hole in range(1, len(ends)):
         start, end = ends[hole - 1], ends[hole]
         for k in range(start, end):
-            if _cross(points, a, b, ring[k], ring[k + 1 if k + 1 < end else start]):
+            if cross(points, a, b, ring[k], ring[k + 1 if k + 1 < end else start]):
                 return True
     return False
-
-
-@njit(cache=True, nogil=True)
-def _cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the open segments a-b and c-d cross in a point inside both."""
-    ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]
-    if max(cx, dx) < min(ax, bx) or min(cx, dx) > max(ax, bx):
-        return False
-    ay, by, cy, dy = points[a, 1], points[b, 1], points[c, 1], points[d, 1]
-    if max(cy, dy) < min(ay, by) or min(cy, dy) > max(ay, by):
-        return False
-    if a in (c, d) or b in (c, d):
-        return False
-    return (
-        turn(points, a, b, c) * turn(points, a, b, d) < 0.0
-        and turn(points, c, d, a) * turn(points, c, d, b) < 0.0
-    )
 
 
 @njit(cache=True, nogil=True)

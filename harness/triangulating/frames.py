@@ -177,7 +177,7 @@ def warm_up(recipe: Recipe) -> None:
     """
     if recipe.base in _warm:
         return
-    recipe.attempt(ragged(list(small_polygons())))
+    _batch(recipe, list(small_polygons()), FrameTriangulation())
     for polygon in small_polygons():
         try:
             check(polygon, recipe.triangulate(polygon))

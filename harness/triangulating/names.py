@@ -84,6 +84,13 @@ class Recipe:
         return tuple(term for term in self.calibration or () if term[0] != "draw")
 
     @property
+    def _arguments(self) -> dict[str, Any]:
+        """What the triangulator is called with."""
+        if self.calibration is not None:
+            return {"criterion": criteria.calibrated(dict(self._weights))}
+        return self.parameters
+
+    @property
     def before_turning(self) -> Recipe:
         """The recipe for the polygons at rotation 0."""
         return replace(self, upright=False)
@@ -112,10 +119,7 @@ class Recipe:
         count = len(arrays.polygon_ends)
         if not self.builtin:
             return [], np.zeros(count, np.bool_)
-        parameters: dict[str, Any] = self.parameters
-        if self.calibration is not None:
-            parameters = {"criterion": criteria.calibrated(dict(self._weights))}
-        return attempt_many(arrays, self.base, threads=1, **parameters)
+        return attempt_many(arrays, self.base, threads=1, **self._arguments)
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
         """Return (m, 3) triangles; raises what `triangulators.triangulate` raises."""
@@ -133,10 +137,7 @@ class Recipe:
 
     def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
         """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""
-        if self.calibration is not None:
-            criterion = criteria.calibrated(dict(self._weights))
-            return triangulate_with_gap(polygon, self.base, criterion=criterion)
-        return triangulate_with_gap(polygon, self.base, **self.parameters)
+        return triangulate_with_gap(polygon, self.base, **self._arguments)
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
