@@ -22,10 +22,17 @@ def walk(triangles: np.ndarray, count: int) -> np.ndarray:
 @njit(cache=True, nogil=True)
 def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
     """Do the work of `walk`, for int32 triangles."""
-    ordered = triangles[_rows_of(triangles, count)]
+    return walk_along(triangles, neighbours_of(triangles, count), count)
+
+
+@njit(cache=True, nogil=True)
+def walk_along(triangles: np.ndarray, across: np.ndarray, count: int) -> np.ndarray:
+    """Do the work of `walk` where the neighbours (m, 3) are known."""
+    rows = _rows_of(across)
+    ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)
     for row in range(len(ordered)):
-        a, b, c = ordered[row, 0], ordered[row, 1], ordered[row, 2]
+        a, b, c = triangles[rows[row], 0], triangles[rows[row], 1], triangles[rows[row], 2]
         # Turned, not mirrored: a triangle's orientation means something.
         if met[c] and met[b] and not met[a]:
             a, b, c = b, c, a
@@ -37,14 +44,13 @@ def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _rows_of(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return the (m,) rows of int32 triangles in the order of the walk.
+def _rows_of(across: np.ndarray) -> np.ndarray:
+    """Return the (m,) rows of triangles in the order of the walk, by their neighbours (m, 3).
 
     Each part that hangs together is walked from its first triangle with one neighbour, or from
     its first; where the dual graph has cycles, along a tree grown breadth first.
     """
-    m = len(triangles)
-    across = neighbours_of(triangles, count)
+    m = len(across)
     parent = np.full(m, -2, dtype=np.int32)
     size = np.ones(m, dtype=np.int32)
     queue = np.empty(m, dtype=np.int32)

@@ -21,7 +21,7 @@ from numba import njit
 from triangulators import criteria, ear_clipping
 from triangulators.batch_kernels import polygon_of
 from triangulators.cost import Cost, cost_of, plain_cost, total_cost, triangle_cost
-from triangulators.order import walk_of
+from triangulators.order import walk_along
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.predicates import turn
 from triangulators.starts import starts
@@ -33,28 +33,32 @@ _SWEEPS = 100  # for the in-circle test, whose rounding might let flips go round
 
 
 @njit(cache=True, nogil=True)
-def is_triangulation(points: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether triangles all turn left and what they do not share is the rings' edges, once each."""
+def is_triangulation(
+    points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, across: np.ndarray
+) -> bool:
+    """Whether triangles all turn left and what they do not share is the rings' edges, once each.
+
+    across: their neighbours, as `neighbours_of` returns them.
+    """
     n = len(points)
     if len(triangles) != n + 2 * (len(ends) - 1) - 2:
         return False
-    for row in range(len(triangles)):
-        if turn(points, triangles[row, 0], triangles[row, 1], triangles[row, 2]) <= 0.0:
-            return False
     following = np.arange(1, n + 1)
     start = 0
     for end in ends:
         following[end - 1] = start
         start = end
-    across = neighbours_of(triangles, n)
     edges = 0
     for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        if turn(points, a, b, c) <= 0.0:
+            return False
         for e in range(3):
             if across[row, e] < 0:
                 edges += 1
-                a, b = triangles[row, e], triangles[row, (e + 1) % 3]
                 if following[a] != b and following[b] != a:
                     return False
+            a, b, c = b, c, a
     return edges == n
 
 
@@ -134,8 +138,8 @@ def _flip(triangles: np.ndarray, across: np.ndarray, r: int, e: int, s: int, f: 
     _point_back(triangles, across, beyond_bc, c, b, s)
 
 
-@njit(cache=True, nogil=True)
-def flip_all(
+@njit(cache=True, nogil=True, inline="always")
+def _flips(
     points: np.ndarray,
     triangles: np.ndarray,
     across: np.ndarray,
@@ -147,7 +151,8 @@ def flip_all(
     """Flip in place until no flip gains; return how many were made.
 
     The gain is looked at first: it is two distances, where convexity is two exact orientations.
-    Every flip by a criterion makes its sum less, so no triangulation is met twice and it ends.
+    An edge is looked at from the triangle with the smaller number only. Every flip by a criterion
+    makes its sum less, so no triangulation is met twice and it ends.
     """
     flips, sweeps, before = 0, 0, -1
     while flips != before and (test != _IN_CIRCLE or sweeps < _SWEEPS):
@@ -156,44 +161,92 @@ def flip_all(
         for r in range(len(triangles)):
             for e in range(3):
                 s = across[r, e]
-                if s < 0:
+                if s < r:
                     continue
                 a, b, c = triangles[r, e], triangles[r, (e + 1) % 3], triangles[r, (e + 2) % 3]
-                f = 0
-                while triangles[s, f] != b or triangles[s, (f + 1) % 3] != a:
-                    f += 1
-                d = triangles[s, (f + 2) % 3]
+                d: Any = np.int32(triangles[s, 0] + triangles[s, 1] + triangles[s, 2] - a - b)
                 if (
                     _gains(points, a, b, c, d, test, weights, function, custom)
                     and turn(points, a, d, c) > 0.0
                     and turn(points, d, b, c) > 0.0
                 ):
+                    f = 0
+                    while triangles[s, f] != b:
+                        f += 1
                     _flip(triangles, across, r, e, s, f)
                     flips += 1
     return flips
+
+
+# One compiled form for each test: to ask for it at each edge takes longer than what it chooses.
+
+
+@njit(cache=True, nogil=True)
+def _flips_by_l1(
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
+) -> int:
+    return _flips(points, triangles, across, _L1, weights, f, False)
+
+
+@njit(cache=True, nogil=True)
+def _flips_by_circles(
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
+) -> int:
+    return _flips(points, triangles, across, _IN_CIRCLE, weights, f, False)
+
+
+@njit(cache=True, nogil=True)
+def _flips_by_cost(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    across: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+) -> int:
+    return _flips(points, triangles, across, _ANY, weights, function, custom)
+
+
+@njit(cache=True, nogil=True)
+def _l1_of(points: np.ndarray, triangles: np.ndarray) -> float:
+    """Return the L1 length of all triangles' edges."""
+    total = 0.0
+    for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        total += _l1(points, a, b) + _l1(points, b, c) + _l1(points, c, a)
+    return total
 
 
 @njit(cache=True, nogil=True)
 def refine(
     points: np.ndarray,
     triangles: np.ndarray,
+    across: np.ndarray,
     test: int,
     weights: np.ndarray,
     function: Any,
     custom: bool,
 ) -> np.ndarray:
-    """Return what flips make of triangles (m, 3), in the order of `order.walk`."""
-    by_ears = triangles.copy()
-    across = neighbours_of(by_ears, len(points))
-    by_circles, beside = by_ears.copy(), across.copy()
-    flip_all(points, by_ears, across, test, weights, function, custom)
-    if flip_all(points, by_circles, beside, _IN_CIRCLE, weights, function, custom) > 0:
-        flip_all(points, by_circles, beside, test, weights, function, custom)
-        one = total_cost(points, by_ears, weights, function, custom, 1.0, False)
-        other = total_cost(points, by_circles, weights, function, custom, 1.0, False)
-        if other < one:
-            by_ears = by_circles
-    return walk_of(by_ears, len(points))
+    """Return what flips make of triangles (m, 3), in the order of `order.walk`.
+
+    across: the neighbours of the triangles; both are overwritten.
+    """
+    other, beside = triangles.copy(), across.copy()
+    by_circles = _flips_by_circles(points, other, beside, weights, function) > 0
+    if test == _L1:
+        _flips_by_l1(points, triangles, across, weights, function)
+        if by_circles:
+            _flips_by_l1(points, other, beside, weights, function)
+            by_circles = _l1_of(points, other) < _l1_of(points, triangles)
+    else:
+        _flips_by_cost(points, triangles, across, weights, function, custom)
+        if by_circles:
+            _flips_by_cost(points, other, beside, weights, function, custom)
+            one = total_cost(points, triangles, weights, function, custom, 1.0, False)
+            by_circles = total_cost(points, other, weights, function, custom, 1.0, False) < one
+    if by_circles:
+        return walk_along(other, beside, len(points))
+    return walk_along(triangles, across, len(points))
 
 
 @njit(cache=True, nogil=True)
@@ -214,14 +267,18 @@ def refine_many(
 ) -> None:
     """Do `refine` for the polygons first..last - 1; mark in `done` those that had a start.
 
-    raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i.
+    raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i; they
+    are overwritten.
     """
     for index in range(first, last):
         points, ends = polygon_of(index, coordinates, ring_ends, owners)
         own = raw[bounds[index - first] : bounds[index - first + 1]]
-        if len(own) > 0 and is_triangulation(points, ends, own):
+        if len(own) == 0:
+            continue
+        across = neighbours_of(own, len(points))
+        if is_triangulation(points, ends, own, across):
             room = triangles[starts[index] : starts[index + 1]]
-            room[:] = refine(points, own, test, weights, function, False)
+            room[:] = refine(points, own, across, test, weights, function, False)
             done[index] = True
 
 
@@ -243,8 +300,9 @@ def take_many(
         points, ends = polygon_of(index, coordinates, ring_ends, owners)
         own = raw[bounds[index - first] : bounds[index - first + 1]]
         room = triangles[starts[index] : starts[index + 1]]
-        whole = len(own) > 0 and len(own) == len(room)
-        if whole and is_triangulation(points, ends, own):
+        if len(own) == 0 or len(own) != len(room):
+            continue
+        if is_triangulation(points, ends, own, neighbours_of(own, len(points))):
             room[:] = own
             done[index] = True
 
@@ -271,7 +329,10 @@ def triangulate(
         raise ValueError(f"refined: {found.name} is no sum over triangles; drop minmax-")
     cost = plain_cost(found) or cost_of(found, boundary_area(outline), outline.expected_triangles)
     points, ends = outline.points, outline.ends.astype(np.int64)
-    start = np.ascontiguousarray(ear_clipping.triangulate(outline), dtype=np.int32)
-    if not is_triangulation(points, ends, start):
-        start = starts(outline)[0]
-    return refine(points, start, test_of(cost), cost.weights, cost.function, cost.custom)
+    start = np.array(ear_clipping.triangulate(outline), dtype=np.int32, order="C")
+    across = neighbours_of(start, len(points))
+    if not is_triangulation(points, ends, start, across):
+        start = np.array(starts(outline)[0], dtype=np.int32, order="C")
+        across = neighbours_of(start, len(points))
+    test = test_of(cost)
+    return refine(points, start, across, test, cost.weights, cost.function, cost.custom)

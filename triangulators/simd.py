@@ -1,7 +1,11 @@
-"""A minimum that LLVM turns into a SIMD reduction.
+"""What Numba does not turn into SIMD instructions by itself.
 
-Numba writes `min` as compare and branch, which the loop vectoriser does not recognise as a
+`fmin`: Numba writes `min` as compare and branch, which the loop vectoriser does not recognise as a
 reduction; llvm.minnum it does, once NaN and signed zeros are declared away.
+
+`push`: a loop of one or two rounds, entered some thirty times a polygon, spends its time on what
+the vectoriser puts before and behind it (do the arrays overlap? are lanes left over?). Written down
+as one vector operation there is nothing to ask.
 """
 
 from typing import Any
@@ -29,3 +33,61 @@ fmin: Any = _fmin
 
 FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 """What may be assumed of floats: all but that there are no infinities."""
+
+LANES = 8
+"""How many int32 `push` does at once; LLVM makes two of them where registers are shorter."""
+
+
+@intrinsic
+def _push(
+    _typing: Any,
+    rows: Any,
+    _to: Any,
+    _x: Any,
+    _y: Any,
+    _weight: Any,
+    _beyond: Any,
+    _lane: Any,
+    _a: Any,
+    _b: Any,
+    _cost: Any,
+    _none: Any,
+) -> Any:
+    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, vector = ir.IntType(32), ir.VectorType(ir.IntType(32), LANES)
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        columns = builder.extract_value(array.shape, 1)
+        lane = arguments[6]
+
+        def pointer(row: Any) -> Any:
+            at = builder.add(builder.mul(row, columns), lane)
+            return builder.bitcast(builder.gep(array.data, [at]), vector.as_pointer())
+
+        def load(place: Any) -> Any:
+            return builder.load(place, align=4)
+
+        def spread(value: Any) -> Any:
+            nothing = ir.Constant(vector, ir.Undefined)
+            one = builder.insert_element(nothing, value, ir.Constant(word, 0))
+            everywhere = ir.Constant(ir.VectorType(word, LANES), [0] * LANES)
+            return builder.shuffle_vector(one, nothing, everywhere)
+
+        place = pointer(arguments[1])
+        before = load(place)
+        x, y, weight, beyond = (load(pointer(row)) for row in arguments[2:6])
+        a, b, cost, none = (spread(value) for value in arguments[7:])
+        left = builder.icmp_signed(">", builder.mul(a, y), builder.mul(b, x))
+        total = builder.select(left, builder.add(builder.add(beyond, weight), cost), none)
+        lower = builder.select(builder.icmp_signed("<", total, before), total, before)
+        builder.store(lower, place, align=4)
+        return context.get_dummy_value()
+
+    row, value = types.intp, types.int32
+    return types.void(rows, row, row, row, row, row, row, value, value, value, value), emit
+
+
+push: Any = _push
+"""push(rows, to, x, y, weight, beyond, lane, a, b, cost, none): LANES columns of `rows` (C-ordered
+int32) from `lane` on; all but `rows` and the int32 a, b, cost and none are numbers of rows."""

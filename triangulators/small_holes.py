@@ -9,14 +9,18 @@ least over all choices of cuts is the optimum, and nothing else is.
 
 To the right, up and down the same holds, so at each step the direction with the fewest diagonals
 is taken. They are few for one or two holes; beyond `_MOST_CUTS` rings it is left to others.
+
+Tried without gain: filling once what the tables of one hole's cuts have in common, the pairs of
+corners around it. A ring's table takes less than what is left to be filled for each cut.
 """
 
 import numpy as np
 from numba import njit
 
 from triangulators.order import walk_of
-from triangulators.predicates import cross
-from triangulators.small_ring import SMALL, ring_optimum, weight
+from triangulators.predicates import FILTER
+from triangulators.simd import FAST, fmin
+from triangulators.small_ring import SMALL, box_of, grid_unit, ring_optimum, weight
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -38,49 +42,45 @@ def holes_optimum(
     most = n + 2 * holes
     if most > SMALL or holes > MOST_HOLES or _rings_touch(points, ends):
         return False
+    _, _, w, h = box_of(points)
+    # The filter's bound is a multiple of two products, each below the span's square.
+    doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
     ring = _wound(points, ends)
-    cycle = np.empty((holes + 1, most), dtype=np.int32)
+    cycle = np.empty((holes + 1, most), dtype=np.int32)  # at each depth, that around what is left
     cycle[0, : ends[0]] = ring[: ends[0]]
-    merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, which holes
-    bridges = np.empty((holes, most), dtype=np.int32)
-    count = np.zeros(holes, dtype=np.int64)
-    taken = np.zeros(holes, dtype=np.int64)
-    tip = np.empty(holes, dtype=np.int64)
     size = np.empty(holes + 1, dtype=np.int64)
     size[0] = ends[0]
+    merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, which holes
+    bridges = np.empty((holes, most), dtype=np.int32)
+    count = np.full(holes, -1, dtype=np.int64)  # of bridges; -1: not looked for yet
+    taken = np.zeros(holes, dtype=np.int64)
+    tip = np.empty(holes, dtype=np.int64)
     corners = np.empty((most, 2))
     found = np.empty((most - 2, 3), dtype=np.int32)
     least, cuts, depth = np.inf, 0, 0
-    count[0] = _bridges(points, ends, ring, cycle[0, : size[0]], merged[0], bridges[0], tip[:1])
     while depth >= 0:
+        around = cycle[depth, : size[depth]]
+        if count[depth] < 0:
+            ways, own = bridges[depth], tip[depth : depth + 1]
+            count[depth] = _bridges(points, ends, ring, around, merged[depth], doubt, ways, own)
+            taken[depth] = 0
         if taken[depth] == count[depth]:
+            count[depth] = -1
             depth -= 1
             continue
         place = bridges[depth, taken[depth]]
         taken[depth] += 1
-        hole = _merge(ends, ring, cycle[depth, : size[depth]], place, tip[depth], cycle[depth + 1])
-        size[depth + 1] = size[depth] + ends[hole] - ends[hole - 1] + 2
+        hole = _merge(ends, ring, around, place, tip[depth], cycle[depth + 1])
         if depth + 1 < holes:
+            size[depth + 1] = size[depth] + ends[hole] - ends[hole - 1] + 2
+            merged[depth + 1] = merged[depth]
+            merged[depth + 1, hole] = True
             depth += 1
-            merged[depth] = merged[depth - 1]
-            merged[depth, hole] = True
-            taken[depth] = 0
-            count[depth] = _bridges(
-                points,
-                ends,
-                ring,
-                cycle[depth, : size[depth]],
-                merged[depth],
-                bridges[depth],
-                tip[depth : depth + 1],
-            )
             continue
         cuts += 1
         if cuts > _MOST_CUTS:
             return False
-        for k in range(most):
-            corners[k, 0], corners[k, 1] = points[cycle[holes, k], 0], points[cycle[holes, k], 1]
-        cost = ring_optimum(corners, box, found)
+        cost = _ring_cost(points, cycle[holes], box, corners, found)
         for level in range(holes):  # a cut is a side of the ring, but a diagonal of the polygon
             a, b = cycle[level + 1, 0], ring[tip[level]]
             cost += weight(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)
@@ -92,6 +92,16 @@ def holes_optimum(
     if least < np.inf:
         triangles[:] = walk_of(triangles, n)
     return least < np.inf
+
+
+@njit(cache=True, nogil=True)
+def _ring_cost(
+    points: np.ndarray, ring: np.ndarray, box: np.ndarray, corners: np.ndarray, found: np.ndarray
+) -> float:
+    """Return what `ring_optimum` finds for the points of a ring, in `found`."""
+    for k in range(len(ring)):
+        corners[k, 0], corners[k, 1] = points[ring[k], 0], points[ring[k], 1]
+    return ring_optimum(corners, box, found)
 
 
 @njit(cache=True, nogil=True)
@@ -137,33 +147,30 @@ def _bridges(
     ring: np.ndarray,
     cycle: np.ndarray,
     merged: np.ndarray,
+    doubt: float,
     bridges: np.ndarray,
     tip: np.ndarray,
 ) -> int:
     """Write the places of the cycle where a cut may end; return how many.
 
     The cut starts at the vertex ring[tip[0]] of a hole that is not merged, the furthest in the
-    direction that leaves the fewest.
+    direction that leaves the fewest. Slanted directions are looked at too where sums of
+    coordinates are exact, which they are where nothing is in doubt.
     """
+    edges = _edges(points, ends, ring, cycle, merged)
     fewest = len(cycle) + 1
     places = np.empty(len(cycle), dtype=np.int32)
-    for direction in range(4):
-        axis, sign = direction // 2, 1.0 if direction % 2 == 0 else -1.0
-        best = -1
-        for hole in range(1, len(ends)):
-            if merged[hole]:
-                continue
-            for k in range(ends[hole - 1], ends[hole]):
-                here = sign * points[ring[k], axis]
-                if best < 0 or here < sign * points[ring[best], axis]:
-                    best = k
-        limit = sign * points[ring[best], axis]
+    for direction in range(8 if doubt == 0.0 else 4):
+        best, limit = _furthest(points, ends, ring, merged, direction)
+        x, y = points[ring[best], 0], points[ring[best], 1]
         count = 0
         for place in range(len(cycle)):
-            beyond = sign * points[cycle[place], axis] < limit
-            if beyond and not _blocked(points, ends, ring, cycle, cycle[place], ring[best]):
+            ax, ay = points[cycle[place], 0], points[cycle[place], 1]
+            if _along(ax, ay, direction) < limit and not _blocked(edges, x, y, ax, ay, doubt):
                 places[count] = place
                 count += 1
+                if count == fewest:
+                    break
         if 0 < count < fewest:
             fewest = count
             tip[0] = best
@@ -172,23 +179,74 @@ def _bridges(
 
 
 @njit(cache=True, nogil=True)
-def _blocked(
-    points: np.ndarray, ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, a: int, b: int
-) -> bool:
-    """Whether the open segment a-b properly crosses an edge of the cycle or of a hole.
+def _along(x: float, y: float, direction: int) -> float:
+    """Return how far against one of eight directions a point lies."""
+    along = x if direction % 4 < 2 else y
+    if direction >= 4:
+        along = x + y if direction < 6 else x - y
+    return along if direction % 2 == 0 else -along
 
-    What merely touches is not looked for: then no triangulation of the ring will be found.
-    """
-    size = len(cycle)
-    for k in range(size):
-        if cross(points, a, b, cycle[k], cycle[k + 1 if k + 1 < size else 0]):
-            return True
+
+@njit(cache=True, nogil=True)
+def _furthest(
+    points: np.ndarray, ends: np.ndarray, ring: np.ndarray, merged: np.ndarray, direction: int
+) -> tuple[int, float]:
+    """Return the place in `ring` of the furthest vertex of what is not merged, and `_along`."""
+    best, least = -1, 0.0
     for hole in range(1, len(ends)):
-        start, end = ends[hole - 1], ends[hole]
-        for k in range(start, end):
-            if cross(points, a, b, ring[k], ring[k + 1 if k + 1 < end else start]):
-                return True
-    return False
+        if not merged[hole]:
+            for k in range(ends[hole - 1], ends[hole]):
+                here = _along(points[ring[k], 0], points[ring[k], 1], direction)
+                if best < 0 or here < least:
+                    best, least = k, here
+    return best, least
+
+
+@njit(cache=True, nogil=True)
+def _edges(
+    points: np.ndarray, ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, merged: np.ndarray
+) -> np.ndarray:
+    """Return x and y of where edges begin and of where they end, (4, e): what may block a cut."""
+    edges = np.empty((4, len(cycle) + len(ring)))
+    count = len(cycle)
+    for k in range(count):
+        a, b = cycle[k], cycle[k + 1 if k + 1 < count else 0]
+        edges[0, k], edges[1, k] = points[a, 0], points[a, 1]
+        edges[2, k], edges[3, k] = points[b, 0], points[b, 1]
+    for hole in range(1, len(ends)):
+        if not merged[hole]:
+            start, end = ends[hole - 1], ends[hole]
+            for k in range(start, end):
+                a, b = ring[k], ring[k + 1 if k + 1 < end else start]
+                edges[0, count], edges[1, count] = points[a, 0], points[a, 1]
+                edges[2, count], edges[3, count] = points[b, 0], points[b, 1]
+                count += 1
+    return edges[:, :count]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
+    """Whether the open segment from x, y to ax, ay surely crosses an edge, inside both.
+
+    It does if both ends of either are on different sides of the other, by determinants of more
+    than `doubt`. What merely touches is not looked for, nor what is in doubt: then no
+    triangulation of the ring will be found.
+    """
+    dx, dy = ax - x, ay - y
+    least = 0.0
+    for k in range(edges.shape[1]):
+        cx, cy = edges[0, k] - x, edges[1, k] - y
+        ex, ey = edges[2, k] - x, edges[3, k] - y
+        begin, end = dx * cy - dy * cx, dx * ey - dy * ex
+        here = cx * ey - cy * ex
+        there = (edges[2, k] - edges[0, k]) * (ay - edges[1, k])
+        there -= (edges[3, k] - edges[1, k]) * (ax - edges[0, k])
+        below, above = (
+            max(min(begin, end), min(here, there)),
+            min(max(begin, end), max(here, there)),
+        )
+        least = fmin(least, max(below, -above))
+    return least < -doubt
 
 
 @njit(cache=True, nogil=True)

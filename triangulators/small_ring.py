@@ -10,10 +10,13 @@ innermost loop runs over j: once cost(i, k) is final, it is pushed into every co
 
     row[j] = min(row[j], cost(i, k) + table[k, j])
 
-for each j > k for which i, k, j turn left. That is one addition and one minimum in each SIMD lane,
+for each j > k for which i, k, j turn left. That is an addition and a minimum in each SIMD lane,
 without a reduction. A pair that no triangulation has is skipped together with all that would be
-built on it. Rows are padded to whole SIMD registers, and what is left of the diagonal is NONE: a
-sum with it never is the minimum, so the loop may begin at a register's first lane.
+built on it. What the diagonal (i, j) costs is added in the same lane, from a row filled once for
+each i, and is NONE where the diagonal does not start into the polygon's angle at i: one comparison,
+of which a processor guesses the outcome wrong now and then, tells whether a pair is skipped. Rows
+are padded to whole SIMD registers, and what is left of the diagonal is NONE: a sum with it never is
+the minimum, so the loop may begin at a register's first lane.
 
 No visibility is needed: a combinatorial triangulation of the ring whose triangles all turn left is
 one of the polygon, because its edges add up to the boundary.
@@ -33,12 +36,13 @@ import numpy as np
 from numba import njit
 
 from triangulators.predicates import FILTER, orient
-from triangulators.simd import FAST, fmin
+from triangulators.simd import FAST, LANES, fmin, push
 
 SMALL = 192  # corners up to which a ring is done here
-_LANES = 8
 _SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
-_NO_INT: Any = np.int32((1 << 30) - 1)  # no triangulation; the sum of two of them still fits
+_NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
+# Rows in the space of a ring, before those of its table.
+_X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
 _NONE = 1e300
 _FAR = 1e30
 
@@ -72,44 +76,54 @@ def grid_unit(points: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _fill_int(x: np.ndarray, y: np.ndarray, n: int, sign: int, base: int) -> np.ndarray:
-    """Return the table of a ring of integer corners, (n, lanes) int32.
+def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
+    """Fill the table of a ring of n integer corners.
 
-    A diagonal costs `base` plus `sign` times its L1 length: with sign -1 and the largest length for
-    a base the longest are found, and no weight is negative. x, y: int32, padded.
+    space: (_TABLE + n, lanes) int32, of which the rows _X and _Y are given, padded, and the others
+    are written; the table begins at row _TABLE. A diagonal costs `base` plus `sign` times its L1
+    length: with sign -1 and the largest length for a base the longest are found, and no weight is
+    negative.
     """
-    lanes = len(x)
-    table = np.full((n, lanes), _NO_INT, dtype=np.int32)
-    row = np.empty(lanes, dtype=np.int32)
-    rx = np.empty(lanes, dtype=np.int32)
-    ry = np.empty(lanes, dtype=np.int32)
-    for i in range(n - 2, -1, -1):
+    lanes = space.shape[1]
+    for i in range(n):
         for j in range(lanes):
-            row[j] = _NO_INT
-            rx[j] = np.int32(x[j] - x[i])
-            ry[j] = np.int32(y[j] - y[i])
-        row[i + 1] = 0
-        # A diagonal has to start into the polygon's angle at i: left of both its sides, or of
-        # either where the angle is reflex.
-        before = i - 1 if i > 0 else n - 1
-        ox, oy, ix, iy = rx[i + 1], ry[i + 1], np.int32(-rx[before]), np.int32(-ry[before])
-        convex = ix * oy - iy * ox > 0
-        for k in range(i + 1, n):
-            cost = row[k]
-            if cost >= _NO_INT:
-                continue
-            a, b = rx[k], ry[k]
-            if k > i + 1 and k - i < n - 1:
-                beside, along = ox * b - oy * a > 0, ix * b - iy * a > 0
-                if not (beside and along if convex else beside or along):
-                    continue
-                cost = np.int32(cost + base + sign * (abs(a) + abs(b)))
-            table[i, k] = cost
-            for j in range(np.uint64((k + 1) & ~(_LANES - 1)), np.uint64(lanes)):
-                total = np.int32(cost + table[k, j])
-                left = np.int32(a * ry[j]) > np.int32(b * rx[j])
-                row[j] = min(row[j], total if left else _NO_INT)
-    return table
+            space[_TABLE + i, j] = _NO_INT
+    for i in range(n - 2, -1, -1):
+        _weigh(space, n, i, sign, base)
+        cost, k = np.int32(0), i + 1
+        while True:
+            if cost < _NO_INT:
+                space[_TABLE + i, k] = cost
+                a, b, first = space[_FROM_X, k], space[_FROM_Y, k], (k + 1) & ~(LANES - 1)
+                for j in range(first, lanes, LANES):
+                    push(space, _ROW, _FROM_X, _FROM_Y, _WEIGHT, _TABLE + k, j, a, b, cost, _NO_INT)
+            k += 1
+            if k == n:
+                break
+            cost = space[_ROW, k]
+
+
+@njit(cache=True, nogil=True)
+def _weigh(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
+    """Prepare the row of corner i: where the others are from there, and what diagonals cost.
+
+    A diagonal has to start into the polygon's angle at i: left of both its sides, or of either
+    where the angle is reflex.
+    """
+    x, y = space[_X, i], space[_Y, i]
+    before = i - 1 if i > 0 else n - 1
+    ox, oy = np.int32(space[_X, i + 1] - x), np.int32(space[_Y, i + 1] - y)
+    ix, iy = np.int32(x - space[_X, before]), np.int32(y - space[_Y, before])
+    convex = np.int32(ix * oy) > np.int32(iy * ox)
+    first = (i + 1) & ~(LANES - 1)
+    for j in range(np.uint64(first), np.uint64(space.shape[1])):
+        a, b = np.int32(space[_X, j] - x), np.int32(space[_Y, j] - y)
+        space[_FROM_X, j], space[_FROM_Y, j], space[_ROW, j] = a, b, _NO_INT
+        beside, along = np.int32(ox * b) > np.int32(oy * a), np.int32(ix * b) > np.int32(iy * a)
+        inside = (beside & along) | ((beside | along) & (not convex))
+        space[_WEIGHT, j] = np.int32(base + sign * (abs(a) + abs(b))) if inside else _NO_INT
+    if i == 0:
+        space[_WEIGHT, n - 1] = 0  # a side, as is the pair (i, i + 1), which nothing is pushed to
 
 
 @njit(cache=True, nogil=True)
@@ -138,7 +152,7 @@ def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: fl
             if k > i + 1 and k - i < n - 1:
                 cost += weight(a, b, box)
             table[i, k] = cost
-            first = np.uint64((k + 1) & ~(_LANES - 1))
+            first = np.uint64((k + 1) & ~(LANES - 1))
             low_x, high_x, low_y, high_y = min(0.0, a), max(0.0, a), min(0.0, b), max(0.0, b)
             if doubt < 0.0:
                 for j in range(first, np.uint64(lanes)):
@@ -192,11 +206,14 @@ def _trace(
     by_box: float,
     exact: bool,
     none: float,
+    sign: int,
+    base: int,
     triangles: np.ndarray,
 ) -> bool:
     """Write the n - 2 triangles behind a table into `triangles`; False if there are none.
 
-    No apex was kept: the n - 2 that are needed are found again, from the same sums.
+    No apex was kept: the n - 2 that are needed are found again, from the same sums. Where those are
+    integers (sign is not 0) the sum is known, and the first apex that has it will do.
     """
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
@@ -206,9 +223,15 @@ def _trace(
         i, j = stack[height, 0], stack[height, 1]
         if j - i < 2:
             continue
-        best, apex = none, -1
+        best, apex, wanted = none, -1, -np.inf
+        if sign != 0:
+            side = j - i == n - 1
+            wanted = float(table[i, j])
+            wanted -= 0.0 if side else float(base + sign * (abs(x[j] - x[i]) + abs(y[j] - y[i])))
         xi, yi, dx, dy = float(x[i]), float(y[i]), float(x[j] - x[i]), float(y[j] - y[i])
         for k in range(i + 1, j):
+            if table[i, k] >= none:
+                continue
             total = float(table[i, k]) + float(table[k, j])
             if by_box != 0.0:
                 w = max(x[i], x[j], x[k]) - min(x[i], x[j], x[k])
@@ -220,6 +243,8 @@ def _trace(
                     left = orient(xi, yi, float(x[k]), float(y[k]), float(x[j]), float(y[j]))
                 if left > 0.0:
                     best, apex = total, k
+                    if total == wanted:
+                        break
         if apex < 0:
             return False
         triangles[found, 0], triangles[found, 1], triangles[found, 2] = j, i, apex
@@ -242,7 +267,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
     not simple, or has a vertex twice in a row.
     """
     n = len(points)
-    lanes = (n + _LANES - 1) // _LANES * _LANES
+    lanes = (n + LANES - 1) // LANES * LANES
     unit = grid_unit(points)
     area = 0.0
     for k in range(n):
@@ -252,15 +277,17 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
     low_x, low_y, w, h = box_of(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
     if unit > 0.0 and edges_only and max(w, h) < _SPAN * unit:
-        x, y = np.zeros(lanes, dtype=np.int32), np.zeros(lanes, dtype=np.int32)
+        space = np.empty((_TABLE + n, lanes), dtype=np.int32)
         for k in range(n):
             source = k if area > 0.0 else n - 1 - k
-            x[k] = np.int32((points[source, 0] - low_x) / unit)
-            y[k] = np.int32((points[source, 1] - low_y) / unit)
+            space[_X, k] = np.int32((points[source, 0] - low_x) / unit)
+            space[_Y, k] = np.int32((points[source, 1] - low_y) / unit)
+        space[_X : _Y + 1, n:] = 0
         sign = 1 if box[0] >= 0.0 else -1
         base = 0 if sign > 0 else int((w + h) / unit)
-        whole = _fill_int(x, y, n, sign, base)
-        if not _trace(whole, x, y, n, 0.0, True, float(_NO_INT), triangles):
+        _fill_int(space, n, sign, base)
+        whole, x, y = space[_TABLE:], space[_X], space[_Y]
+        if not _trace(whole, x, y, n, 0.0, True, float(_NO_INT), sign, base, triangles):
             return np.inf
         total = abs(box[0]) * unit * float(whole[0, n - 1])
     else:
@@ -271,7 +298,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
         # The filter's bound is a multiple of two products, each below the span's square.
         doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
         table = _fill_float(u, v, n, box, doubt)
-        if not _trace(table, u, v, n, box[1], unit > 0.0, _NONE, triangles):
+        if not _trace(table, u, v, n, box[1], unit > 0.0, _NONE, 0, 0, triangles):
             return np.inf
         total = table[0, n - 1]
     if area <= 0.0:

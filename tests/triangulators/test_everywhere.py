@@ -119,7 +119,7 @@ def test_letters():
     assert all(done)
 
 
-@settings(max_examples=2000, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(hard_polygons())
 def test_collinear_runs_repeated_coordinates_and_slivers(polygon):
     assert check(polygon, polygon.wkt) > 0
