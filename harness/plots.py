@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, ratios
-from harness.figures.registry import PREDICTED, find, measures, predictions
+from harness.figures.registry import PREDICTED, find, limit_of, measures, predictions
 from harness.looks import (
     COLOURS,
     MOST_VECTOR_MARKS,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+LANES = "overshading"
 PAPER = "overdraw"
 """Column of the criterion that the paper minimises."""
 
@@ -196,8 +197,10 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     base = base_of(whole) or whole[0]
     pairs = [(record, ratio) for record in whole if (ratio := time_ratio(record, base))]
     pairs.sort(key=lambda pair: pair[1].value, reverse=True)
-    figure = Figure(figsize=(ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
-    panel = figure.subplots()
+    lanes = [find(LANES)(record) for record, _ in pairs]
+    counted = all(value is not None for value in lanes)
+    figure = Figure(figsize=(TWO_COLUMNS if counted else ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
+    panel, *beside = figure.subplots(1, 2 if counted else 1, sharey=True, squeeze=False)[0]
     shown = looks([record["triangulator"] for record in members])
     for place, (record, ratio) in enumerate(pairs):
         style = shown[record["triangulator"]]
@@ -223,13 +226,39 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.set_xlabel(
         f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
     )
+    if counted:
+        _lanes_and_limit(beside[0], pairs[0][0], [value or 0.0 for value in lanes])
     first = whole[0]
+    title = f"What is fastest to draw{', and what do diagonals cost' if counted else ''}?"
     figure.suptitle(
-        f"What is fastest to draw? {first['scene']}, {first['resolution']} px,\n"
+        f"{title} {first['scene']}, {first['resolution']} px,\n"
         f"{first['rasteriser']} on {first['device']}",
         fontsize=8,
     )
     return figure
+
+
+def _lanes_and_limit(panel: Axes, record: Record, lanes: Sequence[float]) -> None:
+    """Draw lanes per pixel in the order of the times, and what of them no triangles can save."""
+    panel.barh(range(len(lanes)), lanes, color=COLOURS[0], alpha=0.35, height=0.62)
+    for place, value in enumerate(lanes):
+        panel.annotate(
+            f"{value:.3f}",
+            (value, place),
+            (4, 0),
+            textcoords="offset points",
+            fontsize=6.5,
+            va="center",
+        )
+    limit = limit_of(record)
+    note = ""
+    if limit is not None:
+        least = find(LANES)(limit) or 0.0
+        panel.axvline(least, color="black", linewidth=0.8, linestyle=":")
+        note = f",\ndotted: the outline alone, {least:.3f}"
+    panel.set_xlim(0, 1.25 * max(lanes))
+    panel.grid(visible=False, axis="y")
+    panel.set_xlabel(f"{find(LANES).label}{note}", fontsize=7)
 
 
 PLOTS = {"predicted-vs-measured": predicted_against_measured, "ranking": ranking}

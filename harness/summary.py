@@ -16,6 +16,7 @@ from harness.figures.registry import (
     METRICS,
     Figure,
     figures_of,
+    limit_of,
     measures,
     predictions,
     value_of,
@@ -87,6 +88,7 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     complete = max(record["polygons"] for record in records)
     ranks = {record["triangulator"]: _rank(record, base, complete) for record in records}
     most = max(cost for _, cost, _ in ranks.values())
+    limit = limit_of(base) if base and base["polygons"] == complete else None
     for record in sorted(records, key=lambda record: ranks[record["triangulator"]]):
         incomplete, cost, _ = ranks[record["triangulator"]]
         cells = [_number(figure(record), figure.form) for figure in shown]
@@ -97,6 +99,9 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
             _against(record, base, complete),
             style="dim" if incomplete else "",
         )
+    if limit is not None:
+        cells = [_number(figure(limit), figure.form) for figure in shown]
+        table.add_row("(outline alone)", *cells, "", "no triangles: the limit", style="dim")
     return table
 
 

@@ -5,12 +5,12 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import cfunc, njit, types
+from numba import cfunc, njit
 
 from triangulators.criteria import Criterion
-from triangulators.features import FEATURES, weighted
+from triangulators.features import FEATURES, SIGNATURE, weighted
+from triangulators.quads import exact_quads
 
-SIGNATURE = types.float64(*[types.float64] * 6)
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
@@ -41,8 +41,14 @@ def _no_function(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy
 
 @lru_cache(maxsize=256)
 def _compiled(function: Callable[..., float]) -> Any:
-    """Return a user's function of three points behind the one signature kernels are built for."""
-    return cfunc(SIGNATURE)(getattr(function, "py_func", function))
+    """Return a function of three points behind the one signature kernels are built for."""
+    # What is not typed in at a prompt has a file, and so is compiled once a machine.
+    ours = function is exact_quads
+    return cfunc(SIGNATURE, cache=ours)(_quads if ours else getattr(function, "py_func", function))
+
+
+def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    return exact_quads(ax, ay, bx, by, cx, cy)
 
 
 @lru_cache(maxsize=256)

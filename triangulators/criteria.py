@@ -19,6 +19,7 @@ import numpy as np
 
 from triangulators.errors import UnknownName
 from triangulators.features import FEATURES, feature_sums
+from triangulators.quads import exact_quads
 from triangulators.weights import MARK, read_weights, write_weights
 
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
@@ -33,8 +34,8 @@ class Criterion:
     `FEATURES`; `function`, if given, is a Numba function of three points (six numbers) and takes
     their place. `maximum` compares triangulations by their worst triangle. `normalise` turns
     weights into others once the polygon's area and number of triangles are known. `parameters`
-    says that it is a family, whose value depends on weights that a user gives, so that it is not
-    among what `predict` returns.
+    says that it is a family, whose value depends on weights that a user gives, and `placed` that it
+    is counted on the pixel grid, where the polygon lies: neither is among what `predict` returns.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Criterion:
     symbol: str = ""
     unit: str = "1"
     parameters: bool = False
+    placed: bool = False
 
     @property
     def column(self) -> str:
@@ -203,6 +205,14 @@ CRITERIA: dict[str, Criterion] = {
             "24 bytes a triangle",
             triangles=BYTES_PER_TRIANGLE,
         ),
+        Criterion(
+            "exact-quads",
+            "2x2 pixel quads shaded where the triangle lies on the pixel grid: counted",
+            function=exact_quads,
+            label="exact quads",
+            unit="quads",
+            placed=True,
+        ),
         mixed(),
         calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
     )
@@ -254,7 +264,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
 
 def predicted() -> list[Criterion]:
     """Return the criteria that `predict` sums, in the order in which they are shown."""
-    return [criterion for criterion in CRITERIA.values() if not criterion.parameters]
+    return [each for each in CRITERIA.values() if not (each.parameters or each.placed)]
 
 
 FEATURES_KEPT = ("triangles", "area", "bbox_area", "expected_setups")

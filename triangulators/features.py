@@ -10,7 +10,10 @@ Units are those of the coordinates: pixels for a frame.
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+
+SIGNATURE = types.float64(*[types.float64] * 6)
+"""The form of a feature and of a user's own criterion: three points as six numbers."""
 
 
 @njit(cache=True)

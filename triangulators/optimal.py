@@ -18,6 +18,7 @@ from triangulators.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.certificate import Certificate
 from triangulators.certifying import certificate_of, certify
 from triangulators.cost import cost_of
+from triangulators.errors import Skipped
 from triangulators.exact import TABLE_ONLY, optimum, small_optimum
 from triangulators.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.order import walk
@@ -27,6 +28,9 @@ from triangulators.proof import SECONDS, prove
 from triangulators.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
+MOST_PLACED = 500
+"""Vertices up to which a criterion that is counted pixel by pixel is optimised."""
+
 PROVEN = 500
 """Vertices up to which the linear program is asked where a polygon's rings stay apart.
 
@@ -137,8 +141,13 @@ def _optimise(
 def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> _Found:
-    cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     points = outline.points
+    if criterion.placed and len(points) > MOST_PLACED:
+        raise Skipped(
+            f"{criterion.name} of {len(points):,} vertices: up to {MOST_PLACED} are done, because"
+            " every triangle's rows of pixels are looked at"
+        )
+    cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
         table = cost.is_box and len(cycle) <= TABLE_ONLY and on_grid(points)

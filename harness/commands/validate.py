@@ -63,11 +63,12 @@ def validate(
     """Say how well each criterion predicts the measured cost, within single polygons.
 
     Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
-    ranks the triangulations of one polygon as the measured cost does.
+    ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
+    best costs little more than the best there is: its regret.
     """
     # Statistics take a second to import, which other commands need not wait for.
     from harness.report import write_report
-    from harness.study import analysis, extremes, matrix
+    from harness.study import analysis, extremes, matrix, regret
 
     design = QUICK if quick else Design(polygons=polygons, random=random)
     named = dict.fromkeys([*split_names(rasterisers), *COUNTED_ON_THE_CPU])
@@ -104,10 +105,13 @@ def validate(
         matrix.plot_sizes(sizes, folder)
         ends = extremes.extremes_table(outcome.records)
         ends.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
+        lost = regret.write(outcome.records, folder)
+        regret.plot_regret(lost, folder)
         if ends["scene"].nunique() == 1:
             extremes.plot_polygon(outcome.records, folder / "plots")
         write_report(read_run(folder))
     matrix.print_matrix(correlations, console)
+    regret.print_regret(lost, console)
     extremes.print_claim(ends, "overdraw", console)
     few = table["polygon"].nunique()
     if few < ENOUGH:

@@ -28,6 +28,10 @@ PREDICTED = "predicted_"
 """Prefix of a prediction's column where counters stand beside it."""
 
 
+OUTLINE = "outline_quads"
+"""Field of a record, and column, of the quads that the polygons' outlines cover."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """One figure of a record.
@@ -108,6 +112,23 @@ def _shaded_lanes(record: Record) -> float | None:
     return None if quads is None else 4 * quads
 
 
+def _lanes_above_limit(record: Record) -> float | None:
+    shaded, outline = _shaded_lanes(record), record.get(OUTLINE)
+    return None if shaded is None or outline is None else shaded - 4 * outline
+
+
+def limit_of(record: Record) -> Record | None:
+    """Return a record of the same polygons, each drawn in one piece: what no triangles go below.
+
+    It has counters only; None where they are not known.
+    """
+    fragments, outline = _counter("fragments")(record), record.get(OUTLINE)
+    if fragments is None or outline is None:
+        return None
+    helpers = 4 * outline - fragments
+    return {"counters": {"fragments": fragments, "quads": outline, "helper_lanes": helpers}}
+
+
 def _reference_s(record: Record) -> float | None:
     reference = (record.get("time") or {}).get("reference_s")
     return statistics.median(reference) if reference else None
@@ -127,6 +148,29 @@ METRICS = {
             description="lanes shaded for each pixel covered",
             heading="lanes/px",
             form="{:.3f}",
+        ),
+        Figure(
+            "above_limit",
+            "lanes per pixel above the limit",
+            "x",
+            "ratio",
+            "lower",
+            0.0,
+            _ratio(_lanes_above_limit, _counter("fragments")),
+            description=(
+                "lanes shaded for each pixel covered beyond those of the outline drawn in one "
+                "piece: what diagonals cost"
+            ),
+        ),
+        Figure(
+            OUTLINE,
+            "quads of the outline",
+            "quads",
+            "count",
+            "none",
+            None,
+            _field(OUTLINE),
+            description="2x2 quads that the outlines cover: no triangulation shades fewer",
         ),
         Figure(
             "bbox_overdraw",

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from harness.errors import HarnessError
+from harness.figures.registry import OUTLINE
 from harness.frame import Frame
 from harness.measuring import records
 from harness.measuring.findings import Columns, Counted, Finished
@@ -32,6 +36,9 @@ def count_cases(
     if not cases:
         return
     coverage = None
+    outline = prepared[BASELINE].outline_quads if BASELINE in prepared else None
+    if options.samples != 1:  # the outline is that of pixels' centres
+        outline = None
     wanted = dict.fromkeys([BASELINE, *cases])
     names = [recipe for recipe in wanted if recipe in prepared]
     with reporter.stage(f"counting: {backend.label}", len(names)) as stage:
@@ -53,8 +60,10 @@ def count_cases(
                         ready.prediction,
                         counters,
                         coverage,
+                        outline,
                     )
-                    yield recipe, Counted(record, _columns(frame, ready.prediction, counters))
+                    columns = _columns(frame, ready.prediction, counters, outline)
+                    yield recipe, Counted(record, columns)
             stage.advance()
 
 
@@ -67,9 +76,15 @@ def _coverage(counters: Counters, baseline: Prepared) -> records.Coverage | None
     return records.Coverage(fragments, drawn)
 
 
-def _columns(frame: Frame, prediction: records.Prediction, counters: Counters) -> Columns | None:
+def _columns(
+    frame: Frame,
+    prediction: records.Prediction,
+    counters: Counters,
+    outline: NDArray[np.int64] | None,
+) -> Columns | None:
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(frame.source) == 1:
         return None
     predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
-    return predicted | {name: column for name, column in counters.items() if column.ndim}
+    limit = {} if outline is None else {OUTLINE: outline}
+    return predicted | {name: column for name, column in counters.items() if column.ndim} | limit

@@ -13,6 +13,7 @@ from harness.measuring import records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
+from harness.rasterisers.reference import outlines
 from harness.triangulating.frames import FrameTriangulation, carry_over
 from harness.triangulating.names import Recipe
 from scenes import Scene
@@ -26,11 +27,16 @@ SAID_AFTER_S = 2.0
 
 @dataclass(frozen=True)
 class Prepared:
-    """A triangulator's result for one view, ready to be measured on every device."""
+    """A triangulator's result for one view, ready to be measured on every device.
+
+    outline_quads : (p,) 2x2 blocks that each polygon's outline covers, -1 where that is not known;
+        None but for the baseline
+    """
 
     triangulation: FrameTriangulation
     prediction: records.Prediction
     triangles: NDArray[np.int32]
+    outline_quads: NDArray[np.int64] | None = None
 
 
 def prepare(
@@ -73,7 +79,8 @@ def _prepare(
     if not len(triangles):
         status = "failed" if result.failed else "skipped"
         return status, records.incomplete(result) or "no polygon is left"
-    return Prepared(result, records.predict_frame(frame, result.parts), triangles)
+    outline = outlines(frame, result.parts) if recipe == BASELINE else None
+    return Prepared(result, records.predict_frame(frame, result.parts), triangles, outline)
 
 
 def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:

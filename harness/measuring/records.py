@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.registry import OUTLINE
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -85,8 +86,12 @@ def measured(
     prediction: Prediction,
     counters: Counters,
     coverage: Coverage | None,
+    outline: NDArray[np.int64] | None = None,
 ) -> Record:
-    """Return the record of a case that was counted; its time is not in it yet."""
+    """Return the record of a case that was counted; its time is not in it yet.
+
+    outline : (p,) quads that each polygon's outline covers, -1 where that is not known
+    """
     done = [part for part in triangulation.parts if part is not None]
     record: Record = {
         **case.identity(),
@@ -105,11 +110,22 @@ def measured(
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),
         "coverage_error": None,
+        OUTLINE: _outline_of(triangulation.parts, outline),
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
         record["coverage_error"] = coverage.error(counters["fragments"], drawn)
     return record
+
+
+def _outline_of(
+    parts: Sequence[NDArray[np.int32] | None], outline: NDArray[np.int64] | None
+) -> int | None:
+    """Return the quads of the outlines of what was drawn; None unless all of them are known."""
+    drawn = drawn_polygons(parts)
+    if outline is None or (outline[drawn] < 0).any():
+        return None
+    return int(outline[drawn].sum())
 
 
 def proven_of(gaps: Sequence[float]) -> Record:

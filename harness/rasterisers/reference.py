@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -45,6 +46,18 @@ def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArra
         "blocks": counts[:, spans.BLOCKS],
         "bbox_tests": counts[:, spans.BBOX_TESTS],
     }
+
+
+def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+    """Return the (p,) 2x2 blocks that each polygon's outline covers; -1 where a part is None.
+
+    It is what drawing a polygon in one piece shades, and so the limit of what its triangles do.
+    parts : a triangulation (m, 3) of each polygon without gaps, whichever
+    """
+    sizes = [0 if part is None else len(part) for part in parts]
+    bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    counts = spans.outline_quads(frame.points, frame.join(parts), bounds)
+    return np.where([part is None for part in parts], -1, counts)
 
 
 class Reference(Rasteriser):

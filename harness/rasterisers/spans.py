@@ -106,6 +106,47 @@ def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
     return counts
 
 
+@njit(cache=True, error_model="numpy")
+def outline_quads(
+    points: Points, triangles: Triangles, bounds: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Count the 2x2 blocks with a pixel that each polygon covers, (p,).
+
+    triangles[bounds[k]:bounds[k + 1]] cover polygon k once. Blocks that several of them touch are
+    told by marking them, in a picture of the polygon's bounding box.
+    """
+    counts = np.zeros(len(bounds) - 1, np.int64)
+    edges = np.zeros((3, 3), np.int64)
+    for k in range(len(counts)):
+        own = triangles[bounds[k] : bounds[k + 1]]
+        if len(own) == 0:
+            continue
+        low_x = high_x = np.int64(points[own[0, 0], 0])
+        low_y = high_y = np.int64(points[own[0, 0], 1])
+        for t in range(len(own)):
+            for corner in own[t]:
+                x, y = np.int64(points[corner, 0]), np.int64(points[corner, 1])
+                low_x, high_x = min(low_x, x), max(high_x, x)
+                low_y, high_y = min(low_y, y), max(high_y, y)
+        left, right = pixel_range(int(low_x), int(high_x))
+        first, last = pixel_range(int(low_y), int(high_y))
+        if left > right or first > last:
+            continue
+        column, row = left >> 1, first >> 1
+        touched = np.zeros(((last >> 1) - row + 1, (right >> 1) - column + 1), np.bool_)
+        for t in range(len(own)):
+            bottom, top, west, east, solid = setup(points, own[t], edges)
+            if not solid:
+                continue
+            for line in range(bottom, top + 1):
+                low, high = span(edges, line, west, east)
+                if low <= high:
+                    begin, end = (low >> 1) - column, (high >> 1) - column + 1
+                    touched[(line >> 1) - row, begin:end] = True
+        counts[k] = touched.sum()
+    return counts
+
+
 @njit(cache=True)
 def cells(spans: NDArray[np.int64], shift: int) -> int:
     """Count the cells of 2**shift px that any of the spans (k, 2) touches; reorders `spans`."""

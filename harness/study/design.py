@@ -24,6 +24,9 @@ from triangulators.exhaustive import count_triangulations, enumerate_triangulati
 STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""
 
+LEAST = "optimal:exact-quads"
+"""What regret is measured against: no triangulation shades fewer quads. Large ones are skipped."""
+
 NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
 """Triangulators that are not methods a program would choose by name."""
 
@@ -95,6 +98,7 @@ def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]
         if name not in NOT_NAMED and entry.available() is None
     ]
     steered = [f"{end}:{name}" for name in STEERED for end in ("optimal", "worst")]
+    steered.append(LEAST)
     if count_triangulations(polygon, design.all_below) < design.all_below:
         count = len(enumerate_triangulations(polygon, "paper"))
         return parse_all([*named, *steered, *(f"listed#{k}" for k in range(count))])

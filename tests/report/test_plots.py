@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.looks import COLOURS, ONE_COLUMN, TWO_COLUMNS
+from harness.looks import COLOURS, TWO_COLUMNS
 from harness.plots import plot_run
 from harness.stored.folder import read_run
 from triangulators import criteria
 
-WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": ONE_COLUMN}
+WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": TWO_COLUMNS}
 LABELS = {
     "predicted-vs-measured": [
         "predicted by",

@@ -1,0 +1,304 @@
+"""Regret: what is lost by trusting a criterion, or a triangulator, in place of knowing the best.
+
+A rank correlation says how well a criterion sorts triangulations. Regret says what that is worth:
+of each polygon, what the triangulation that the criterion calls best costs in ratio to the best
+there is, less 1. The best there is, of quads and helper lanes, is known where `optimal:exact-quads`
+was measured; of all else it is the best that was measured.
+
+Times need care. The least of many noisy medians is lower than any true time, so that even the best
+triangulation would show a regret. Hence the best is chosen by one half of the rounds and compared
+by the other half, and the two halves then change places. A regret of a time may so be below 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy import stats
+
+from harness.figures.groups import groups
+from harness.figures.registry import find, measures, predictions
+from harness.looks import COLOURS, STYLE, family_of, save
+from harness.stored.folder import Record
+from harness.study.analysis import TIME, label
+from harness.study.design import LEAST
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+OF_QUADS = ("quads", "helper_lanes")
+
+NOT_CHOSEN = ("worst", "listed")
+"""Families of triangulators that nobody would trust: they are there for the spread."""
+
+KEYS = ("rasteriser", "device", "resolution", "rotation", "samples", "measure", "kind", "name")
+COLUMNS = (*KEYS, "polygon", "triangulator", "best", "least_known", "regret")
+SUMMARY = (
+    *KEYS,
+    *("polygons", "least_known", "mean", "ci_low", "ci_high", "median", "p95", "worst"),
+)
+
+
+def regret_table(records: Sequence[Record]) -> pd.DataFrame:
+    """Return `COLUMNS`, one row for each polygon, measure, and criterion or triangulator.
+
+    kind : "criterion" or "triangulator", called `name`; `triangulator` is what it chose
+    best : the best there is, or of a time's halves the one that the first chose
+    least_known : whether no triangulation of any kind can be better
+    regret : ratio to the best, less 1
+    """
+    rows: list[dict[str, Any]] = []
+    counted: set[tuple[Any, ...]] = set()
+    for members in groups(records):
+        good = [r for r in members if r["status"] == "ok" and r["polygons"] and r["conforming"]]
+        if len(good) < 2:
+            continue
+        first = good[0]
+        where = {name: first[name] for name in ("rasteriser", "device", "resolution", "rotation")}
+        where |= {"samples": first["options"]["samples"], "polygon": first["scene"]}
+        chosen = list(_choices(good))
+        # Counters do not depend on the work a fragment does: once for all of them.
+        if tuple(where.values()) not in counted:
+            counted.add(tuple(where.values()))
+            for measure in measures(first["counters"]):
+                if all(r["counters"].get(measure) is not None for r in good):
+                    rows += _of_counter(good, chosen, {**where, "measure": measure})
+        timed = [r for r in good if r.get("time")]
+        if len(timed) == len(good):
+            measure = f"{TIME}{first['options']['work']}"
+            rows += _of_time(good, chosen, {**where, "measure": measure})
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _choices(good: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
+    """Yield (kind, name, place in `good`) of what each criterion and triangulator chooses."""
+    for criterion in predictions():
+        known = [k for k, r in enumerate(good) if criterion in r["predicted"]]
+        values = [good[k]["predicted"][criterion] for k in known]
+        if known and min(values) < max(values):  # otherwise it chooses none
+            yield "criterion", find(criterion).written, known[int(np.argmin(values))]
+    for place, record in enumerate(good):
+        family = family_of(record["triangulator"])
+        if family.partition(":")[0] not in NOT_CHOSEN:
+            yield "triangulator", family, place
+
+
+def _of_counter(
+    good: Sequence[Record], chosen: Sequence[tuple[str, str, int]], where: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    measure = where["measure"]
+    values = [record["counters"][measure] for record in good]
+    best = int(np.argmin(values))
+    exact = any(r["triangulator"] == LEAST and r.get("proven") == r["polygons"] for r in good)
+    least_known = exact and measure in OF_QUADS and where["samples"] == 1
+    for kind, name, place in chosen:
+        if values[best] > 0 or values[place] == 0:
+            ratio = values[place] / values[best] if values[best] else 1.0
+            yield {
+                **where,
+                **_names(good, kind, name, place, best),
+                "least_known": least_known,
+                "regret": ratio - 1.0,
+            }
+
+
+def _of_time(
+    good: Sequence[Record], chosen: Sequence[tuple[str, str, int]], where: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    rounds = min(len(record["time"]["samples_s"]) for record in good)
+    if rounds < 2:
+        return
+    times = np.array([record["time"]["samples_s"][:rounds] for record in good])
+    times = times / np.array(good[0]["time"]["reference_s"][:rounds])
+    halves = (times[:, 0::2], times[:, 1::2])
+    bests = [int(np.argmin(np.median(half, axis=1))) for half in halves]
+    for kind, name, place in chosen:
+        ratios = [
+            float(np.median(half[place] / half[best]))
+            for half, best in zip(halves[::-1], bests, strict=True)
+        ]
+        yield {
+            **where,
+            **_names(good, kind, name, place, bests[0]),
+            "least_known": False,
+            "regret": float(np.mean(ratios)) - 1.0,
+        }
+
+
+def _names(good: Sequence[Record], kind: str, name: str, place: int, best: int) -> dict[str, str]:
+    return {
+        "kind": kind,
+        "name": name,
+        "triangulator": good[place]["triangulator"],
+        "best": good[best]["triangulator"],
+    }
+
+
+def summarise(table: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
+    """Return `SUMMARY`: regret over polygons, with the mean's 95 % bootstrap interval over them.
+
+    Several triangulations of one family, such as random ones, count once a polygon, by their mean.
+    least_known : the share of polygons whose best is known to be the least
+    """
+    rows = []
+    for key, part in table.groupby(list(KEYS), sort=False):
+        by_polygon = part.groupby("polygon", sort=False)
+        values = by_polygon["regret"].mean().to_numpy(float)
+        low, high = _interval(values, seed)
+        rows.append(
+            dict(zip(KEYS, key, strict=True))
+            | {
+                "polygons": len(values),
+                "least_known": float(by_polygon["least_known"].first().mean()),
+                "mean": float(values.mean()),
+                "ci_low": low,
+                "ci_high": high,
+                "median": float(np.median(values)),
+                "p95": float(np.percentile(values, 95)),
+                "worst": float(values.max()),
+            }
+        )
+    return pd.DataFrame(rows, columns=SUMMARY)
+
+
+def _interval(values: NDArray[np.float64], seed: int) -> tuple[float, float]:
+    """Return the bootstrap interval of the mean; the range of fewer than three, or of equals."""
+    if len(values) < 3 or np.ptp(values) == 0:
+        return float(values.min()), float(values.max())
+    rng = np.random.default_rng(seed)
+    found = stats.bootstrap((values,), np.mean, method="percentile", rng=rng)
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
+    """Write regret.csv and regret_by_polygon.csv into `folder`; returns the first."""
+    table = regret_table(records)
+    summary = summarise(table)
+    table.to_csv(folder / "regret_by_polygon.csv", index=False, float_format="%.6g")
+    summary.to_csv(folder / "regret.csv", index=False, float_format="%.6g")
+    return summary
+
+
+def main_measures(names: Sequence[str]) -> list[str]:
+    """Return the measures that are shown: those of quads, or the main counter, and all times."""
+    times = [name for name in names if name.startswith(TIME)]
+    counted = [name for name in names if name not in times]
+    return ([name for name in counted if name in OF_QUADS] or counted[:1]) + times
+
+
+def print_regret(summary: pd.DataFrame, console: Console) -> None:
+    """Print what trusting each criterion costs, one table per device and view."""
+    wanted = summary[summary["kind"] == "criterion"]
+    view = ["rasteriser", "device", "resolution", "rotation", "samples"]
+    for (rasteriser, device, resolution, *_), part in wanted.groupby(view, sort=False):
+        shown = main_measures(list(dict.fromkeys(part["measure"])))
+        table = Table(
+            title=f"regret, by criterion: {rasteriser} on {device}, {resolution} px",
+            title_justify="left",
+            box=None,
+            pad_edge=False,
+            header_style="bold",
+        )
+        table.add_column("criterion", no_wrap=True)
+        for measure in shown:
+            table.add_column(label(measure), justify="right")
+        cells = part.set_index(["name", "measure"])
+        for name in dict.fromkeys(part["name"]):
+            row = [
+                written(cells.loc[(name, measure)]) if (name, measure) in cells.index else "-"
+                for measure in shown
+            ]
+            table.add_row(str(name), *row)
+        console.print(table)
+
+
+def written(row: Any) -> str:
+    """Return a row's mean with its interval, in per cent."""
+    return f"{row['mean']:.2%} ({row['ci_low']:.2%} to {row['ci_high']:.2%})"
+
+
+def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw regret.png for each device and view into `folder`/plots."""
+    import matplotlib
+
+    files: list[Path] = []
+    view = ["rasteriser", "device", "resolution", "rotation", "samples"]
+    for key, part in summary.groupby(view, sort=False):
+        rasteriser, device, resolution, rotation, _ = key
+        shown = main_measures(list(dict.fromkeys(part["measure"])))
+        if not shown:
+            continue
+        (folder / "plots").mkdir(exist_ok=True)
+        with matplotlib.rc_context(STYLE):
+            figure = _figure(part, shown, f"{rasteriser} on {device}, {resolution} px")
+        stem = f"regret-{rasteriser}-{device}-{resolution}-{rotation:g}"
+        files += save(figure, folder / "plots", stem)
+    return files
+
+
+def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    first = part[part["measure"] == shown[0]]
+    # Criteria above triangulators, each from the least regret down.
+    ordered = first.sort_values(["kind", "mean"], ascending=[True, True])
+    names = list(zip(ordered["kind"], ordered["name"], strict=True))[::-1]
+    figure = Figure(figsize=(1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names)))
+    row = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    for panel, measure in zip(row, shown, strict=True):
+        _panel(panel, part[part["measure"] == measure], names)
+        panel.set_xlabel(f"{label(measure)}\nabove the best there is")
+    row[0].set_yticks(
+        range(len(names)),
+        [find(name).title if kind == "criterion" else name for kind, name in names],
+        fontsize=6.5,
+    )
+    handles, labels = row[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    known = float(first["least_known"].mean()) if len(first) else 0.0
+    proof = "that there are" if known == 1.0 else "that were measured"
+    figure.suptitle(
+        f"What does trusting it cost? {where}\n"
+        f"mean over polygons, 95 % intervals; 0: the fewest {label(shown[0])} {proof}",
+        fontsize=8,
+    )
+    return figure
+
+
+def _panel(panel: Axes, rows: pd.DataFrame, names: Sequence[tuple[str, str]]) -> None:
+    place = {name: number for number, name in enumerate(names)}
+    for kind, colour, marker, words in (
+        ("criterion", COLOURS[0], "o", "the triangulation that a criterion calls best"),
+        ("triangulator", COLOURS[1], "s", "a triangulator"),
+    ):
+        drawn = np.array([key in place for key in _pairs(rows)], np.bool_)
+        own = rows[(rows["kind"] == kind) & drawn]
+        y = [place[key] for key in _pairs(own)]
+        low = (own["mean"] - own["ci_low"]).clip(lower=0.0)
+        high = (own["ci_high"] - own["mean"]).clip(lower=0.0)
+        panel.errorbar(
+            own["mean"],
+            y,
+            xerr=[low, high],
+            fmt=marker,
+            color=colour,
+            markersize=3.5,
+            elinewidth=1,
+            label=words,
+        )
+    panel.set_xscale("symlog", linthresh=0.001)
+    panel.xaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
+    panel.tick_params(axis="x", labelsize=6)
+    panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
+
+
+def _pairs(rows: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(zip(rows["kind"], rows["name"], strict=True))

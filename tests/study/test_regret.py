@@ -1,0 +1,113 @@
+"""Regret on made-up records, where the right answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.study.regret import regret_table, summarise
+
+NAMES = ("optimal:exact-quads", "optimal:half-perimeter", "random#0", "random#1", "worst:overdraw")
+QUADS = (100, 103, 110, 120, 150)
+H = (11.0, 10.0, 12.0, 13.0, 20.0)
+A = (4.0, 5.0, 3.0, 6.0, 9.0)
+
+
+def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) -> list[dict]:
+    """Return the records of one polygon; `seconds` (5, rounds) of each drawing."""
+    found = []
+    for number, name in enumerate(NAMES):
+        record = {
+            "key": f"{polygon}-{name}-{work}",
+            "scene": polygon,
+            "rasteriser": "reference",
+            "device": "cpu",
+            "resolution": 64,
+            "rotation": 0.0,
+            "fit": "box",
+            "options": {"work": work, "samples": 1},
+            "triangulator": name,
+            "status": "ok",
+            "polygons": 1,
+            "proven": 1 if number == 0 else None,
+            "conforming": True,
+            "counters": {"quads": int(QUADS[number] * scale), "fragments": 300},
+            "predicted": {"half_perimeter": H[number], "overdraw": A[number], "shape": 1.0},
+            "time": None,
+        }
+        if seconds is not None:
+            samples = seconds[number].tolist()
+            record["time"] = {"samples_s": samples, "reference_s": [1.0] * len(samples)}
+        found.append(record)
+    return found
+
+
+def row_of(table, **wanted):
+    for name, value in wanted.items():
+        table = table[table[name] == value]
+    assert len(table) == 1
+    return table.iloc[0]
+
+
+def test_a_criterion_loses_what_its_choice_costs_more():
+    table = regret_table(records_of("a"))
+    by_h = row_of(table, kind="criterion", name="half-perimeter", measure="quads")
+    assert (by_h["triangulator"], by_h["best"]) == ("optimal:half-perimeter", NAMES[0])
+    assert by_h["regret"] == pytest.approx(0.03)
+    assert by_h["least_known"]
+    by_a = row_of(table, kind="criterion", name="overdraw", measure="quads")
+    assert by_a["triangulator"] == "random#0"
+    assert by_a["regret"] == pytest.approx(0.10)
+    # What is the same for all triangulations chooses none.
+    assert not (table["name"] == "shape").any()
+    # The worst is no choice; random ones are one family.
+    assert set(table[table["kind"] == "triangulator"]["name"]) == {*NAMES[:2], "random"}
+
+
+def test_the_best_measured_is_no_least_without_a_proof():
+    records = records_of("a")
+    records[0]["proven"] = 0
+    assert not regret_table(records)["least_known"].any()
+
+
+def test_over_polygons_each_counts_once():
+    table = summarise(regret_table(records_of("a") + records_of("b", 2.0) + records_of("c", 3.0)))
+    random = row_of(table, name="random", measure="quads")
+    assert random["polygons"] == 3
+    assert random["mean"] == pytest.approx(0.15)
+    assert (random["ci_low"], random["ci_high"]) == pytest.approx((0.15, 0.15))
+    assert random["least_known"] == 1.0
+
+
+def test_counters_count_once_whatever_the_work():
+    records = records_of("a") + records_of("a", work=8)
+    table = regret_table(records)
+    assert len(table[table["measure"] == "quads"]) == len(regret_table(records_of("a")))
+
+
+def test_equal_times_show_no_regret():
+    """The least of several noisy medians must not make the others look slower."""
+    rng = np.random.default_rng(5)
+    records = []
+    for polygon in range(60):
+        noise = rng.lognormal(0.0, 0.05, (len(NAMES), 24))
+        records += records_of(f"polygon {polygon}", seconds=noise)
+    table = summarise(regret_table(records))
+    timed = table[(table["measure"] == "time_work_0") & (table["kind"] == "criterion")]
+    assert len(timed) == 2
+    for _, row in timed.iterrows():
+        assert abs(row["mean"]) < 0.006
+    # Chosen and compared by the same rounds, the best would seem 1 % ahead.
+
+
+def test_a_slower_choice_is_found():
+    rng = np.random.default_rng(6)
+    records = []
+    for polygon in range(30):
+        noise = rng.lognormal(0.0, 0.02, (len(NAMES), 24))
+        noise[1] *= 1.05  # what half-perimeter chooses
+        records += records_of(f"polygon {polygon}", seconds=noise)
+    table = summarise(regret_table(records))
+    row = row_of(table, name="half-perimeter", measure="time_work_0")
+    assert row["ci_low"] < 0.05 < row["ci_high"]
+    assert 0.04 < row["mean"] < 0.06
