@@ -6,7 +6,7 @@ PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
     --no-emit-find-links --upgrade --custom-compile-command "make lock" -q
 # A process a core; one that is done takes tests over from another.
-PARALLEL := -n logical --maxprocesses 8 --dist worksteal
+PARALLEL := -n auto --dist worksteal
 SOURCES := harness triangulators scenes scripts tests
 
 help:  ## list the targets

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -30,6 +31,11 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.compiling import compile_everything
 
         compile_everything()
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than there are cores: many tests wait for a process that they started."""
+    return min(len(os.sched_getaffinity(0)) + 1, 9)
 
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
