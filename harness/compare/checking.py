@@ -12,7 +12,10 @@ from harness.compare.model import CaseName
 from harness.stored.folder import Record, Run
 
 NAMES = ("scene", "triangulator", "rasteriser", "device", "status")
-NUMBERS = ("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions")
+NUMBERS = (
+    *("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions"),
+    *("outline_quads", "proven", "largest_gap", "triangulate_s"),
+)
 TABLES = ("counters", "predicted")
 SECTIONS = ("plan", "environment", "devices")
 
@@ -52,7 +55,6 @@ def _wrong(record: Record) -> str | None:
         (TABLES, _is_table),
         (("options",), _is_options),
         (("time",), _is_time),
-        (("triangulate_s",), _is_number),
     ]
     for names, good in checks:
         for name in names:
@@ -82,7 +84,9 @@ def _is_time(value: Any) -> bool:
     # What is absent is an older run's; null is damage.
     lists = (value.get(name, []) for name in ("samples_s", "reference_s", "ci95_s"))
     numbers = all(isinstance(part, list) and all(map(_is_number, part)) for part in lists)
-    return numbers and _is_number(value.get("median_s", 0.0))
+    epochs = value.get("epochs", [])
+    counts = isinstance(epochs, list) and all(isinstance(n, int) and n > 0 for n in epochs)
+    return numbers and counts and _is_number(value.get("median_s", 0.0))
 
 
 def _facts(facts: dict[str, Any], problems: list[str]) -> dict[str, Any]:

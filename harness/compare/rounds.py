@@ -22,12 +22,15 @@ Q_VALUE = 1e-3
 """An alarm needs this much evidence: one in a thousand such findings may be chance."""
 
 
-def judge_rounds(base: Samples, head: Samples, settings: Settings) -> TimeChange:
-    """Judge one case by the median of its rounds' ratios; element r of both is of round r.
+def judge_rounds(
+    base: Samples, head: Samples, settings: Settings, epochs: Sequence[int] | None = None
+) -> TimeChange:
+    """Judge one case by its rounds' ratios; element r of both is of round r.
 
-    The q-value is still to be corrected for the number of cases.
+    epochs : rounds of each epoch, in order, where the run had any. The q-value is still to be
+    corrected for the number of cases.
     """
-    ratio = paired_ratio(head, base)
+    ratio = paired_ratio(head, base, epochs)
     threshold = settings.time_threshold_of(paired=True)
     outcome, reason = decide(
         math.log(ratio.value),
@@ -56,11 +59,14 @@ def judge_rounds(base: Samples, head: Samples, settings: Settings) -> TimeChange
 
 
 def drift_of_rounds(
-    where: str, pairs: Sequence[tuple[Samples, Samples]], settings: Settings
+    where: str,
+    pairs: Sequence[tuple[Samples, Samples]],
+    settings: Settings,
+    epochs: Sequence[int] | None = None,
 ) -> Drift:
     """Judge what all cases of a group did together: the median case of each round."""
     logs = np.median([np.log(head / base) for base, head in pairs], axis=0)
-    together: Ratio = paired_ratio(np.exp(logs), np.ones(len(logs)))
+    together: Ratio = paired_ratio(np.exp(logs), np.ones(len(logs)), epochs)
     value, low, high = (math.log(x) for x in (together.value, together.low, together.high))
     outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
     if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:

@@ -64,4 +64,4 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
     times, base_times = record.get("time"), base.get("time")
     if not times or not base_times or times["reference_s"] != base_times["reference_s"]:
         return None
-    return paired_ratio(times["samples_s"], base_times["samples_s"])
+    return paired_ratio(times["samples_s"], base_times["samples_s"], times.get("epochs"))

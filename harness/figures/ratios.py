@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.intervals import median_interval
+from harness.figures.intervals import CONFIDENCE, median_interval
 
 Verdict = Literal["faster", "slower", "no difference shown"]
 FASTER: Final = "faster"
@@ -36,13 +36,25 @@ class Ratio:
         return UNDECIDED
 
 
+FEWEST_EPOCHS = 4
+"""With fewer, how much epochs differ cannot be told."""
+
+
 def paired_ratio(
-    samples: Sequence[float] | NDArray[np.float64], base: Sequence[float] | NDArray[np.float64]
+    samples: Sequence[float] | NDArray[np.float64],
+    base: Sequence[float] | NDArray[np.float64],
+    epochs: Sequence[int] | None = None,
 ) -> Ratio:
     """Return the ratio of `samples` to `base`; element r of both comes from round r.
 
-    The median of the rounds' ratios, with its exact order-statistics interval: a machine that
-    slows down slows both drawings of a round, so its drift cancels.
+    A machine that slows down slows both drawings of a round, so its drift cancels. Where buffers
+    were created anew between epochs, each epoch gives the median of its rounds' log ratios. The
+    ratio is the mean of these, with Student's interval for the mean of that many independent
+    values: it holds what a drawing gains or loses by where its buffers lie, as well as the noise
+    of rounds. With fewer than `FEWEST_EPOCHS` it is the median of all rounds, with its exact
+    order-statistics interval, in which the place of the buffers is a constant that is not seen.
+
+    epochs : rounds of each epoch, in order
 
     Raises
     ------
@@ -51,6 +63,19 @@ def paired_ratio(
     """
     if len(samples) != len(base) or len(samples) == 0:
         raise ValueError(f"{len(samples)} and {len(base)} samples are not rounds of one group")
-    ratios = (np.asarray(samples) / np.asarray(base)).tolist()
-    low, high = median_interval(ratios)
+    ratios = np.asarray(samples, np.float64) / np.asarray(base, np.float64)
+    if epochs is not None and len(epochs) >= FEWEST_EPOCHS and sum(epochs) == len(ratios):
+        return _over_epochs(np.log(ratios), np.cumsum(epochs)[:-1])
+    low, high = median_interval(ratios.tolist())
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
+
+
+def _over_epochs(logs: NDArray[np.float64], bounds: NDArray[np.int64]) -> Ratio:
+    from scipy.special import stdtrit
+
+    medians = np.array([np.median(part) for part in np.split(logs, bounds)])
+    count = len(medians)
+    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * medians.std(ddof=1) / np.sqrt(count)
+    middle = medians.mean()
+    value, low, high = np.exp([middle, middle - reach, middle + reach]).tolist()
+    return Ratio(value, low, high, len(logs))

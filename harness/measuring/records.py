@@ -168,6 +168,7 @@ def time_fields(
         "median_s": times.median_s,
         "ci95_s": list(times.ci95_s),
         "repeats": times.repeats,
+        "epochs": times.epochs,
         "precision": settings.precision,
         "precision_reached": times.precision_reached,
         "empty_s": _rounded(group[EMPTY].samples_s),

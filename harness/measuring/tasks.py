@@ -24,7 +24,14 @@ from harness.measuring.timing import (
     self_test,
     time_together,
 )
-from harness.rasterisers.base import Counters, Device, Options, Rasteriser, Triangles
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Options,
+    Rasteriser,
+    Triangles,
+)
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
@@ -112,18 +119,23 @@ def time_group(
     rasteriser = _opened(name, device)
     frame = next(iter(candidates.values()))[0]
     reference = bare_frame(frame.width, _corner_triangle(frame.width))
+    drawn: dict[str, tuple[Frame, Triangles]] = {
+        EMPTY: (frame, np.empty((0, 3), np.int32)),
+        REFERENCE: (reference, np.array([[0, 1, 2]], np.int32)),
+        **candidates,
+    }
     with contextlib.ExitStack() as stack:
-        drawings = {
-            EMPTY: rasteriser.prepare(frame, np.empty((0, 3), np.int32), options),
-            REFERENCE: rasteriser.prepare(reference, np.array([[0, 1, 2]], np.int32), options),
-        }
-        drawings |= {
-            key: rasteriser.prepare(own_frame, triangles, options)
-            for key, (own_frame, triangles) in candidates.items()
-        }
-        for drawing in drawings.values():
-            stack.enter_context(drawing)
-        return time_together(drawings, settings, test, seed=seed)
+
+        def prepare(order: Sequence[str]) -> dict[str, Drawing]:
+            stack.close()
+            prepared = {}
+            for name in order:
+                prepared[name] = rasteriser.prepare(*drawn[name], options)
+                stack.enter_context(prepared[name])
+            return {name: prepared[name] for name in drawn}
+
+        drawings = prepare(list(drawn))
+        return time_together(drawings, settings, test, seed=seed, renew=prepare)
 
 
 def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:

@@ -4,6 +4,13 @@ The drawings that are to be compared are timed together, in rounds. Each round t
 them once, in a new random order, so that a machine that slows down slows all of them; comparing
 within rounds cancels the drift. Every round also times an empty draw and a reference triangle,
 which later tell how much of a time is overhead and how fast the machine was.
+
+Where a drawing's buffers lie in memory makes it some tenths of a per cent faster or slower, and no
+number of rounds averages that out. So the rounds are split into epochs. Before each, all drawings
+are given up and prepared anew in another random order. What is said of a ratio then rests on how
+much it differs between epochs (`harness.figures.ratios`). Sources: T. Kalibera and R. Jones,
+"Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
+without doing anything obviously wrong!", ASPLOS 2009.
 """
 
 from __future__ import annotations
@@ -11,7 +18,7 @@ from __future__ import annotations
 import random
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -33,6 +40,12 @@ LONGEST_BATCH = 10
 MIN_ROUNDS = 12
 """Enough for a 95 % interval of the median that is not simply the sample's range."""
 
+EPOCH_ROUNDS = 2
+"""The fewest rounds of an epoch: with `TimingSettings.epochs` of them, `MIN_ROUNDS`."""
+
+Renew = Callable[[Sequence[str]], Mapping[str, "Timeable"]]
+"""Gives up all drawings and prepares them anew, in the given order of names."""
+
 
 class Timeable(Protocol):
     """Whatever can be drawn `repeats` times and say how long that took."""
@@ -53,6 +66,7 @@ class TimingSettings:
     warm_up_s : longest warm-up a candidate
     least_share : share of the budget that is always drawn: what is precise enough by itself gets
         pairs that tell smaller differences
+    epochs : how often drawings are prepared anew, at least, where they can be
     paired : whether the candidates are compared with each other; then all are drawn equally often
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
         up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
@@ -64,6 +78,7 @@ class TimingSettings:
     warm_up_s: float = 0.5
     least_share: float = 0.65
     paired: bool = True
+    epochs: int = 6
 
 
 @dataclass(frozen=True)
@@ -89,10 +104,12 @@ class Times:
 
     repeats : draws a sample averages over
     precision_reached : whether the interval of the median became narrow enough in time
+    epochs : rounds of each epoch, in order; one alone where drawings were never prepared anew
     """
 
     repeats: int
     samples_s: list[float] = field(default_factory=list)
+    epochs: list[int] = field(default_factory=list)
     precision_reached: bool = False
 
     @property
@@ -136,12 +153,13 @@ def time_together(
     *,
     seed: int = 0,
     clock: Callable[[], float] = time.perf_counter,
+    renew: Renew | None = None,
 ) -> dict[str, Times]:
     """Time all `drawings` in shuffled, interleaved rounds.
 
     Sample r of every drawing comes from round r. The rounds end when each drawing's interval is
     narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
-    number of drawings has passed.
+    number of drawings has passed; not before there are `settings.epochs` where `renew` is given.
     """
     start = clock()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -160,15 +178,20 @@ def time_together(
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
+    epochs = _Epochs(renew, settings.epochs, earliest, clock)
     check_at = MIN_ROUNDS
     while True:
+        if epochs.is_over():
+            shuffler.shuffle(order)
+            drawings = epochs.begin(order)
         shuffler.shuffle(order)
         for name in order:
             entry = times[name]
             sample = drawings[name].sample(entry.repeats)
             entry.samples_s.append(_seconds(sample, test.timer) / entry.repeats)
+        epochs.rounds[-1] += 1
         rounds = len(times[order[0]].samples_s)
-        if rounds < MIN_ROUNDS or clock() < earliest:
+        if rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few():
             continue
         if rounds >= check_at or clock() >= deadline:
             check_at = rounds + max(1, rounds // 8)
@@ -176,7 +199,46 @@ def time_together(
                 # An empty draw is all noise: it must not keep the others waiting.
                 entry.precision_reached = name == EMPTY or _is_precise(entry, settings.precision)
             if clock() >= deadline or all(entry.precision_reached for entry in times.values()):
+                for entry in times.values():
+                    entry.epochs = list(epochs.rounds)
                 return times
+
+
+class _Epochs:
+    """When drawings are prepared anew, and how many rounds there were in between.
+
+    rounds : of each epoch so far, the present one last
+    """
+
+    def __init__(
+        self, renew: Renew | None, wanted: int, earliest: float, clock: Callable[[], float]
+    ) -> None:
+        self.rounds = [0]
+        self._renew = renew
+        self._wanted = 1 if renew is None else wanted
+        self._clock = clock
+        now = clock()
+        self._seconds = max(0.0, earliest - now) / self._wanted
+        self._until = now + self._seconds
+
+    def is_over(self) -> bool:
+        """Whether it is time for the next epoch."""
+        long_enough = self.rounds[-1] >= EPOCH_ROUNDS and self._clock() >= self._until
+        return self._renew is not None and long_enough
+
+    def begin(self, order: Sequence[str]) -> Mapping[str, Timeable]:
+        """Return the drawings of the next epoch, prepared in the given order."""
+        assert self._renew is not None
+        drawings = self._renew(order)
+        for name in order:
+            drawings[name].sample(1)  # what the first draw after that takes longer
+        self.rounds.append(0)
+        self._until = max(self._until + self._seconds, self._clock())
+        return drawings
+
+    def are_few(self) -> bool:
+        """Whether there must be more of them, or the present one must go on."""
+        return len(self.rounds) < self._wanted or self.rounds[-1] < EPOCH_ROUNDS
 
 
 def _is_precise(entry: Times, precision: float) -> bool:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.compare import compare_runs
+from harness.compare.checking import NUMBERS, checked
 from harness.compare.json import to_json
 from harness.compare.markdown import to_markdown
 from harness.errors import HarnessError
@@ -56,6 +57,16 @@ def test_any_facts_are_read(facts):
     found = compare_runs(*runs)
     assert found.verdict == "good"
     json.dumps(to_json(found), allow_nan=False)
+
+
+@pytest.mark.parametrize("name", [*NUMBERS, "time"])
+@pytest.mark.parametrize("value", [[], "many", {"epochs": [3, "x"]}, float("inf")])
+def test_a_field_that_is_no_number_costs_its_case(name, value):
+    damaged = whole(1)
+    damaged[0][name] = value
+    run = checked(Run(Path("head"), {}, damaged))
+    assert len(run.records) == len(damaged) - 1
+    assert f"{name} is not usable; case ignored" in run.problems[0]
 
 
 def test_a_damaged_case_is_named(harness):

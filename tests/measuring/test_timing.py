@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import quantile_test
+from scipy.stats import quantile_test, sem, t
 
 from harness.figures.ratios import paired_ratio
 from harness.measuring.timing import (
@@ -204,3 +204,107 @@ def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
 def test_pairs_must_come_from_the_same_rounds():
     with pytest.raises(ValueError, match="not rounds of one group"):
         paired_ratio([1.0, 2.0], [1.0])
+
+
+class Renewed:
+    """Drawings whose cost changes by some tenths of a per cent each time they are prepared."""
+
+    def __init__(self, costs: dict[str, float], bias: float, noise: float, seed: int) -> None:
+        self.orders: list[list[str]] = []
+        self.log: list[str] = []
+        self.clock = Clock()
+        self._costs, self._noise, self._seed = costs, noise, seed
+        self._bias = np.random.default_rng(seed).normal(0.0, bias, (1000, len(costs)))
+
+    def __call__(self, order) -> dict[str, ScriptedDrawing]:
+        number = len(self.orders)
+        self.orders.append(list(order))
+        self.log.append("renewed")
+        factors = 1 + self._bias[number]
+        return {
+            name: ScriptedDrawing(
+                name, cost * factor, self.clock, self._noise, self.log, 1000 * self._seed + number
+            )
+            for (name, cost), factor in zip(self._costs.items(), factors, strict=True)
+        }
+
+    def time(self, settings: TimingSettings, seed: int = 0):
+        drawings = self(list(self._costs))
+        return time_together(drawings, settings, WALL, seed=seed, clock=self.clock, renew=self)
+
+
+def test_drawings_are_prepared_anew_in_changing_order():
+    renewed = Renewed({"a": 2e-3, "b": 3e-3, "c": 1e-3}, 0.0, 0.01, 1)
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
+    assert len(renewed.orders) >= 6
+    assert all(sorted(order) == ["a", "b", "c"] for order in renewed.orders)
+    assert len({tuple(order) for order in renewed.orders}) > 1
+    epochs = times["a"].epochs
+    assert len(epochs) == len(renewed.orders)
+    assert min(epochs) >= 2
+    assert {sum(epochs)} == {len(entry.samples_s) for entry in times.values()}
+    # The first draw after preparing is no sample.
+    pieces = " ".join(renewed.log).split("renewed")[2:]
+    assert [len(piece.split()) for piece in pieces] == [3 * (1 + n) for n in epochs[1:]]
+
+
+def test_few_slow_rounds_are_enough_epochs():
+    renewed = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
+    assert times["a"].epochs == [2] * 6
+    assert len(times["a"].samples_s) == MIN_ROUNDS
+
+
+def test_what_is_not_prepared_anew_is_one_epoch():
+    drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
+    times = time_together(drawings, TimingSettings(budget_s=0.5), WALL, clock=clock)
+    assert times["a"].epochs == [len(times["a"].samples_s)]
+
+
+@pytest.mark.parametrize("budget_s", [0.3, 3.0])
+def test_equal_drawings_are_seldom_called_different_however_long_they_are_drawn(budget_s):
+    """Where buffers lie makes 0.2 %, which rounds do not average out."""
+    settings = TimingSettings(budget_s=budget_s, precision=1e-9, least_share=1.0, warm_up_s=0.0)
+    wrong, fooled = 0, 0
+    for seed in range(100):
+        renewed = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
+        times = renewed.time(settings, seed)
+        a, b = times["a"], times["b"]
+        wrong += paired_ratio(a.samples_s, b.samples_s, a.epochs).verdict != "no difference shown"
+        first = a.epochs[0]  # what one epoch as long as all would say
+        once = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
+        alone = time_together(once(["a", "b"]), settings, WALL, seed=seed, clock=once.clock)
+        ratio = paired_ratio(alone["a"].samples_s, alone["b"].samples_s)
+        fooled += ratio.verdict != "no difference shown"
+        assert first < len(a.samples_s)
+    assert wrong <= 10
+    assert fooled >= 2 * wrong + (0 if budget_s < 1 else 20)
+
+
+def test_one_per_cent_more_is_found_over_epochs():
+    settings = TimingSettings(budget_s=2.0, precision=1e-9, warm_up_s=0.0)
+    found = 0
+    for seed in range(40):
+        times = Renewed({"a": 5e-3, "b": 5.05e-3}, 0.002, 0.01, seed).time(settings, seed)
+        a, b = times["a"], times["b"]
+        found += paired_ratio(b.samples_s, a.samples_s, a.epochs).verdict == "slower"
+    assert found >= 38
+
+
+def test_over_epochs_the_interval_is_students():
+    rng = np.random.default_rng(3)
+    epochs = [5, 9, 4, 7, 6, 8]
+    samples, base = rng.lognormal(0.0, 0.01, sum(epochs)), np.ones(sum(epochs))
+    ratio = paired_ratio(samples, base, epochs)
+    medians = [np.median(part) for part in np.split(np.log(samples), np.cumsum(epochs)[:-1])]
+    expected = t.interval(0.95, len(epochs) - 1, np.mean(medians), sem(medians))
+    assert (ratio.low, ratio.high) == pytest.approx(np.exp(expected))
+    assert ratio.value == pytest.approx(np.exp(np.mean(medians)))
+    assert ratio.rounds == sum(epochs)
+
+
+@pytest.mark.parametrize("epochs", [None, [], [36], [12, 12, 12], [1, 2, 3, 4]])
+def test_with_few_epochs_or_damaged_ones_the_rounds_alone_speak(epochs):
+    samples = np.random.default_rng(4).lognormal(0.0, 0.01, 36)
+    ratio = paired_ratio(samples, np.ones(36), epochs)
+    assert (ratio.low, ratio.high) == median_interval(samples.tolist())
