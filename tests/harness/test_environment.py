@@ -30,7 +30,7 @@ def git(folder: Path, *arguments: str) -> str:
 def repository(folder: Path) -> str:
     """Make a repository with a triangulator in `code`; returns its commit."""
     (folder / "code").mkdir(parents=True)
-    (folder / "code/theirs.py").write_text("def cut(polygon): ...\n")
+    (folder / "code/of_a_project.py").write_text("def cut(polygon): ...\n")
     git(folder, "init", "-q")
     git(folder, "add", ".")
     git(folder, "commit", "-q", "-m", "first")
@@ -45,14 +45,14 @@ def test_the_repository_of_the_current_folder_is_the_users(tmp_path, monkeypatch
     assert commit_of(facts) == commit[:12]
     own = facts["environment"]["git"]
     assert commit_of(facts, "git").startswith("" if own is None else own["commit"][:12])
-    (tmp_path / "project/code/theirs.py").write_text("changed = True\n")
+    (tmp_path / "project/code/of_a_project.py").write_text("changed = True\n")
     assert commit_of({"environment": environment.collect(0)}).endswith(" with local changes")
 
 
 def test_else_that_of_a_triangulators_module(tmp_path, monkeypatch):
     commit = repository(tmp_path / "project")
     monkeypatch.syspath_prepend(str(tmp_path / "project/code"))
-    found = environment.project(["optimal:overdraw", "nowhere:cut", "theirs:cut"])
+    found = environment.project(["optimal:overdraw", "nowhere:cut", "of_a_project:cut"])
     assert found is not None
     assert found["commit"] == commit
     assert environment.project(["delaunay"]) is None
