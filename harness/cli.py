@@ -32,6 +32,7 @@ from harness.commands import (
     repeat,
     report,
     run,
+    study,
     validate,
 )
 from harness.errors import (
@@ -72,6 +73,7 @@ for command in (
     gains,
     pareto,
     repeat,
+    study,
     doctor,
     catalogue,
 ):

@@ -17,12 +17,16 @@ from harness.looks import (
     ONE_COLUMN,
     STYLE,
     TWO_COLUMNS,
+    family_of,
     looks,
     save,
 )
+from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
+from harness.study import spread
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -62,15 +66,19 @@ def _view_of(record: Record) -> str:
 
 
 def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw, for each polygon, what criteria and cost are against the base triangulator's.
+    """Draw how well criteria predict cost, within polygons where the run has their spread.
 
-    The paper's criterion and the one that ranks best have a panel each; the third shows how well
-    every criterion ranks. Dividing by the base's value on the same polygon takes the polygon's
-    size out, which would otherwise make every criterion look good. None where there is nothing to
-    draw.
+    Otherwise it draws, for each polygon, what criteria and cost are against the base
+    triangulator's. The paper's criterion and the one that ranks best have a panel each; the third
+    shows how well every criterion ranks. Dividing by the base's value on the same polygon takes
+    the polygon's size out, which would otherwise make every criterion look good. None where there
+    is nothing to draw.
     """
     from matplotlib.figure import Figure
 
+    within = _within_polygons(run, members)
+    if within is not None:
+        return within
     columns = {
         record["triangulator"]: arrays
         for record in members
@@ -105,6 +113,61 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
     return figure
+
+
+def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
+    """Draw triangulations of single polygons, each over its polygon's median; None without any."""
+    from matplotlib.figure import Figure
+
+    where = members[0]
+    good = [record for record in members if record["status"] == "ok"]
+    table = spread.read(run, view_of(where))
+    measure = next(iter(measures(good[0]["counters"])), None) if good else None
+    if table is None or measure not in spread.MEASURES:
+        return None
+    estimates = spread.ranks(table, measure)
+    if not estimates:
+        return None
+    ranks = {name: each.value for name, each in estimates.items()}
+    panels = _panels(ranks)
+    figure = Figure(figsize=(TWO_COLUMNS, 3.8))
+    axes = figure.subplots(1, len(panels) + 1)
+    for panel, criterion in zip(axes, panels, strict=False):
+        _spread_marks(panel, table, criterion, measure)
+    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to the polygon's median")
+    _share_axes(axes[: len(panels)])
+    _rank_bars(axes[-1], ranks, measure)
+    figure.suptitle(
+        f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
+        f"{where['resolution']} px,\n{table['polygon'].nunique()} of its polygons, each "
+        "triangulated in many ways; one mark per triangulation",
+        fontsize=9,
+    )
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str) -> None:
+    by_polygon = table.groupby("polygon")
+    x = table[criterion] / by_polygon[criterion].transform("median")
+    y = table[measure] / by_polygon[measure].transform("median")
+    families = table["triangulator"].map(family_of)
+    shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
+    for name in reversed(shown):  # random ones below all others
+        own = (families == name) & (x > 0) & (y > 0)
+        panel.scatter(
+            x[own],
+            y[own],
+            s=7,
+            alpha=0.6,
+            linewidths=0,
+            color=shown[name].colour,
+            marker=shown[name].marker,
+            label=name,
+            rasterized=len(table) > MOST_VECTOR_MARKS,
+        )
+    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to the polygon's median")
 
 
 def _panels(ranks: Mapping[str, float]) -> list[str]:

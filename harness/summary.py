@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from harness.figures.break_even import break_even
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
@@ -45,7 +47,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        for line in _proven(good):
+        for line in [*_paid_off(good), *_proven(good)]:
             console.print(line, markup=False, highlight=False)
 
 
@@ -127,6 +129,21 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
     return Text("█" * (eighths // 8) + part, style="cyan")
 
 
+def _paid_off(records: Sequence[Record]) -> list[str]:
+    """Say after how many draws what triangulated longer than the base has paid for it."""
+    base = base_of(records)
+    found = {}
+    for record in records:
+        even = None if record is base else break_even(record, base)
+        if even is not None and even.high > 0:
+            found[record["triangulator"]] = even
+    if base is None or not found:
+        return []
+    ordered = sorted(found, key=lambda name: found[name].draws)
+    words = ", ".join(f"{name} {found[name].written}" for name in ordered)
+    return [f"the longer triangulating pays against {base['triangulator']} after: {words}"]
+
+
 def _proven(records: Sequence[Record]) -> list[str]:
     """Say of which optima every polygon is proven, and how far the others may be from it."""
     told = [record for record in records if record.get("proven") is not None]
@@ -188,6 +205,11 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else form.format(value)
 
 
+def _finite(value: float) -> float | None:
+    """Return what JSON can hold; there is no number for never."""
+    return value if math.isfinite(value) else None
+
+
 def write_csv(records: Sequence[Record], file: Path) -> None:
     """Write one row per case: its identity, its counters and every metric, as `file`."""
     import pandas as pd
@@ -219,4 +241,12 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
             "time_ratio_high": ratio.high,
             "verdict": ratio.verdict,
         }
+        even = break_even(record, base) if record is not base else None
+        if even is not None:
+            row |= {
+                "break_even": even.written,
+                "break_even_draws": _finite(even.draws),
+                "break_even_low": _finite(even.low),
+                "break_even_high": _finite(even.high),
+            }
     return row

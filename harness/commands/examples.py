@@ -36,6 +36,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "gains": (f"gains {RUN} --out results/gains",),
     "repeat": (f"repeat {RUN} {RUN}",),
+    "study": ("study buildings.geojson --out results/study --quick",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

@@ -282,7 +282,10 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     if measured and not outcome.hurried:
         from harness.plots import plot_run
         from harness.report import write_report
+        from harness.study import spread
 
+        with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
+            spread.write(stored)
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
             plot_run(stored)
             write_report(stored)

@@ -11,15 +11,22 @@ from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
 from harness.study.analysis import TIME
 from harness.study.analysis import column as column_of
+from harness.study.statistics import Estimate
 
 Correlations = Mapping[str, Mapping[str, float | None]]
 """measure -> criterion -> rank correlation of ratios."""
 
 
-def answer(members: Sequence[Record], measure: str | None, correlations: Correlations) -> str:
+def answer(
+    members: Sequence[Record],
+    measure: str | None,
+    correlations: Correlations,
+    within: Mapping[str, Estimate] | None = None,
+) -> str:
     """Return one sentence about the records of a group.
 
     measure : the group's main counter, None if nothing was counted a polygon
+    within : criterion -> rank correlation with it within single polygons, where that is known
     """
     good = [record for record in members if record["status"] == "ok"]
     if not good:
@@ -31,7 +38,7 @@ def answer(members: Sequence[Record], measure: str | None, correlations: Correla
         f"On {first['device']} ({first['rasteriser']}, {first['resolution']} px), "
         f"{first['scene']} is "
     )
-    predicted = _predicted(measure, correlations)
+    predicted = _within(measure, within) if within else _predicted(measure, correlations)
     cost = _by_time(whole) or _by_counter(whole, measure) or _alone(first)
     return f"{place}{cost}{predicted}."
 
@@ -133,6 +140,18 @@ def _predicted(measure: str | None, correlations: Correlations) -> str:
     words += f"(rank correlation {known[best]:.2f}"
     if best != "overdraw" and "overdraw" in known:
         words += f"; {find('overdraw').title} {known['overdraw']:.2f}"
+    return f"{words})"
+
+
+def _within(measure: str | None, within: Mapping[str, Estimate]) -> str:
+    """Say which criterion to use: the one that ranks the triangulations of a polygon best."""
+    best = max(within, key=lambda name: within[name].value)
+    first = within[best]
+    words = f"; within a polygon, {find(best).title} predicts {find(measure or '').label} best "
+    words += f"(rank correlation {first.value:.2f}, {first.low:.2f} to {first.high:.2f}, over "
+    words += f"{first.polygons} polygons"
+    if best != "overdraw" and "overdraw" in within:
+        words += f"; {find('overdraw').title} {within['overdraw'].value:.2f}"
     return f"{words})"
 
 

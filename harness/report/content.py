@@ -10,12 +10,14 @@ from typing import Any
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
-from harness.frame import View
 from harness.looks import looks
 from harness.report import facts, matrix, packing
 from harness.report.answer import answer, answer_of_study
 from harness.stored import drawings
+from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
+from harness.study import spread
+from harness.study.statistics import Estimate
 from harness.summary import row_of
 
 MOST_MARKS = 6_000
@@ -109,6 +111,13 @@ class _Polygons:
                 view["drawing"] = packing.pack(kept, chosen)
         self.views[key] = view
 
+    def within(self, record: Record, measure: str | None) -> dict[str, Estimate]:
+        """Return how well criteria rank a measure within polygons, where the run's spread says."""
+        table = spread.read(self._run, view_of(record))
+        if table is None or measure not in spread.MEASURES:
+            return {}
+        return spread.ranks(table, measure)
+
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""
         chosen = self._chosen[drawings.name_of(view_of(record))]
@@ -151,7 +160,7 @@ def _group(
         "measures": counted,
         "main": main,
         "correlations": correlations,
-        "answer": answer(members, main, correlations),
+        "answer": answer(members, main, correlations, polygons.within(first, main)),
     }, correlations
 
 
@@ -165,11 +174,6 @@ def _case(number: int, record: Record, members: Sequence[Record], polygons: _Pol
         "warnings": (record.get("time") or {}).get("warnings", []),
         "counted": None if columns is None else polygons.counted(record, columns),
     }
-
-
-def view_of(record: Record) -> View:
-    """Return the view a record was measured in."""
-    return View(record["resolution"], record["rotation"], record.get("fit", "box"))
 
 
 def _condition(record: Record, options: Content) -> str:

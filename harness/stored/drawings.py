@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View
-from harness.stored.folder import Run, Store, read_arrays
+from harness.stored.folder import Record, Run, Store, read_arrays
 
 FOLDER = "frames"
 
@@ -24,6 +24,7 @@ class Geometry:
     points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px, y up
     offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
     source : (p,) int64, for each polygon its number in the scene
+    ring_ends : (r,) int64, where in `points` each ring ends; None in runs of older versions
     triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
     """
 
@@ -31,6 +32,7 @@ class Geometry:
     offsets: NDArray[np.int64]
     source: NDArray[np.int64]
     triangles: dict[str, NDArray[np.int32]]
+    ring_ends: NDArray[np.int64] | None = None
 
 
 def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
@@ -46,6 +48,7 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
         "points": frame.points,
         "offsets": frame.offsets,
         "source": frame.source,
+        "ring_ends": frame.ring_ends,
     }
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
     store.write_arrays(key, columns | named, FOLDER)
@@ -54,6 +57,11 @@ def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]
 def read(run: Run, view: View) -> Geometry | None:
     """Return what was drawn in `view`, or None where the run did not keep it."""
     return _read(run, name_of(view))
+
+
+def view_of(record: Record) -> View:
+    """Return the view a record was measured in."""
+    return View(record["resolution"], record["rotation"], record.get("fit", "box"))
 
 
 def name_of(view: View) -> str:
@@ -70,4 +78,5 @@ def _read(run: Run, key: str) -> Geometry | None:
         for name, rows in arrays.items()
         if name.startswith(_TRIANGLES)
     }
-    return Geometry(arrays["points"], arrays["offsets"], arrays["source"], triangles)
+    geometry = (arrays["points"], arrays["offsets"], arrays["source"])
+    return Geometry(*geometry, triangles, arrays.get("ring_ends"))

@@ -17,6 +17,7 @@ from tests.paths import ROOT
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 LONG = (
+    "study",
     "validate",
     "pareto",
     "calibrate",

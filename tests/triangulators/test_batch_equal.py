@@ -18,9 +18,9 @@ OFF_GRID = shapely.from_wkt(
 )
 
 
-def polygons(scale: float, count: int) -> list[shapely.Polygon]:
+def polygons(scale: float, count: int, seed: int = 17) -> list[shapely.Polygon]:
     """Random polygons with 0 to 8 holes on a grid that `scale` may take off it."""
-    rng = np.random.default_rng(17)
+    rng = np.random.default_rng(seed)
     found = []
     while len(found) < count:
         polygon = random_simple(rng, int(rng.integers(4, 14)), 24)

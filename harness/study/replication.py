@@ -1,0 +1,299 @@
+"""Our findings, each as a claim that is checked on other data: holds, does not hold, or not told.
+
+A claim is a sentence of docs/findings.md with the figure that was measured there. `judge` looks in
+the tables of one data set's studies for the same figure, with its interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from harness.figures.registry import find
+from harness.study.analysis import TIME
+
+BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
+TURNED = "@0"
+CHOICE = (USUAL, DELAUNAY, "refined", "optimal:overdraw", BEST)
+ONCE = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
+"""Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
+
+RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape")
+"""Criteria that differ between the triangulations of a polygon, and that findings.md compares."""
+
+BOX_WALKER = "bounding-box"
+
+_NOTHING = pd.DataFrame()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Tables of one data set's studies, each empty where there is none.
+
+    correlations, regret : of `validate`; choice, walked, turned : `gains` of runs in the order in
+    which triangulators give triangles, in walk order, and turned
+    """
+
+    correlations: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    regret: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    choice: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    walked: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    turned: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure with its interval, and whether it bears the claim out."""
+
+    value: float
+    low: float
+    high: float
+    holds: bool
+    percent: bool = False
+
+    @property
+    def written(self) -> str:
+        """The figure and its interval."""
+        form = "{:.2%}" if self.percent else "{:.3f}"
+        value, low, high = (form.format(each) for each in (self.value, self.low, self.high))
+        return (
+            value if np.isnan(self.low) or self.low == self.high else f"{value} ({low} to {high})"
+        )
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of our findings.
+
+    ours : the figure that docs/findings.md gives; check : evidence -> the same figure here, None
+    where the studies do not tell
+    """
+
+    sentence: str
+    ours: str
+    check: Callable[[Evidence], Figure | None]
+
+
+def _correlation(
+    table: pd.DataFrame, criterion: str, measure: str, walker: bool = False
+) -> Figure | None:
+    """Return a rank correlation within polygons, on OpenGL or on the walker of bounding boxes."""
+    if table.empty:
+        return None
+    rows = table[
+        (table["statistic"] == "spearman_within")
+        & (table["criterion"] == criterion)
+        & (table["measure"] == measure)
+        & ((table["rasteriser"] == BOX_WALKER) == walker)
+    ]
+    # The CPU reference counts what OpenGL counts, and stands in where there is none.
+    rows = rows[rows["value"].notna()].sort_values(
+        "rasteriser", key=lambda names: names.isin(["reference"]), kind="stable"
+    )
+    if rows.empty:
+        return None
+    row = rows.iloc[0]
+    return Figure(float(row["value"]), float(row["ci_low"]), float(row["ci_high"]), holds=True)
+
+
+def _at_least(
+    criterion: str, measure: str, least: float, walker: bool = False
+) -> Callable[[Evidence], Figure | None]:
+    def check(evidence: Evidence) -> Figure | None:
+        found = _correlation(evidence.correlations, criterion, measure, walker)
+        return None if found is None else Figure(*_ends(found), holds=found.value >= least)
+
+    return check
+
+
+def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Figure | None]:
+    """Check that a criterion ranks better than another: their intervals do not meet."""
+
+    def check(evidence: Evidence) -> Figure | None:
+        one = _correlation(evidence.correlations, criterion, measure)
+        two = _correlation(evidence.correlations, other, measure)
+        if one is None or two is None:
+            return None
+        return Figure(*_ends(one), holds=one.low > two.high)
+
+    return check
+
+
+def _shape_is_last(evidence: Evidence) -> Figure | None:
+    found = {name: _correlation(evidence.correlations, name, "helper_lanes") for name in RANKED}
+    values = {name: each.value for name, each in found.items() if each is not None}
+    shape = found["shape"]
+    if shape is None or len(values) < len(RANKED):
+        return None
+    return Figure(*_ends(shape), holds=min(values, key=values.__getitem__) == "shape")
+
+
+def _faster(table_name: str, base: str) -> Callable[[Evidence], Figure | None]:
+    """Check that the best for H is drawn faster than `base` in the largest view."""
+
+    def check(evidence: Evidence) -> Figure | None:
+        table: pd.DataFrame = getattr(evidence, table_name)
+        if table.empty:
+            return None
+        rows = table[(table["triangulator"] == BEST) & (table["base"] == base)]
+        rows = rows[rows["rasteriser"] != BOX_WALKER]
+        if rows.empty:
+            return None
+        row = rows.sort_values("resolution").iloc[-1]
+        value, low, high = (float(row[f"time_ratio{end}"]) for end in ("", "_low", "_high"))
+        return Figure(value, low, high, holds=high < 1)
+
+    return check
+
+
+def _regret(criterion: str, measure: str, most: float) -> Callable[[Evidence], Figure | None]:
+    """Check that trusting a criterion costs at most a share `most`, in the largest view."""
+
+    def check(evidence: Evidence) -> Figure | None:
+        table = evidence.regret
+        if table.empty:
+            return None
+        rows = table[(table["kind"] == "criterion") & (table["name"] == criterion)]
+        rows = rows[(rows["measure"] == measure) & (rows["rasteriser"] != BOX_WALKER)]
+        if rows.empty:
+            return None
+        row = rows.sort_values("resolution").iloc[-1]
+        figures = (float(row["mean"]), float(row["ci_low"]), float(row["ci_high"]))
+        return Figure(*figures, holds=figures[2] <= most, percent=True)
+
+    return check
+
+
+def _turned(triangulator: str, most: float) -> Callable[[Evidence], Figure | None]:
+    """Check the helper lanes of what was triangulated once, over ear clipping's, at the worst."""
+
+    def check(evidence: Evidence) -> Figure | None:
+        table = evidence.turned
+        if table.empty:
+            return None
+        rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
+        rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
+        ratios = rows["helper_lanes_ratio"].dropna()
+        if ratios.empty:
+            return None
+        worst = float(ratios.max())
+        return Figure(worst, worst, worst, holds=worst <= most)
+
+    return check
+
+
+def _ends(found: Figure) -> tuple[float, float, float]:
+    return found.value, found.low, found.high
+
+
+CLAIMS = (
+    Claim(
+        "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
+        "0.996 (0.994 to 0.998)",
+        _at_least("expected-quads", "helper_lanes", 0.95),
+    ),
+    Claim(
+        "H predicts helper lanes better than the paper's A: intervals do not meet",
+        "0.983 (0.972 to 0.991), A 0.861 (0.773 to 0.915)",
+        _ahead("half-perimeter", "overdraw", "helper_lanes"),
+    ),
+    Claim(
+        "H predicts the draw time better than the paper's A: intervals do not meet",
+        "0.966 (0.955 to 0.975), A 0.874 (0.820 to 0.914)",
+        _ahead("half-perimeter", "overdraw", f"{TIME}0"),
+    ),
+    Claim(
+        "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
+        "1.000",
+        _at_least("overdraw", "bbox_tests", 0.999, walker=True),
+    ),
+    Claim(
+        "D, the shape, predicts helper lanes worst of the criteria that can rank",
+        "0.754 (0.547 to 0.791)",
+        _shape_is_last,
+    ),
+    Claim(
+        "The best for H is drawn faster than ear clipping's triangles",
+        "0.841 of its time (city, 1024 px)",
+        _faster("choice", USUAL),
+    ),
+    Claim(
+        "The best for H is drawn faster than Delaunay's triangles",
+        "0.949 of its time (city, 1024 px)",
+        _faster("choice", DELAUNAY),
+    ),
+    Claim(
+        "It is so in the same order of triangles, too: the gain is one of diagonals",
+        "0.936 of Delaunay's time (Helsinki, 1024 px); 0.994 on letters, where it is not",
+        _faster("walked", DELAUNAY),
+    ),
+    Claim(
+        "Trusting Q costs at most 1 % more quads than the fewest there are",
+        "see docs/findings.md",
+        _regret("expected-quads", "quads", 0.01),
+    ),
+    Claim(
+        "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
+        " or less",
+        "0.92 at the worst angle (city, 512 px)",
+        _turned(BEST, 0.95),
+    ),
+    Claim(
+        "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
+        "0.99 at the worst angle (city, 512 px)",
+        lambda evidence: _inverted(_turned("optimal:overdraw", 0.95)(evidence)),
+    ),
+)
+
+
+def _inverted(found: Figure | None) -> Figure | None:
+    return None if found is None else Figure(*_ends(found), holds=not found.holds)
+
+
+def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:
+    """Return each claim with what the evidence says of it."""
+    return [(claim, claim.check(evidence)) for claim in CLAIMS]
+
+
+def read(folder: Path) -> Evidence:
+    """Return the tables that a study left in its folder; a table that is not there is empty."""
+
+    def table(*parts: str) -> pd.DataFrame:
+        file = folder.joinpath(*parts)
+        return pd.read_csv(file) if file.is_file() else _NOTHING
+
+    return Evidence(
+        correlations=table("validate", "correlations.csv"),
+        regret=table("validate", "regret.csv"),
+        choice=table("choice", "gains.csv"),
+        walked=table("walked", "gains.csv"),
+        turned=table("turned", "gains.csv"),
+    )
+
+
+def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
+    """Return a page of findings in Markdown, in the shape of docs/findings.md.
+
+    named : (name of the data set, its evidence); where : the machine and device, in words
+    """
+    lines = ["# Findings on other data", "", where, ""]
+    lines += ["| data | hold | do not hold | not told |", "|---|---|---|---|"]
+    judged = [(name, judge(evidence)) for name, evidence in named]
+    for name, found in judged:
+        told = [figure for _, figure in found if figure is not None]
+        hold = sum(figure.holds for figure in told)
+        lines.append(f"| {name} | {hold} | {len(told) - hold} | {len(found) - len(told)} |")
+    for name, found in judged:
+        lines += ["", f"## {name}", "", "| finding | ours | here | |", "|---|---|---|---|"]
+        for claim, figure in found:
+            here = "" if figure is None else figure.written
+            verdict = "not told" if figure is None else "holds" if figure.holds else "does not hold"
+            lines.append(f"| {claim.sentence} | {claim.ours} | {here} | {verdict} |")
+    letters = ", ".join(
+        f"{find(name).symbol}: {find(name).label}" for name in RANKED if find(name).symbol
+    )
+    return "\n".join([*lines, "", f"{letters}.", ""])

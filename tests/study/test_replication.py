@@ -1,0 +1,153 @@
+"""Our findings on other data: made-up tables with known answers, and one small study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from harness.study.design import Design
+from harness.study.replication import CLAIMS, Evidence, judge, page
+from tests.conftest import exit_code
+
+
+def correlations(**values: float) -> pd.DataFrame:
+    """Return correlations.csv of one device, criterion -> rank correlation +-0.01."""
+    rows = [
+        {
+            "rasteriser": rasteriser,
+            "device": "cpu",
+            "criterion": criterion.replace("_", "-"),
+            "measure": measure,
+            "statistic": "spearman_within",
+            "value": value,
+            "ci_low": value - 0.01,
+            "ci_high": value + 0.01,
+            "polygons": 24,
+        }
+        for criterion, value in values.items()
+        for rasteriser, measure in (
+            ("opengl", "helper_lanes"),
+            ("opengl", "time_work_0"),
+            ("bounding-box", "bbox_tests"),
+        )
+    ]
+    return pd.DataFrame(rows)
+
+
+def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.DataFrame:
+    row = {"rasteriser": "opengl", "triangulator": triangulator, "base": base}
+    row |= {"resolution": 1024, "time_ratio": ratio, "helper_lanes_ratio": lanes}
+    row |= {"time_ratio_low": ratio - 0.01, "time_ratio_high": ratio + 0.01}
+    return pd.DataFrame([row, {**row, "resolution": 256, "time_ratio": 2.0}])
+
+
+def verdicts(evidence: Evidence) -> dict[str, bool | None]:
+    return {
+        claim.sentence: None if figure is None else figure.holds
+        for claim, figure in judge(evidence)
+    }
+
+
+USUAL = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99}
+USUAL |= {"edge_length": 0.93, "shape": 0.75}
+
+
+def test_without_evidence_nothing_is_told():
+    assert set(verdicts(Evidence()).values()) == {None}
+
+
+def test_each_claim_can_hold_and_fail():
+    good = Evidence(
+        correlations=_with_exact_a(correlations(**USUAL)),
+        regret=regret(0.002),
+        choice=pd.concat(
+            [gains("optimal:half-perimeter", base, 0.9) for base in ("ear-clipping", "delaunay")]
+        ),
+        walked=gains("optimal:half-perimeter", "delaunay", 0.95),
+        turned=pd.concat(
+            [
+                gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9, 0.92),
+                gains("optimal:overdraw@0", "ear-clipping@0", 0.95, 0.99),
+            ]
+        ),
+    )
+    assert set(verdicts(good).values()) == {True}
+    poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
+    bad = Evidence(
+        correlations=correlations(**poor, edge_length=0.5, shape=0.75),
+        regret=regret(0.02),
+        choice=pd.concat(
+            [gains("optimal:half-perimeter", base, 1.0) for base in ("ear-clipping", "delaunay")]
+        ),
+        walked=gains("optimal:half-perimeter", "delaunay", 0.995),
+        turned=pd.concat(
+            [
+                gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9, 0.96),
+                gains("optimal:overdraw@0", "ear-clipping@0", 0.95, 0.90),
+            ]
+        ),
+    )
+    assert set(verdicts(bad).values()) == {False}
+
+
+def _with_exact_a(table: pd.DataFrame) -> pd.DataFrame:
+    walked = (table["measure"] == "bbox_tests") & (table["criterion"] == "overdraw")
+    return table.assign(
+        **{name: table[name].mask(walked, 1.0) for name in ("value", "ci_low", "ci_high")}
+    )
+
+
+def regret(mean: float) -> pd.DataFrame:
+    row = {"rasteriser": "opengl", "kind": "criterion", "name": "expected-quads"}
+    row |= {"measure": "quads", "resolution": 1024}
+    return pd.DataFrame([{**row, "mean": mean, "ci_low": mean / 2, "ci_high": mean * 2}])
+
+
+def test_the_page_sets_ours_beside_what_was_found():
+    text = page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
+    assert "| mine | 4 | 1 | 6 |" in text
+    assert "| 0.996 (0.994 to 0.998) | 0.990 (0.980 to 1.000) | holds |" in text
+    assert "not told" in text
+    assert all(claim.sentence in text for claim in CLAIMS)
+
+
+def test_two_data_sets_of_one_name_are_refused(harness):
+    code, _, err = harness("study", "a/city.geojson", "b/city.geojson", "--out", "study")
+    assert code == 2
+    assert "rename one" in err
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Make the four studies small."""
+    monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
+    monkeypatch.setattr("harness.commands.study.ANGLES", "0,45")
+
+
+@pytest.mark.usefixtures("no_plots", "in_process", "small")
+def test_a_small_study_is_measured_once(harness):
+    arguments = ("study", "city:buildings=20", "--out", "study", "--quick")
+    arguments += ("--rasterisers", "reference", "--resolution", "64")
+    code, out, _ = harness(*arguments)
+    assert code == 0
+    assert "findings hold" in out
+    text = Path("study/findings.md").read_text()
+    assert "| city-buildings-20 | " in text
+    before = {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")}
+    assert len(before) == 4
+    assert exit_code(*arguments) == 0
+    assert {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")} == before
+
+
+@pytest.mark.usefixtures("no_plots", "in_process", "small")
+def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
+    source = tmp_path / "triangles.wkt"
+    source.write_text("POLYGON ((0 0, 4 0, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 5 4, 5 0))\n")
+    arguments = ("study", str(source), "--out", "study", "--quick")
+    code, out, _ = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
+    assert code == 0
+    assert "validate: triangles" in out
+    assert "no polygon without holes" in out
+    assert Path("study/triangles/choice/gains.csv").is_file()

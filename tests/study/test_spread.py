@@ -1,0 +1,123 @@
+"""Criteria judged within the polygons of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness.frame import SUBPIXEL, View, make_frame
+from harness.rasterisers.reference import predict
+from harness.report.answer import answer
+from harness.report.content import content_of
+from harness.stored import drawings
+from harness.stored.folder import read_run
+from harness.study import spread
+from scenes import load
+from tests.conftest import exit_code
+from triangulators import triangulate
+
+SCENE = "city:buildings=60"
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("spread") / "run"
+    arguments = ["run", "--scene", SCENE, "--rasterisers", "reference", "--resolution", "1024"]
+    arguments += ["--triangulators", "ear-clipping,delaunay", "--quick", "--quiet"]
+    assert exit_code(*arguments, "--out", str(folder)) == 0
+    return folder
+
+
+def test_polygons_are_triangulated_in_many_ways(run_folder):
+    table = spread.read(read_run(run_folder), View(1024))
+    assert table["polygon"].nunique() == spread.POLYGONS
+    by_polygon = table.groupby("polygon").size()
+    assert by_polygon.max() > 20
+    names = set(table["triangulator"])
+    assert {"ear-clipping", "worst:half-perimeter", "random#3"} <= names
+    assert not table.duplicated(["polygon", "triangulator"]).any()
+
+
+def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
+    table = spread.read(read_run(run_folder), View(1024))
+    frame = make_frame(load(SCENE).polygons, View(1024))
+    number = int(table["polygon"].iloc[-1])
+    polygon = frame.polygons[frame.source.tolist().index(number)]
+    points = np.rint(np.array(polygon.exterior.coords)[:-1] * SUBPIXEL).astype(np.int32)
+    own = table[table["polygon"] == number].set_index("triangulator")
+    for name in ("random#0", "random#1", "optimal:half-perimeter"):
+        base, _, seed = name.partition("#")
+        parameters = {"seed": int(seed)} if seed else {}
+        counts = predict(points, triangulate(polygon, base, **parameters))
+        assert own.loc[name, "helper_lanes"] == counts["helper_lanes"].sum()
+
+
+def test_criteria_are_ranked_within_polygons(run_folder):
+    found = spread.ranks(spread.read(read_run(run_folder), View(1024)), "helper_lanes")
+    q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
+    assert q.polygons > 20
+    assert q.value > h.value > a.value > d.value
+    assert q.low > a.high
+    assert "complexity" not in found, "it is the same for all, and so ranks nothing"
+
+
+def test_the_reports_first_sentence_says_which_criterion_to_use(run_folder):
+    content = content_of(read_run(run_folder))
+    sentence = content["groups"][0]["answer"]
+    assert "within a polygon, " in sentence
+    assert "expected quads Q predicts helper lanes best (rank correlation 0.9" in sentence
+    assert "over 24 polygons; the paper's overdraw A 0." in sentence
+
+
+def test_the_default_picture_is_of_polygons(run_folder):
+    svg = (run_folder / "plots" / "predicted-vs-measured.svg").read_text()
+    assert "within a polygon?" in svg
+    assert "random" in svg
+
+
+def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
+    run = read_run(run_folder)
+    assert spread.read(run, View(512)) is None
+    for name, content in (("a", "polygon,resolution\n1,256\n"), ("b", "\0\0"), ("c", "")):
+        folder = tmp_path / name
+        folder.mkdir()
+        for file in ("run.json", "cases.jsonl"):
+            (folder / file).write_bytes((run_folder / file).read_bytes())
+        (folder / spread.FILE).write_text(content)
+        assert spread.read(read_run(folder), View(1024)) is None
+        assert "within a polygon" not in content_of(read_run(folder))["groups"][0]["answer"]
+
+
+def test_drawings_of_older_versions_have_no_rings(run_folder, tmp_path):
+    run = read_run(run_folder)
+    kept = drawings.read(run, View(1024))
+    assert len(kept.ring_ends) >= len(kept.offsets) - 1
+    (file,) = (run_folder / drawings.FOLDER).glob("*.npz")
+    with np.load(file) as arrays:
+        older = {name: arrays[name] for name in arrays.files if name != "ring_ends"}
+    folder = tmp_path / "older"
+    (folder / drawings.FOLDER).mkdir(parents=True)
+    for name in ("run.json", "cases.jsonl"):
+        (folder / name).write_bytes((run_folder / name).read_bytes())
+    np.savez(folder / drawings.FOLDER / file.name, **older)
+    assert drawings.read(read_run(folder), View(1024)).ring_ends is None
+    assert spread.write(read_run(folder)) is None
+
+
+def test_without_a_spread_the_sentence_is_that_of_ratios():
+    record = json.loads(
+        '{"status": "ok", "polygons": 2, "device": "cpu", "rasteriser": "reference",'
+        ' "resolution": 64, "scene": "city", "triangulator": "fan", "counters": {"quads": 4}}'
+    )
+    other = {**record, "triangulator": "delaunay", "counters": {"quads": 3}}
+    words = answer([record, other], "quads", {"quads": {"half_perimeter": 0.5}})
+    assert "of the criteria, half-perimeter H predicts quads best" in words
+
+
+def test_the_table_is_a_plain_file(run_folder):
+    table = pd.read_csv(Path(run_folder) / spread.FILE)
+    assert {"polygon", "triangulator", "half_perimeter", "helper_lanes", "fit"} <= set(table)
