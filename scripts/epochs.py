@@ -11,6 +11,7 @@ called different, with epochs and without, and how often the additional work was
 from __future__ import annotations
 
 import argparse
+import os
 from itertools import combinations
 
 import numpy as np
@@ -41,6 +42,7 @@ def main() -> None:
     more = np.concatenate([triangles, triangles[::100]])
     candidates = {f"same {k}": (frame, triangles) for k in range(NAMES)} | {"more": (frame, more)}
     device = find_device(given.rasteriser)
+    os.environ.update(device.environment)  # as a device's worker has it, before its driver loads
     test = tasks.open_device(given.rasteriser, device).timer
     assert test is not None
     print(

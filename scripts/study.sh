@@ -85,6 +85,8 @@ done
 
 # H depends on the size at which slivers are drawn; counters of the CPU reference show how.
 for scene in city helsinki; do
+    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+        --rasterisers reference --resolution 256,1024 --budget 0.004
     once $to/cpu/validate-$scene-sizes "${harness[@]}" validate --scene $scene --work 0 \
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done
