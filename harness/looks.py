@@ -14,7 +14,11 @@ from typing import TYPE_CHECKING, Any
 from harness.stored.folder import file_stem
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+    from rich.table import Table
+    from rich.text import TextType
 
 # Okabe and Ito's eight colours, told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
@@ -122,6 +126,45 @@ def looks(triangulators: Sequence[str]) -> dict[str, Look]:
 def family_of(triangulator: str) -> str:
     """Return the name without its number: random#1 and random#2 are one family."""
     return triangulator.partition("#")[0]
+
+
+def scatter(
+    panel: Axes,
+    x: ArrayLike,
+    y: ArrayLike,
+    of: Look,
+    label: str,
+    *,
+    size: float = 7,
+    alpha: float = 0.5,
+    rasterized: bool = False,
+) -> None:
+    """Draw one triangulator's marks; as a picture inside the SVG where `rasterized`."""
+    panel.scatter(
+        x,
+        y,
+        s=size,
+        alpha=alpha,
+        linewidths=0,
+        color=of.colour,
+        marker=of.marker,
+        label=label,
+        rasterized=rasterized,
+    )
+
+
+def plain_table(title: TextType, **options: Any) -> Table:
+    """Return an empty table for the terminal, without lines; options: more of rich's `Table`."""
+    from rich.table import Table
+
+    return Table(
+        title=title,
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+        header_style="bold",
+        **options,
+    )
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from harness.looks import (
     family_of,
     looks,
     save,
+    scatter,
 )
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
@@ -74,8 +75,6 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
     the polygon's size out, which would otherwise make every criterion look good. None where there
     is nothing to draw.
     """
-    from matplotlib.figure import Figure
-
     within = _within_polygons(run, members)
     if within is not None:
         return within
@@ -95,21 +94,43 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         for name in predictions()
         if (rank := correlation_of_ratios(columns, base, name, measure)) is not None
     }
-    panels = _panels(ranks)
-    figure = Figure(figsize=(TWO_COLUMNS, 3.6))
-    axes = figure.subplots(1, len(panels) + 1)
-    for panel, criterion in zip(axes, panels, strict=False):
-        _scatter(panel, columns, base, criterion, measure)
-    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {base}")
-    _share_axes(axes[: len(panels)])
-    _rank_bars(axes[-1], ranks, measure)
     where = members[0]
-    figure.suptitle(
+    return _judged(
+        ranks,
+        measure,
+        lambda panel, criterion: _scatter(panel, columns, base, criterion, measure),
+        base,
         f"Which criterion predicts {find(measure).label}? {where['scene']}, "
         f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
         "one mark per polygon and triangulator",
-        fontsize=9,
+        height=3.6,
     )
+
+
+def _judged(
+    ranks: Mapping[str, float],
+    measure: str,
+    draw: Callable[[Axes, str], None],
+    against: str,
+    title: str,
+    height: float,
+) -> Figure:
+    """Return the paper's criterion and the best one against a measure, and how well each ranks.
+
+    draw : draws the marks of a criterion into a panel; against : what marks are in ratio to
+    """
+    from matplotlib.figure import Figure
+
+    panels = _panels(ranks)
+    figure = Figure(figsize=(TWO_COLUMNS, height))
+    axes = figure.subplots(1, len(panels) + 1)
+    for panel, criterion in zip(axes, panels, strict=False):
+        draw(panel, criterion)
+        panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {against}")
+    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {against}")
+    _share_axes(axes[: len(panels)])
+    _rank_bars(axes[-1], ranks, measure)
+    figure.suptitle(title, fontsize=9)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
     return figure
@@ -117,8 +138,6 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
 
 def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     """Draw triangulations of single polygons, each over its polygon's median; None without any."""
-    from matplotlib.figure import Figure
-
     where = members[0]
     good = [record for record in members if record["status"] == "ok"]
     table = spread.read(run, view_of(where))
@@ -129,23 +148,16 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     if not estimates:
         return None
     ranks = {name: each.value for name, each in estimates.items()}
-    panels = _panels(ranks)
-    figure = Figure(figsize=(TWO_COLUMNS, 3.8))
-    axes = figure.subplots(1, len(panels) + 1)
-    for panel, criterion in zip(axes, panels, strict=False):
-        _spread_marks(panel, table, criterion, measure)
-    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to the polygon's median")
-    _share_axes(axes[: len(panels)])
-    _rank_bars(axes[-1], ranks, measure)
-    figure.suptitle(
+    return _judged(
+        ranks,
+        measure,
+        lambda panel, criterion: _spread_marks(panel, table, criterion, measure),
+        "the polygon's median",
         f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
         f"{where['resolution']} px,\n{table['polygon'].nunique()} of its polygons, each "
         "triangulated in many ways; one mark per triangulation",
-        fontsize=9,
+        height=3.8,
     )
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    return figure
 
 
 def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str) -> None:
@@ -156,18 +168,8 @@ def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str
     shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
     for name in reversed(shown):  # random ones below all others
         own = (families == name) & (x > 0) & (y > 0)
-        panel.scatter(
-            x[own],
-            y[own],
-            s=7,
-            alpha=0.6,
-            linewidths=0,
-            color=shown[name].colour,
-            marker=shown[name].marker,
-            label=name,
-            rasterized=len(table) > MOST_VECTOR_MARKS,
-        )
-    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to the polygon's median")
+        many = len(table) > MOST_VECTOR_MARKS
+        scatter(panel, x[own], y[own], shown[name], name, alpha=0.6, rasterized=many)
 
 
 def _panels(ranks: Mapping[str, float]) -> list[str]:
@@ -186,18 +188,8 @@ def _scatter(
         x = ratios(columns[name], columns[base], PREDICTED + criterion)
         y = ratios(columns[name], columns[base], measure)
         fits = np.isfinite(x) & np.isfinite(y)
-        panel.scatter(
-            x[fits],
-            y[fits],
-            s=7,
-            alpha=0.5,
-            linewidths=0,
-            color=shown[name].colour,
-            marker=shown[name].marker,
-            label=name,
-            rasterized=len(others) * len(x) > MOST_VECTOR_MARKS,
-        )
-    panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {base}")
+        many = len(others) * len(x) > MOST_VECTOR_MARKS
+        scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

@@ -23,6 +23,7 @@ from harness.figures.registry import (
     predictions,
     value_of,
 )
+from harness.looks import plain_table
 from harness.stored.folder import Record
 
 MOST_COLUMNS = 4
@@ -71,15 +72,7 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     )
     if first["rotation"]:
         title += f", turned by {first['rotation']:g} degrees"
-    table = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=None,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-        header_style="bold",
-    )
+    table = plain_table(title, title_style="bold", padding=(0, 1, 0, 0))
     table.add_column("triangulator", overflow="fold")
     shown = _shown(records)
     for figure in shown:
@@ -134,7 +127,7 @@ def _paid_off(records: Sequence[Record]) -> list[str]:
     base = base_of(records)
     found = {}
     for record in records:
-        even = None if record is base else break_even(record, base)
+        even = break_even(record, base)
         if even is not None and even.high > 0:
             found[record["triangulator"]] = even
     if base is None or not found:
@@ -241,7 +234,7 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
             "time_ratio_high": ratio.high,
             "verdict": ratio.verdict,
         }
-        even = break_even(record, base) if record is not base else None
+        even = break_even(record, base)
         if even is not None:
             row |= {
                 "break_even": even.written,

@@ -6,20 +6,30 @@ import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
 
 from harness.commands.gains import gains
-from harness.commands.options import Quiet, Seed
+from harness.commands.options import Quiet, Seed, numbers
 from harness.commands.run import run
 from harness.commands.validate import validate
 from harness.errors import NothingMeasured, UsageError
 from harness.stored.folder import file_stem
+from harness.study.design import Design
 from scenes.spec import label
 
 ANGLES = "0,15,30,45,60,75,90"
+
+
+class _Part(NamedTuple):
+    """One measurement of each data set: a command with its options, and bases of its gains."""
+
+    name: str
+    command: Callable[..., None]
+    options: dict[str, Any]
+    bases: tuple[str, ...] = ()
 
 
 def study(
@@ -32,7 +42,9 @@ def study(
     resolution: Annotated[
         str, typer.Option(help="Viewports in pixels; comma-separated.")
     ] = "256,1024",
-    polygons: Annotated[int, typer.Option(min=1, help="Polygons to validate with.")] = 24,
+    polygons: Annotated[
+        int, typer.Option(min=1, help="Polygons to validate with.")
+    ] = Design.polygons,
     seed: Seed = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Few polygons, short times: a look, not a result.")
@@ -60,39 +72,27 @@ def study(
     }
     shots = {**shared, "triangulators": ",".join(replication.CHOICE), "cached": True}
     turned = {**shots, "triangulators": ",".join(replication.ONCE), "fit": "circle"}
-    largest = max(resolution.split(","), key=lambda size: int(size) if size.isdigit() else 0)
+    largest = str(max(numbers(resolution, "--resolution", int)))
+    every = {"resolution": resolution}
+    bases = (replication.USUAL, replication.DELAUNAY)
+    once = (f"{replication.USUAL}{replication.TURNED}",)
+    parts = (
+        _Part("validate", validate, {**shared, **every, "polygons": polygons, "work": "0"}),
+        _Part("choice", run, {**shots, **every}, bases),
+        _Part("walked", run, {**shots, "resolution": largest, "order": "walk"}, bases),
+        _Part("turned", run, {**turned, "resolution": largest, "rotation": ANGLES}, once),
+    )
     found = []
     for scene, name in zip(scenes, names, strict=True):
         folder = out / name
         console.print(f"{scene}:", markup=False)
-        parts: tuple[tuple[str, Callable[..., None], dict[str, Any], tuple[str, ...]], ...] = (
-            (
-                "validate",
-                validate,
-                {**shared, "resolution": resolution, "polygons": polygons, "work": "0"},
-                (),
-            ),
-            ("choice", run, {**shots, "resolution": resolution}, ("ear-clipping", "delaunay")),
-            (
-                "walked",
-                run,
-                {**shots, "resolution": largest, "order": "walk"},
-                ("ear-clipping", "delaunay"),
-            ),
-            (
-                "turned",
-                run,
-                {**turned, "resolution": largest, "rotation": ANGLES},
-                (f"ear-clipping{replication.TURNED}",),
-            ),
-        )
-        for part, command, options, bases in parts:
-            console.print(f"  {part} ...", markup=False)
+        for part in parts:
+            console.print(f"  {part.name} ...", markup=False)
             try:
-                _carry_out(scene, folder / part, command, options, bases)
+                _carry_out(scene, folder / part.name, part)
             except (UsageError, NothingMeasured) as error:
                 # What one study cannot do, the others may.
-                console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
+                console.print(f"  {part.name}: {error}", markup=False, soft_wrap=True)
         found.append((name, replication.read(folder)))
     where = f"Rasterisers: {rasterisers}; device: {device or 'the best one here'}."
     file = out / "findings.md"
@@ -108,20 +108,14 @@ def study(
     console.print(f"to read: {file}", markup=False, soft_wrap=True)
 
 
-def _carry_out(
-    scene: str,
-    folder: Path,
-    command: Callable[..., None],
-    options: dict[str, Any],
-    bases: tuple[str, ...],
-) -> None:
-    """Measure one part, or go on with it, and its gains over `bases`, if any."""
+def _carry_out(scene: str, folder: Path, part: _Part) -> None:
+    """Measure one part, or go on with it, and its gains, if it has bases."""
     begun = (folder / "run.json").is_file()
     where: dict[str, Any] = {"resume": folder} if begun else {"out": folder}
     with contextlib.redirect_stdout(io.StringIO()):  # its tables are in its report
-        command(scene=scene, **where, **options)
-        if bases:
-            gains([folder], out=folder, bases=",".join(bases))
+        part.command(scene=scene, **where, **part.options)
+        if part.bases:
+            gains([folder], out=folder, bases=",".join(part.bases))
 
 
 def add_to(app: typer.Typer) -> None:

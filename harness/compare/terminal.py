@@ -16,6 +16,7 @@ from harness.compare.rows import (
     total_cells,
 )
 from harness.compare.wording import headline
+from harness.looks import plain_table
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
 VERDICT_STYLES = {"regression": "bold red", "good": "bold green"}
@@ -51,13 +52,7 @@ def _print_group(group: Group, console: Console) -> None:
 
 
 def _table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) -> Table:
-    table = Table(
-        title=Text(title),
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-        header_style="bold",
-    )
+    table = plain_table(Text(title))
     for number, name in enumerate(heading):
         table.add_column(
             name,

@@ -36,12 +36,13 @@ class BreakEven:
 def break_even(record: Record, base: Record | None) -> BreakEven | None:
     """Return it for two records timed in the same rounds; None where it is not defined.
 
-    It is not where either was not timed, nor where the record's triangulating is the shorter one
-    and its draws are slower. What is saved a draw is (1 - ratio) times the base's draw; what the
-    longer triangulating takes was measured once, so the interval is that of the ratio alone.
+    It is not for the base itself, where either was not timed, nor where the record's triangulating
+    is the shorter one and its draws are slower. What is saved a draw is (1 - ratio) times the
+    base's draw; what the longer triangulating takes was measured once, so the interval is that of
+    the ratio alone.
     """
     ratio = time_ratio(record, base)
-    if ratio is None or base is None:
+    if ratio is None or base is None or record is base:
         return None
     seconds, usual = record.get("triangulate_s"), base.get("triangulate_s")
     if seconds is None or usual is None:

@@ -75,9 +75,13 @@ def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
             f"{design.most_vertices} vertices; a study needs some with many triangulations: "
             "give another scene or file"
         )
-    steps = np.linspace(0, len(fit) - 1, min(design.polygons, len(fit)))
-    chosen = dict.fromkeys(fit[round(step)] for step in steps.tolist())
-    return [(number, _alone(scene, number)) for number in chosen]
+    return [(number, _alone(scene, number)) for number in evenly(fit, design.polygons)]
+
+
+def evenly(numbers: Sequence[int], most: int) -> list[int]:
+    """Return at most so many of the numbers, at equal steps from the first to the last."""
+    steps = np.linspace(0, len(numbers) - 1, min(most, len(numbers)))
+    return list(dict.fromkeys(numbers[round(step)] for step in steps.tolist()))
 
 
 def _sizes(polygons: Sequence[Polygon]) -> NDArray[np.int64]:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from rich.console import Console
-from rich.table import Table
 
-from harness.looks import STYLE, look_of, looks, save
+from harness.looks import STYLE, look_of, looks, plain_table, save, scatter
 from harness.study.analysis import TIME, column, label, predictors
 
 if TYPE_CHECKING:
@@ -36,13 +35,7 @@ def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         measures = list(dict.fromkeys(part["measure"]))
-        table = Table(
-            title=f"rank correlation within polygons: {rasteriser} on {device}",
-            title_justify="left",
-            box=None,
-            pad_edge=False,
-            header_style="bold",
-        )
+        table = plain_table(f"rank correlation within polygons: {rasteriser} on {device}")
         table.add_column("criterion", no_wrap=True)
         for measure in measures:
             table.add_column(label(measure), justify="right")
@@ -220,15 +213,5 @@ def _marks(panel: Axes, rows: pd.DataFrame, criterion: str, measure: str) -> Non
     shown = looks(names)
     for name in reversed(names):
         own = kinds == name
-        panel.scatter(
-            x[own],
-            y[own],
-            s=6,
-            linewidths=0,
-            alpha=0.6,
-            color=shown[name].colour,
-            marker=shown[name].marker,
-            label=name,
-            rasterized=True,
-        )
+        scatter(panel, x[own], y[own], shown[name], name, size=6, alpha=0.6, rasterized=True)
     panel.axline((1, 1), slope=1, color="black", linewidth=0.8, linestyle="--")

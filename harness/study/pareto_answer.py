@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 from rich.console import Console
-from rich.table import Table
 
 from harness.figures.groups import groups
 from harness.figures.ratios import FASTER, SLOWER
+from harness.looks import plain_table
 from harness.stored.folder import Record
 from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, MeasuredFront
 
@@ -43,14 +43,8 @@ def _other(rows: pd.DataFrame) -> pd.DataFrame:
 
 def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """Print a row for each polygon, rasteriser and device."""
-    shown = Table(
-        title=f"{scene}: time in ratio to the least-A end of the front of A and D",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-        header_style="bold",
-    )
+    title = f"{scene}: time in ratio to the least-A end of the front of A and D"
+    shown = plain_table(title, padding=(0, 1, 0, 0))
     shown.add_column("polygon")
     shown.add_column("rasteriser")
     for heading in ("points", "slower", "faster", "best"):

@@ -18,17 +18,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
-from scipy import stats
 
 from harness.figures.groups import groups
 from harness.figures.registry import find, measures, predictions
-from harness.looks import COLOURS, STYLE, family_of, save
+from harness.looks import COLOURS, STYLE, family_of, plain_table, save
 from harness.stored.folder import Record
 from harness.study.analysis import TIME, label
 from harness.study.design import LEAST
+from harness.study.statistics import bootstrap_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +37,8 @@ OF_QUADS = ("quads", "helper_lanes")
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that nobody would trust: they are there for the spread."""
 
-KEYS = ("rasteriser", "device", "resolution", "rotation", "samples", "measure", "kind", "name")
+VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
+KEYS = (*VIEW, "measure", "kind", "name")
 COLUMNS = (*KEYS, "polygon", "triangulator", "best", "least_known", "regret")
 SUMMARY = (
     *KEYS,
@@ -152,7 +151,7 @@ def summarise(table: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
     for key, part in table.groupby(list(KEYS), sort=False):
         by_polygon = part.groupby("polygon", sort=False)
         values = by_polygon["regret"].mean().to_numpy(float)
-        low, high = _interval(values, seed)
+        low, high = bootstrap_interval(values, np.mean, seed)
         rows.append(
             dict(zip(KEYS, key, strict=True))
             | {
@@ -167,15 +166,6 @@ def summarise(table: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=SUMMARY)
-
-
-def _interval(values: NDArray[np.float64], seed: int) -> tuple[float, float]:
-    """Return the bootstrap interval of the mean; the range of fewer than three, or of equals."""
-    if len(values) < 3 or np.ptp(values) == 0:
-        return float(values.min()), float(values.max())
-    rng = np.random.default_rng(seed)
-    found = stats.bootstrap((values,), np.mean, method="percentile", rng=rng)
-    return float(found.confidence_interval.low), float(found.confidence_interval.high)
 
 
 def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
@@ -197,16 +187,9 @@ def main_measures(names: Sequence[str]) -> list[str]:
 def print_regret(summary: pd.DataFrame, console: Console) -> None:
     """Print what trusting each criterion costs, one table per device and view."""
     wanted = summary[summary["kind"] == "criterion"]
-    view = ["rasteriser", "device", "resolution", "rotation", "samples"]
-    for (rasteriser, device, resolution, *_), part in wanted.groupby(view, sort=False):
+    for (rasteriser, device, resolution, *_), part in wanted.groupby(list(VIEW), sort=False):
         shown = main_measures(list(dict.fromkeys(part["measure"])))
-        table = Table(
-            title=f"regret, by criterion: {rasteriser} on {device}, {resolution} px",
-            title_justify="left",
-            box=None,
-            pad_edge=False,
-            header_style="bold",
-        )
+        table = plain_table(f"regret, by criterion: {rasteriser} on {device}, {resolution} px")
         table.add_column("criterion", no_wrap=True)
         for measure in shown:
             table.add_column(label(measure), justify="right")
@@ -230,8 +213,7 @@ def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
     import matplotlib
 
     files: list[Path] = []
-    view = ["rasteriser", "device", "resolution", "rotation", "samples"]
-    for key, part in summary.groupby(view, sort=False):
+    for key, part in summary.groupby(list(VIEW), sort=False):
         rasteriser, device, resolution, rotation, _ = key
         shown = main_measures(list(dict.fromkeys(part["measure"])))
         if not shown:

@@ -23,7 +23,8 @@ from harness.rasterisers.reference import Reference, predict
 from harness.stored import drawings
 from harness.stored.folder import Run
 from harness.study.analysis import SAME
-from harness.study.statistics import Estimate, within
+from harness.study.design import evenly
+from harness.study.statistics import Estimate, median_within
 from triangulators import Skipped, TriangulationError, criteria, triangulate, vertices
 
 FILE = "spread.csv"
@@ -78,7 +79,7 @@ def estimate(table: pd.DataFrame, criterion: str, measure: str) -> Estimate:
         (polygon[criterion].to_numpy(float), polygon[measure].to_numpy(float))
         for _, polygon in table.groupby("polygon")
     ]
-    return within(columns)[0]
+    return median_within("spearman_within", columns)
 
 
 def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
@@ -118,11 +119,7 @@ def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:
     rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
     simple = np.diff(np.concatenate([[0], rings])) == 1
     fit = np.flatnonzero(simple & (sizes >= FEWEST_VERTICES) & (sizes <= MOST_VERTICES))
-    fit = fit[np.argsort(sizes[fit], kind="stable")]
-    if not len(fit):
-        return
-    for place in dict.fromkeys(np.linspace(0, len(fit) - 1, POLYGONS).round().astype(int).tolist()):
-        k = int(fit[place])
+    for k in evenly(fit[np.argsort(sizes[fit], kind="stable")].tolist(), POLYGONS):
         yield int(kept.source[k]), kept.points[kept.offsets[k] : kept.offsets[k + 1]]
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +79,13 @@ WITHIN: dict[str, Callable[[Column, Column], float]] = {
 
 def within(columns: Sequence[tuple[Column, Column]], seed: int = 0) -> list[Estimate]:
     """Summarise (predicted, measured) columns, one pair per polygon, by medians over polygons."""
-    found = []
-    for name, function in WITHIN.items():
-        values = np.array([function(x, y) for x, y in columns if len(x) >= FEWEST])
-        found.append(median_estimate(name, values[np.isfinite(values)], seed))
-    return found
+    return [median_within(name, columns, seed) for name in WITHIN]
+
+
+def median_within(name: str, columns: Sequence[tuple[Column, Column]], seed: int = 0) -> Estimate:
+    """Return one of `WITHIN`: the median over polygons, with its interval."""
+    values = np.array([WITHIN[name](x, y) for x, y in columns if len(x) >= FEWEST])
+    return median_estimate(name, values[np.isfinite(values)], seed)
 
 
 def pooled(columns: Sequence[tuple[Column, Column]], triangles: Sequence[Column]) -> list[Estimate]:
@@ -104,15 +107,25 @@ def median_estimate(name: str, values: Column, seed: int = 0) -> Estimate:
     nan = float("nan")
     if len(values) == 0:
         return Estimate(name, nan, nan, nan, 0)
-    middle = float(np.median(values))
+    low, high = bootstrap_interval(values, np.median, seed)
+    return Estimate(name, float(np.median(values)), low, high, len(values))
+
+
+def bootstrap_interval(
+    values: Column, statistic: Callable[..., Any], seed: int = 0
+) -> tuple[float, float]:
+    """Return the 95 % percentile interval of a statistic of one value per polygon.
+
+    Of fewer than three values, or of equal ones, the range.
+    """
     if len(values) < 3 or np.ptp(values) == 0:
-        return Estimate(name, middle, float(values.min()), float(values.max()), len(values))
+        return float(values.min()), float(values.max())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
         interval = stats.bootstrap(
-            (values,), np.median, method="percentile", rng=np.random.default_rng(seed)
+            (values,), statistic, method="percentile", rng=np.random.default_rng(seed)
         ).confidence_interval
-    return Estimate(name, middle, float(interval.low), float(interval.high), len(values))
+    return float(interval.low), float(interval.high)
 
 
 def _vary(x: Column, y: Column) -> bool:

@@ -59,37 +59,32 @@ def test_without_evidence_nothing_is_told():
 
 
 def test_each_claim_can_hold_and_fail():
-    good = Evidence(
-        correlations=_with_exact_a(correlations(**USUAL)),
-        regret=regret(0.002),
-        choice=pd.concat(
-            [gains("optimal:half-perimeter", base, 0.9) for base in ("ear-clipping", "delaunay")]
-        ),
-        walked=gains("optimal:half-perimeter", "delaunay", 0.95),
-        turned=pd.concat(
-            [
-                gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9, 0.92),
-                gains("optimal:overdraw@0", "ear-clipping@0", 0.95, 0.99),
-            ]
-        ),
-    )
+    exact = _with_exact_a(correlations(**USUAL))
+    good = evidence(exact, lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99))
     assert set(verdicts(good).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
-    bad = Evidence(
-        correlations=correlations(**poor, edge_length=0.5, shape=0.75),
-        regret=regret(0.02),
-        choice=pd.concat(
-            [gains("optimal:half-perimeter", base, 1.0) for base in ("ear-clipping", "delaunay")]
-        ),
-        walked=gains("optimal:half-perimeter", "delaunay", 0.995),
-        turned=pd.concat(
-            [
-                gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9, 0.96),
-                gains("optimal:overdraw@0", "ear-clipping@0", 0.95, 0.90),
-            ]
-        ),
-    )
+    ranks = correlations(**poor, edge_length=0.5, shape=0.75)
+    bad = evidence(ranks, lost=0.02, chosen=1.0, walked=0.995, turned=(0.96, 0.90))
     assert set(verdicts(bad).values()) == {False}
+
+
+def evidence(
+    ranks: pd.DataFrame, lost: float, chosen: float, walked: float, turned: tuple[float, float]
+) -> Evidence:
+    """Return made-up studies: times over the base's, and helper lanes of the best for H and A."""
+    best, once = "optimal:half-perimeter", "ear-clipping@0"
+    choice = [gains(best, base, chosen) for base in ("ear-clipping", "delaunay")]
+    rotated = [
+        gains(f"{best}@0", once, 0.9, turned[0]),
+        gains("optimal:overdraw@0", once, 0.95, turned[1]),
+    ]
+    return Evidence(
+        correlations=ranks,
+        regret=regret(lost),
+        choice=pd.concat(choice),
+        walked=gains(best, "delaunay", walked),
+        turned=pd.concat(rotated),
+    )
 
 
 def _with_exact_a(table: pd.DataFrame) -> pd.DataFrame:
