@@ -112,6 +112,13 @@ def metrics() -> str:
     return _table(("figure", "kind", "unit", "better", "what it is"), rows)
 
 
+def devices() -> str:
+    """Return a table of the devices whose summaries people brought."""
+    from harness.devices import table
+
+    return table(ROOT / "results" / "devices")
+
+
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     return "\n".join(lines + ["| " + " | ".join(map(_cell, row)) + " |" for row in rows])
@@ -128,4 +135,5 @@ PARTS = {
     "scenes": scenes,
     "rasterisers": rasterisers,
     "metrics": metrics,
+    "devices": devices,
 }

@@ -16,7 +16,7 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from harness import __version__
+from harness import __version__, system
 from harness.commands import (
     calibrate,
     catalogue,
@@ -28,6 +28,7 @@ from harness.commands import (
     gains,
     history,
     inspect,
+    page,
     pareto,
     repeat,
     report,
@@ -74,6 +75,7 @@ for command in (
     pareto,
     repeat,
     study,
+    page,
     doctor,
     catalogue,
 ):
@@ -110,7 +112,7 @@ def main() -> None:
 
     1 means a regression, so nothing but `compare` and `repeat` may end with it, on purpose.
     """
-    with _stopped_by(signal.SIGTERM, signal.SIGHUP), _closed_pipes_seen():
+    with _stopped_by(*system.STOPPING), _closed_pipes_seen():
         try:
             code = app(standalone_mode=False)
             sys.stdout.flush()
@@ -208,7 +210,7 @@ def _stopped_by(*numbers: signal.Signals) -> Iterator[None]:
     """Let these signals end the program as Ctrl-C does, unless it was started to ignore them."""
 
     def stop(number: int, _: object) -> None:
-        if number == signal.SIGHUP:
+        if number == system.HANGUP:
             let_go_of_terminal()
         raise KeyboardInterrupt
 

@@ -20,7 +20,7 @@ from harness.frame import SUBPIXEL, Frame
 from harness.measuring.tasks import bare_frame
 from harness.measuring.timing import self_test
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, egl, osmesa
+from harness.rasterisers import Device, Options, adapters, egl, osmesa
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.gl import GLRasteriser
 from harness.rasterisers.reference import Reference, predict
@@ -38,7 +38,7 @@ EXTENSIONS = (
     "GL_ARB_timer_query",
 )
 PYRENDER_FIX = "run: python -m pip install 'raster-harness[pyrender]', or make setup"
-OPTIONAL = {"gpu0", "zink", "softpipe"}
+OPTIONAL = {"gpu0", "zink", "softpipe", "webgpu"}
 TIMEOUT_S = 120.0
 TIMED_PX = 512
 
@@ -61,8 +61,9 @@ def examine() -> list[Finding]:
     """Examine everything; takes some seconds. Never raises for what is missing."""
     return [
         *_egl(),
-        *(_opengl(name) for name in ("gpu", "llvmpipe", "softpipe", "zink")),
+        *(_devices("opengl", kind) for kind in ("gpu", "llvmpipe", "softpipe", "zink")),
         _compute(),
+        *(_devices("webgpu", kind) for kind in ("gpu", "lavapipe", "llvmpipe")),
         _osmesa(),
         _pyrender(),
         _reference(),
@@ -72,7 +73,7 @@ def examine() -> list[Finding]:
 def _egl() -> list[Finding]:
     """EGL's devices and the files that tell the loader where the drivers are."""
     files = [file for folder in VENDOR_FOLDERS for file in sorted(Path(folder).glob("*.json"))]
-    libraries = [json.loads(file.read_text())["ICD"]["library_path"] for file in files]
+    libraries = [json.loads(file.read_bytes())["ICD"]["library_path"] for file in files]
     named = ", ".join(f"{file} ({name})" for file, name in zip(files, libraries, strict=True))
     found = egl.listing()
     shown = ", ".join(
@@ -90,21 +91,23 @@ def _egl() -> list[Finding]:
     ]
 
 
-def _opengl(kind: str) -> Finding:
+def _devices(rasteriser: str, kind: str) -> Finding:
     """All devices of a kind; a GPU and the slower software drivers may be missing."""
-    name = f"opengl on {kind}"
+    name = f"{rasteriser} on {kind}"
     devices = [
         device
-        for device in rasterisers.get("opengl").devices()
+        for device in rasterisers.get(rasteriser).devices()
         if device.name == kind or (kind == "gpu" and device.name.startswith("gpu"))
     ]
     if not devices:
         wanted = "gpu0" if kind == "gpu" else kind
-        problems = [problem for problem in egl.probe()[1] if problem.startswith(f"{kind}:")]
-        status: Status = "warning" if wanted in OPTIONAL else "missing"
-        remedy = rasterisers.get("opengl").remedy(wanted)
+        told = (egl if rasteriser == "opengl" else adapters).probe()[1]
+        problems = [problem for problem in told if problem.startswith(f"{kind}:")]
+        optional = wanted in OPTIONAL or rasteriser in OPTIONAL
+        status: Status = "warning" if optional else "missing"
+        remedy = rasterisers.get(rasteriser).remedy(wanted)
         return Finding(name, status, "; ".join(problems) or "not found", remedy)
-    findings = [_opened(f"opengl on {device.name}", "opengl", device) for device in devices]
+    findings = [_opened(f"{rasteriser} on {device.name}", rasteriser, device) for device in devices]
     if len(findings) == 1:
         return findings[0]
     worst = "ok" if all(finding.status == "ok" for finding in findings) else "warning"
@@ -159,7 +162,7 @@ def _opened(name: str, rasteriser: str, device: Device) -> Finding:
             found = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
         return Finding(name, "missing", str(error), rasterisers.get(rasteriser).remedy(device.name))
-    detail = f"{found['renderer']}, OpenGL {found['version']}; timer: {found['timer']}"
+    detail = f"{found['renderer']}, {found['version']}; timer: {found['timer']}"
     if found["lacking"]:
         return Finding(
             name,
@@ -180,7 +183,6 @@ def _opened(name: str, rasteriser: str, device: Device) -> Finding:
 def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
     """Inside the worker: open, count something random, time something big."""
     opened = rasterisers.get(rasteriser)(device)
-    assert isinstance(opened, GLRasteriser)
     frame, triangles = _scattered(128, 100, grid=SUBPIXEL // 2)
     expected = Reference().count(frame, triangles, Options())
     drawn = opened.count(frame, triangles, Options())
@@ -191,10 +193,13 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
     with opened.prepare(bare_frame(TIMED_PX, square, 4), layer, Options()) as drawing:
         timer = self_test(drawing)
     details = opened.device.details
+    version, lacking = str(details["version"]), set()
+    if isinstance(opened, GLRasteriser):
+        version, lacking = f"OpenGL {version}", set(EXTENSIONS) - set(opened.ctx.extensions)
     return {
         "renderer": details["renderer"],
-        "version": details["version"],
-        "lacking": sorted(set(EXTENSIONS) - set(opened.ctx.extensions)),
+        "version": version,
+        "lacking": sorted(lacking),
         "differs": [str(found) for found in disagreements(frame, drawn, expected)],
         "timer": f"{timer.timer}, as {timer.reason}",
     }

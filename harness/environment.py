@@ -72,7 +72,7 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
         "cores": psutil.cpu_count(logical=False),
         "threads": psutil.cpu_count(),
         "governor": _read(Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")),
-        "load": list(os.getloadavg()),
+        "load": list(psutil.getloadavg()),
         "memory_gib": round(memory.total / 2**30, 1),
         "memory_free_gib": round(memory.available / 2**30, 1),
         "gpus": _nvidia(),
@@ -213,6 +213,6 @@ def _version(package: str) -> str | None:
 
 def _read(file: Path) -> str | None:
     try:
-        return file.read_text().strip()
+        return file.read_text(encoding="utf-8").strip()
     except OSError:
         return None

@@ -6,6 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
+vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
 # Mesa 25.1 dropped OSMesa, so it is a device where present and never required.
 optional_packages=(libosmesa6)
 
@@ -71,6 +72,15 @@ find_gl() {
     touch .venv/gl-works
 }
 
+find_vulkan() {
+    # Vulkan on the CPU: WebGPU and zink draw on it. Their tests are skipped without it.
+    if ! ls /usr/share/vulkan/icd.d/lvp_icd*.json >/dev/null 2>&1; then
+        is_root && say "installing Vulkan on the CPU: ${vulkan_packages[*]}" \
+            && apt_install "${vulkan_packages[@]}" || say "without ${vulkan_packages[*]}: no lavapipe, no zink"
+    fi
+    touch .venv/vulkan-works
+}
+
 find_browser() {
     # The names that tests/chromium.py looks for.
     if ! command -v chromium chromium-browser google-chrome chrome >/dev/null; then
@@ -83,4 +93,5 @@ find_browser() {
 
 cat requirements.lock requirements-data.lock | cmp -s - .venv/installed.lock || make_venv
 [ -e .venv/gl-works ] || find_gl
+[ "${1:-}" != test ] || [ -e .venv/vulkan-works ] || find_vulkan
 [ "${1:-}" != test ] || [ -e .venv/browser-works ] || find_browser

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,16 @@ FLAGS = (
     "--hide-scrollbars",
     "--remote-debugging-pipe",
 )
+WEBGPU_FLAGS = (
+    *(flag for flag in FLAGS if flag != "--disable-gpu"),
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+    "--enable-features=Vulkan",
+)
+"""WebGPU on SwiftShader, a rasteriser on the CPU that shares no code with Mesa."""
+
 PATIENCE_S = 60.0
 """Much longer than anything takes, for machines that do other things too."""
 
@@ -39,7 +50,7 @@ LOADED = "document.readyState === 'complete'"
 class Chromium:
     """One browser with one page; notes what the page logs, throws and asks the network for."""
 
-    def __init__(self) -> None:
+    def __init__(self, flags: Sequence[str] = FLAGS) -> None:
         program = next((found for name in NAMES if (found := shutil.which(name))), None)
         assert program, INSTALL
         self.errors: list[str] = []
@@ -48,7 +59,7 @@ class Chromium:
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
-        command = [program, *FLAGS, f"--user-data-dir={self._profile.name}"]
+        command = [program, *flags, f"--user-data-dir={self._profile.name}"]
         # Chromium reads commands from descriptor 3 and writes answers to descriptor 4.
         self._process = subprocess.Popen(
             ["bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "bash", *command],
@@ -104,11 +115,12 @@ class Chromium:
         elif event == "Network.requestWillBeSent":
             self.requests.append(values["request"]["url"])
 
-    def open(self, file: Path, ready: str = REPORT_READY) -> None:
+    def open(self, file: Path, ready: str = REPORT_READY, fragment: str = "") -> None:
         """Open a file and wait until the JavaScript condition `ready` holds in it."""
+        self.send("Page.navigate", url="about:blank")
         self.errors.clear()
         self.requests.clear()
-        address = file.resolve().as_uri()
+        address = file.resolve().as_uri() + (f"#{fragment}" if fragment else "")
         self.send("Page.navigate", url=address)
         self.wait(f"location.href === {json.dumps(address)} && {ready}")
 

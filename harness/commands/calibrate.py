@@ -24,7 +24,9 @@ def calibrate(
     device: Annotated[
         str | None, typer.Option(help="Device that draws; the best one by default.")
     ] = None,
-    rasteriser: Annotated[str, typer.Option(help="Rasteriser that draws.")] = "opengl",
+    rasteriser: Annotated[
+        str, typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL.")
+    ] = "",
     scene: Annotated[str, typer.Option(help="Scene or file whose polygons test the fit.")] = "city",
     resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
     work: Annotated[int, typer.Option(min=0, help="Iterations of arithmetic per fragment.")] = 0,
@@ -48,7 +50,8 @@ def calibrate(
     from harness.study import calibration
 
     reporter = Reporter(quiet=quiet)
-    backend = Backend(rasteriser, rasterisers.find_device(rasteriser, device))
+    name = rasteriser or rasterisers.usual()
+    backend = Backend(name, rasterisers.find_device(name, device))
     loaded = load_scene(scene, seed, reporter)
     bench = Bench(Worker, timeout_s=600)
     try:

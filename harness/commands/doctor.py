@@ -13,6 +13,7 @@ COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
 
 def doctor() -> None:
     """Check devices, drivers, extensions and timers; say how to repair what does not work."""
+    from harness import rasterisers
     from harness.doctor import examine
 
     console = Console(highlight=False)
@@ -24,9 +25,8 @@ def doctor() -> None:
         console.print(line, soft_wrap=True)
         if finding.fix:
             console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
-    opengl = [finding for finding in findings if finding.name.startswith("opengl")]
-    if opengl and all(finding.status == "missing" for finding in opengl):
-        raise NoRasteriser("no OpenGL device works here; the lines above say what to install")
+    if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
+        raise NoRasteriser("no OpenGL or WebGPU device works here; see what to install, above")
 
 
 def add_to(app: typer.Typer) -> None:

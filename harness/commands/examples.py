@@ -37,6 +37,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "gains": (f"gains {RUN} --out results/gains",),
     "repeat": (f"repeat {RUN} {RUN}",),
     "study": ("study buildings.geojson --out results/study --quick",),
+    "page": (f"page {RUN} --out city.html",),
+    "import": ("import saved-by-the-page.json --out results/phone",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

@@ -31,12 +31,32 @@ Json = Annotated[
     bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
 ]
 PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
+Rasterisers = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated; by default OpenGL's, or webgpu where EGL is missing. "
+        "See: harness list rasterisers.",
+    ),
+]
 Work = Annotated[str, typer.Option(help="Iterations of arithmetic per fragment; comma-separated.")]
 
 
 def split_names(text: str) -> tuple[str, ...]:
     """Split a comma-separated option."""
     return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
+
+
+def named_rasterisers(text: str, *beside: str) -> tuple[str, ...]:
+    """Read --rasterisers; where it is empty, choose what works here.
+
+    beside : of OpenGL, too, those that are drawn on besides opengl
+    """
+    if names := split_names(text):
+        return names
+    from harness.rasterisers import usual
+
+    first = usual()
+    return (first, *beside) if first == "opengl" else (first,)
 
 
 def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:

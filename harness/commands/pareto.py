@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed, Verbose, split_names
+from harness.commands.options import (
+    Force,
+    Quiet,
+    Rasterisers,
+    Seed,
+    Verbose,
+    named_rasterisers,
+    split_names,
+)
 from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
@@ -31,7 +39,7 @@ def pareto(
     polygons: Annotated[
         int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
     ] = POLYGONS,
-    rasterisers: Annotated[str, typer.Option(help="Comma-separated.")] = "opengl,bounding-box",
+    rasterisers: Rasterisers = "",
     device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
     resolution: Annotated[
         int, typer.Option(help="Viewport in pixels, which the scene or the polygon fills.")
@@ -62,7 +70,7 @@ def pareto(
         scene=scene,
         seed=seed,
         triangulators=parse_all((*study.SWEEP, study.WITH_C, *study.named())),
-        rasterisers=split_names(rasterisers),
+        rasterisers=named_rasterisers(rasterisers, "bounding-box"),
         devices=split_names(device),
         views=(view,),
         timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),

@@ -20,9 +20,11 @@ from harness.commands.options import (
     Force,
     Json,
     Quiet,
+    Rasterisers,
     Seed,
     Verbose,
     Work,
+    named_rasterisers,
     numbers,
     split_names,
 )
@@ -32,7 +34,7 @@ from harness.figures.groups import base_of, groups
 from harness.frame import FitMode, View
 from harness.measuring.beside import FOLDER as BASE_FOLDER
 from harness.measuring.beside import Beside, version
-from harness.measuring.plan import DEFAULT_RASTERISERS, DEFAULT_TRIANGULATORS, Plan
+from harness.measuring.plan import DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import RunResult
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
@@ -65,9 +67,7 @@ def run(
     triangulators: Annotated[
         str, typer.Option(help="Comma-separated; see: harness list triangulators.")
     ] = ",".join(DEFAULT_TRIANGULATORS),
-    rasterisers: Annotated[
-        str, typer.Option(help="Comma-separated; see: harness list rasterisers.")
-    ] = ",".join(DEFAULT_RASTERISERS),
+    rasterisers: Rasterisers = "",
     device: Annotated[
         str, typer.Option(help="Comma-separated devices; the best one by default.")
     ] = "",
@@ -153,7 +153,7 @@ def run(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
             triangulators=_recipes(triangulators, seed, calibration, device),
-            rasterisers=split_names(rasterisers),
+            rasterisers=named_rasterisers(rasterisers),
             devices=split_names(device),
             views=tuple(
                 View(int(size), angle, fit)

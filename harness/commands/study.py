@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.gains import gains
-from harness.commands.options import Quiet, Seed, numbers
+from harness.commands.options import Quiet, Rasterisers, Seed, named_rasterisers, numbers
 from harness.commands.run import run
 from harness.commands.validate import validate
 from harness.errors import NothingMeasured, UsageError
@@ -36,9 +36,7 @@ def study(
     scenes: Annotated[list[str], typer.Argument(help="Scenes or files of polygons.")],
     out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
     device: Annotated[str, typer.Option(help="Device of OpenGL; the best one by default.")] = "",
-    rasterisers: Annotated[
-        str, typer.Option(help="Comma-separated; see: harness list rasterisers.")
-    ] = "opengl,bounding-box",
+    rasterisers: Rasterisers = "",
     resolution: Annotated[
         str, typer.Option(help="Viewports in pixels; comma-separated.")
     ] = "256,1024",
@@ -63,8 +61,9 @@ def study(
     names = [file_stem(Path(label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
+    drawn_on = ",".join(named_rasterisers(rasterisers, "bounding-box"))
     shared: dict[str, Any] = {
-        "rasterisers": rasterisers,
+        "rasterisers": drawn_on,
         "device": device,
         "seed": seed,
         "quick": quick,
@@ -94,7 +93,7 @@ def study(
                 # What one study cannot do, the others may.
                 console.print(f"  {part.name}: {error}", markup=False, soft_wrap=True)
         found.append((name, replication.read(folder)))
-    where = f"Rasterisers: {rasterisers}; device: {device or 'the best one here'}."
+    where = f"Rasterisers: {drawn_on}; device: {device or 'the best one here'}."
     file = out / "findings.md"
     out.mkdir(parents=True, exist_ok=True)
     file.write_text(replication.page(found, where), encoding="utf-8")

@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Force, Quiet, Seed, Verbose, Work, numbers, split_names
+from harness.commands.options import (
+    Force,
+    Quiet,
+    Rasterisers,
+    Seed,
+    Verbose,
+    Work,
+    named_rasterisers,
+    numbers,
+    split_names,
+)
 from harness.commands.results import folder_for, require_finished
 from harness.frame import View
 from harness.measuring.plan import Plan
@@ -32,9 +42,7 @@ QUICK = Design(polygons=6, random=10, most_vertices=60)
 
 def validate(
     scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "city",
-    rasterisers: Annotated[
-        str, typer.Option(help="Comma-separated; see: harness list rasterisers.")
-    ] = "opengl,bounding-box",
+    rasterisers: Rasterisers = "",
     device: Annotated[
         str, typer.Option(help="Comma-separated devices; the best one by default.")
     ] = "",
@@ -71,7 +79,7 @@ def validate(
     from harness.study import analysis, extremes, matrix, regret
 
     design = QUICK if quick else Design(polygons=polygons, random=random)
-    named = dict.fromkeys([*split_names(rasterisers), *COUNTED_ON_THE_CPU])
+    named = dict.fromkeys([*named_rasterisers(rasterisers, "bounding-box"), *COUNTED_ON_THE_CPU])
     plan = Plan(
         scene=scene,
         seed=seed,

@@ -43,7 +43,7 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
             continue
         if not found.options:
             raise UsageError(
-                f"{name} has neither multisampling nor fragment work: use opengl for "
+                f"{name} has {rasterisers.get(name).lacking}: use opengl for "
                 "--samples and --work, or add the plain case, e.g. --work 0,8"
             )
         known.update(found.known)

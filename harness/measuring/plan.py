@@ -21,7 +21,6 @@ DEFAULT_TRIANGULATORS = (
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
-DEFAULT_RASTERISERS = ("opengl",)
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Plan:
     triangulators: tuple[Recipe, ...] = field(
         default_factory=lambda: parse_all(DEFAULT_TRIANGULATORS)
     )
-    rasterisers: tuple[str, ...] = DEFAULT_RASTERISERS
+    rasterisers: tuple[str, ...] = ("opengl",)
     devices: tuple[str, ...] = ()
     views: tuple[View, ...] = (View(),)
     options: tuple[Options, ...] = (Options(),)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import resource
 import signal
 import sys
 import traceback
@@ -12,6 +11,7 @@ from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 
+from harness import system
 from harness.errors import HarnessError
 
 
@@ -75,10 +75,10 @@ def _prepare(
     """Prepare a fresh process before its first task."""
     os.environ.update(environment)
     if memory_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+        system.limit_memory(memory_bytes)
     # A group of its own: what it starts can be ended with it, and Ctrl-C goes to the parent alone,
     # which decides what it means.
-    os.setpgid(0, 0)
+    system.lead_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _die_with(parent)
     descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)

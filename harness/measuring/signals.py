@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from harness import system
 from harness.measuring.processes import Bench
 from harness.progress import Reporter, let_go_of_terminal
 
@@ -23,7 +24,7 @@ def stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
 
     def stop(number: int, _: object) -> None:
         again, bench.stopping = bench.stopping, True
-        if number == signal.SIGHUP:
+        if number == system.HANGUP:
             let_go_of_terminal()
         if again or number != signal.SIGINT:
             raise KeyboardInterrupt
@@ -31,7 +32,7 @@ def stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
 
     wanted = [
         number
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        for number in system.STOPPING
         if signal.getsignal(number) != signal.SIG_IGN  # as nohup has it
     ]
     before = {number: signal.signal(number, stop) for number in wanted}

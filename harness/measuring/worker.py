@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -23,6 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Protocol, TypeVar
 
+from harness import system
 from harness.errors import HarnessError
 from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
 
@@ -166,7 +166,8 @@ class Worker:
     def close(self, *, at_once: bool = False) -> None:
         """End the process and whatever it started."""
         self._end(at_once=at_once)
-        self._output.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # Windows deletes no file that somebody has open
+            self._output.unlink(missing_ok=True)
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -207,7 +208,7 @@ class Worker:
         self._process.join(END_S)
         code = self._process.exitcode
         self._end(at_once=True)
-        raise TaskFailed(self._quote(f"{self.name} died: {_explain_exit(code)}", written))
+        raise TaskFailed(self._quote(f"{self.name} died: {system.ending(code)}", written))
 
     def _end(self, *, at_once: bool = False) -> None:
         """End the process, and every process that it started and left."""
@@ -219,8 +220,7 @@ class Worker:
                 self._connection.send(None)
             process.join(END_S)
         # The group's number is the process's, which made it; it may have died before it did.
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        system.end_group(process.pid)
         process.kill()
         process.join()
         self._connection.close()
@@ -243,11 +243,3 @@ class Worker:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _explain_exit(code: int | None) -> str:
-    if code is not None and code < 0:
-        name = signal.Signals(-code).name
-        hint = " (perhaps out of memory)" if -code == signal.SIGKILL else ""
-        return f"{name}{hint}"
-    return f"exit code {code}"

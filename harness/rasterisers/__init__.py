@@ -33,6 +33,7 @@ __all__ = [
     "find_device",
     "get",
     "names",
+    "usual",
 ]
 
 GROUP = "raster_harness.rasterisers"
@@ -43,6 +44,7 @@ BUILT_IN = {
     "bounding-box": "harness.rasterisers.compute:BoundingBox",
     "scanline": "harness.rasterisers.compute:Scanline",
     "binning": "harness.rasterisers.binning:Binning",
+    "webgpu": "harness.rasterisers.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
 }
@@ -85,6 +87,13 @@ def get(name: str) -> type[Rasteriser]:
         raise UsageError(f"rasteriser '{name}' is not a harness.rasterisers.Rasteriser class")
     learn(found.new_counters)
     return found
+
+
+def usual() -> str:
+    """Return what draws where nothing else is asked for: opengl, or webgpu where EGL is missing."""
+    if not get("opengl").devices() and get("webgpu").devices():
+        return "webgpu"
+    return "opengl"
 
 
 def find_device(rasteriser: str, name: str | None = None) -> Device:

@@ -122,6 +122,9 @@ class Rasteriser(ABC):
     shades: ClassVar[bool] = False
     """Whether it shades fragments, so that samples a pixel and work a fragment mean something."""
 
+    lacking: ClassVar[str] = "neither multisampling nor fragment work"
+    """What of `Options` it cannot do, said where nothing is left to draw."""
+
     remark: ClassVar[str] = ""
     """What a record must say about its figures, if anything."""
 

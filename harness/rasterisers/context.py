@@ -6,8 +6,6 @@ import ctypes
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
-from importlib.resources import files
 from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers.base import Sample
+from harness.rasterisers.sources import shader
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -158,7 +157,8 @@ class Context:
         """Build a program of two files in shaders/."""
         header = self.header()
         return self.ctx.program(
-            vertex_shader=header + shader(vertex), fragment_shader=header + shader(fragment)
+            vertex_shader=header + shader(f"{vertex}.glsl"),
+            fragment_shader=header + shader(f"{fragment}.glsl"),
         )
 
     def compute(self, *names: str, define: str = "") -> Any:
@@ -166,7 +166,7 @@ class Context:
         header = self.header(*COMPUTE_EXTENSIONS)
         if define:
             header += f"#define {define}\n"
-        return self.ctx.compute_shader(header + "".join(shader(name) for name in names))
+        return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
 
     def target(self, width: int, height: int, samples: int = 1) -> Target:
         """Return a framebuffer, shared with whoever uses one of that size now.
@@ -278,9 +278,3 @@ class Queries:
         value = ctypes.c_uint64()
         self._owner.query_result(self._names[number], QUERY_RESULT, ctypes.byref(value))
         return value.value
-
-
-@cache
-def shader(name: str) -> str:
-    """Return the text of a file in shaders/."""
-    return files("harness.rasterisers").joinpath("shaders", f"{name}.glsl").read_text()

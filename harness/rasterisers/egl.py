@@ -6,22 +6,23 @@ its own; all of them at once, which takes about half a second.
 
 from __future__ import annotations
 
-import json
-import os
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from harness.rasterisers import probing
 from harness.rasterisers.base import Device
 
 PROBE = Path(__file__).with_name("probe.py")
-PROBE_SECONDS = 20.0
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 INSTALL_VULKAN = "apt-get install -y libvulkan1 mesa-vulkan-drivers"
 
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software")
+
+SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
+LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
+"""What makes Mesa draw on the CPU, in the thread that asks for it."""
 
 ICD_FOLDERS = ("/usr/local/share", "/etc", "/usr/share")
 
@@ -48,21 +49,26 @@ def lavapipe_icd() -> Path | None:
     return None
 
 
+def lavapipe_environment() -> dict[str, str] | None:
+    """Return what makes Vulkan's loader see lavapipe alone, None where it is not installed."""
+    icd = lavapipe_icd()
+    if icd is None:
+        return None
+    # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
+    return {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd), "LP_NUM_THREADS": "0"}
+
+
 def recipes() -> list[tuple[str, dict[str, str]]]:
     """Return each kind of device to look for with its environment; of a kind the first counts."""
-    software = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
     found: list[tuple[str, dict[str, str]]] = [
         ("gpu", {}),
-        ("llvmpipe", {**software, "GALLIUM_DRIVER": "llvmpipe"}),
-        ("softpipe", {**software, "GALLIUM_DRIVER": "softpipe"}),
+        ("llvmpipe", LLVMPIPE),
+        ("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}),
     ]
-    if icd := lavapipe_icd():
-        # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
-        vulkan = {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd)}
-        found.append(("zink", {**software, "GALLIUM_DRIVER": "zink", **vulkan}))
+    if vulkan := lavapipe_environment():
+        found.append(("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}))
         # Mesa versions differ in which of the two they heed.
-        override = {"MESA_LOADER_DRIVER_OVERRIDE": "zink", "LP_NUM_THREADS": "0"}
-        found.append(("zink", {**override, **vulkan}))
+        found.append(("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}))
     return found
 
 
@@ -73,7 +79,7 @@ def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
     devices: list[Device] = []
     problems: list[str] = []
     for kind, environment, process in running:
-        result = _finish(process)
+        result = probing.finish(process)
         if any(device.name == kind for device in devices):
             continue
         wanted = [found for found in result["devices"] if matches(kind, found["renderer"])]
@@ -97,29 +103,9 @@ def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
 
 def listing() -> dict[str, Any]:
     """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
-    return _finish(_start("list", {}))
+    return probing.finish(_start("list", {}))
 
 
 def _start(kind: str, environment: dict[str, str]) -> subprocess.Popen[str]:
     mode = {"gpu": "hardware", "list": "list"}.get(kind, "software")
-    return subprocess.Popen(
-        [sys.executable, "-I", str(PROBE), mode],
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def _finish(process: subprocess.Popen[str]) -> dict[str, Any]:
-    try:
-        out, complaints = process.communicate(timeout=PROBE_SECONDS)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
-        return {"devices": [], "problems": [f"no answer within {PROBE_SECONDS:.0f} s"]}
-    if process.returncode:
-        last = complaints.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
-        return {"devices": [], "problems": [f"the driver failed: {last[0]}"]}
-    result: dict[str, Any] = json.loads(out.splitlines()[-1])
-    return result
+    return probing.start(PROBE, mode, environment)

@@ -70,14 +70,14 @@ class BoundMesh:
         self.close()
 
 
-def batches(frame: Frame, triangles: Triangles) -> list[Triangles]:
-    """Split `triangles` so that no batch can count past the 32 bits of a counter on the device.
+def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Triangles]:
+    """Split `triangles` so that no batch shades `most` lanes, that no counter of 32 bits wraps.
 
     A triangle touches at most the quads of its bounding box.
     """
     corners = frame.points[triangles].astype(np.int64)
     sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
     lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
-    if not len(lanes) or lanes[-1] < 2**32:
+    if not len(lanes) or lanes[-1] < most:
         return [triangles]
-    return np.split(triangles, np.flatnonzero(np.diff(lanes // 2**31)) + 1)
+    return np.split(triangles, np.flatnonzero(np.diff(lanes // (most // 2))) + 1)

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness import system
 from harness.errors import UsageError
 
 SCHEMA_VERSION = 1
@@ -73,7 +74,8 @@ class _Lines:
             whole = content.rfind(b"\n") + 1
             if whole < len(content):
                 os.truncate(self.path, whole)
-        self._descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | system.BINARY
+        self._descriptor = os.open(self.path, flags, 0o644)
 
     def append(self, record: Record, *, forced: bool) -> None:
         """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""

@@ -203,7 +203,7 @@ def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], 
     if not validation.good:
         file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(content, indent=2) + "\n")
+    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return file
 
 
@@ -216,7 +216,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
         if it is missing, no calibration, or was refused when it was made
     """
     try:
-        content = json.loads(file.read_text())
+        content = json.loads(file.read_text(encoding="utf-8"))
         if content.get("refused"):
             raise UsageError(f"{file} was refused: it fits too badly; repeat harness calibrate")
         stored = content["coefficients"]

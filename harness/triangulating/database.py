@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 import triangulators
+from harness import system
 from harness.errors import UsageError
 
 SCHEMA = 1
@@ -313,12 +314,7 @@ def _sound(path: Path) -> bool:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock between processes; on systems without flock, hope that nobody else comes."""
-    with path.open("w") as stream:
-        try:
-            import fcntl
-
-            fcntl.flock(stream, fcntl.LOCK_EX)
-        except ImportError:
-            pass
+    """Hold a lock between processes."""
+    with path.open("wb") as stream:
+        system.lock(stream)
         yield

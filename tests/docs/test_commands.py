@@ -11,8 +11,10 @@ import pytest
 from harness.cli import app
 from harness.commands.examples import EXAMPLES, LATER, PROGRAM, RUN
 from harness.errors import GOOD, INCONCLUSIVE
+from harness.stored.folder import read_run
 from tests.docs.blocks import blocks, pages
 from tests.docs.conftest import FULL, Reader
+from tests.page.conftest import result_of, saved_as
 from tests.paths import ROOT
 
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
@@ -79,6 +81,7 @@ def test_the_examples_of_the_help_work(reader: Reader):
     prepare = f"run --scene buildings.geojson --quick --out {RUN}"
     assert reader.run(f".venv/bin/python -m harness {prepare}") == 0
     shutil.copytree(reader.folder / RUN, reader.folder / LATER)
+    saved_as(result_of(read_run(reader.folder / RUN)), reader.folder / "saved-by-the-page.json")
     for lines in EXAMPLES.values():
         for line in lines:
             brief = line

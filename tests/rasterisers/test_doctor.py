@@ -51,7 +51,7 @@ def test_a_bare_machine_gets_the_lines_that_install_everything(monkeypatch):
 def test_a_driver_that_crashes_is_a_finding_and_not_the_end(monkeypatch):
     device = rasterisers.Device("llvmpipe", True, {}, {"egl_index": 99})
     monkeypatch.setattr(egl, "probe", lambda: ((device,), ()))
-    finding = doctor._opengl("llvmpipe")
+    finding = doctor._devices("opengl", "llvmpipe")
     assert finding.status == "missing"
     assert "requested device index 99" in finding.detail
     assert finding.fix

@@ -8,7 +8,7 @@ import pytest
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
-from harness.rasterisers import Device, Rasteriser, egl, find_device, get, names
+from harness.rasterisers import Device, Rasteriser, egl, find_device, get, names, probing
 
 
 def test_every_name_leads_to_a_rasteriser_of_that_name():
@@ -115,7 +115,7 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
     ways = [("zink", {"WAY": "first"}), ("zink", {"WAY": "second"}), ("zink", {"WAY": "second"})]
     monkeypatch.setattr(egl, "recipes", lambda: ways)
     monkeypatch.setattr(egl, "_start", lambda kind, environment: environment["WAY"])
-    monkeypatch.setattr(egl, "_finish", lambda way: answers[way])
+    monkeypatch.setattr(probing, "finish", lambda way: answers[way])
     devices, problems = egl.probe.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in devices] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
@@ -128,7 +128,7 @@ def test_two_gpus_are_numbered(monkeypatch):
     ]
     monkeypatch.setattr(egl, "recipes", lambda: [("gpu", {})])
     monkeypatch.setattr(egl, "_start", lambda kind, environment: kind)
-    monkeypatch.setattr(egl, "_finish", lambda kind: {"devices": cards, "problems": []})
+    monkeypatch.setattr(probing, "finish", lambda kind: {"devices": cards, "problems": []})
     devices, problems = egl.probe.__wrapped__()
     assert [(d.name, d.details["egl_index"], d.software) for d in devices] == [
         ("gpu0", 0, False),
@@ -141,7 +141,7 @@ def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, t
     hangs, dies = tmp_path / "hangs.py", tmp_path / "dies.py"
     hangs.write_text("import time; time.sleep(60)")
     dies.write_text("import sys; sys.exit('segmentation fault')")
-    monkeypatch.setattr(egl, "PROBE_SECONDS", 0.5)
+    monkeypatch.setattr(probing, "PROBE_SECONDS", 0.5)
     for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
         monkeypatch.setattr(egl, "PROBE", program)
         devices, problems = egl.probe.__wrapped__()

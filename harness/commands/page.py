@@ -1,0 +1,93 @@
+"""`harness page` and `harness import`: measure on a device that only has a browser."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.commands.options import Quiet
+from harness.commands.results import folder_for
+from harness.errors import UsageError
+from harness.stored.folder import clear_errors, file_stem, read_run
+from harness.summary import print_summary, write_csv
+
+
+def page(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
+) -> None:
+    """Write a page that measures a run's triangulations in any browser that has WebGPU.
+
+    One file, which needs no network and sends nothing. Open it on a phone, a Mac or a Windows
+    machine; it counts, times and saves its result as a file for `harness import`.
+    """
+    from harness.compare.checking import checked
+    from harness.page import write_page
+
+    file = write_page(checked(read_run(run)), out)
+    size = file.stat().st_size / 1e6
+    typer.echo(f"page: {os.path.relpath(file)} ({size:.1f} MB); open it in a browser with WebGPU")
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(help="What a measuring page saved, or a run's folder.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the run; results/<device>-<time> if absent."),
+    ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            help="The run that the page was made of: its frames and predictions come along, so "
+            "that the report shows single polygons, too."
+        ),
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="Name of the device; by default what the browser calls it.")
+    ] = "",
+    summary: Annotated[
+        Path | None,
+        typer.Option(help="Write a small summary of the device, too, for results/devices/."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make a run folder of what a measuring page saved.
+
+    `report`, `compare`, `gains` and `history` read it like any other run. Given the folder of a
+    run that was measured here, it writes its --summary and nothing else.
+    """
+    from harness.compare.checking import checked
+    from harness.devices import write_summary
+    from harness.page.result import device_name, import_result, read_result
+    from harness.report import write_report
+
+    if file.is_dir():
+        if summary is None:
+            raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
+        typer.echo(f"summary: {os.path.relpath(write_summary(checked(read_run(file)), summary))}")
+        return
+    result = read_result(file)
+    name = file_stem(device) or device_name(result)
+    origin = checked(read_run(run)) if run else None
+    folder = import_result(result, folder_for(name, out, None), name, origin)
+    stored = read_run(folder)
+    with clear_errors(folder):
+        write_csv(stored.records, folder / "summary.csv")
+    console = Console(quiet=quiet)
+    print_summary(stored.records, console)
+    for warning in stored.facts["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    write_report(stored)
+    if summary is not None:
+        write_summary(stored, summary)
+    console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command()(page)
+    app.command(name="import")(import_)

@@ -1,0 +1,139 @@
+"""What a measuring page holds: frames, triangulations, and what is known of them already."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness import __version__
+from harness.errors import UsageError
+from harness.figures.groups import USUAL_BASE
+from harness.figures.polygons import columns_of
+from harness.figures.registry import predictions
+from harness.looks import looks
+from harness.rasterisers.reference import predict
+from harness.stored import drawings
+from harness.stored.drawings import Geometry, view_of
+from harness.stored.folder import Record, Run
+
+FORMAT = "raster-harness page"
+VERSION = 1
+
+CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
+"""Criteria that the page sets against what it measures: A, H and Q."""
+
+KEPT = (
+    *("scene", "scene_hash", "triangulator", "resolution", "rotation", "fit"),
+    *("reason", "polygons", "polygons_skipped", "polygons_failed", "vertices", "triangles"),
+    *("predicted", "triangulate_s", "conforming", "t_junctions", "proven", "largest_gap"),
+    "outline_quads",
+)
+"""Fields of a record that hold on any device."""
+
+Content = dict[str, Any]
+
+
+def content_of(run: Run) -> Content:
+    """Return everything the page of `run` holds, JSON-ready.
+
+    Raises
+    ------
+    UsageError
+        if the run kept nothing that can be drawn
+    """
+    views = [view for view in map(_view, [run] * len(_kept(run)), _kept(run).values()) if view]
+    if not views:
+        raise UsageError(
+            f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
+            "draw; run `harness run` with this version, and two --triangulators"
+        )
+    names = list(dict.fromkeys(name for view in views for name in view["cases"]))
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "harness": __version__,
+        "created": str(run.facts.get("created") or ""),
+        "scene": str(views[0]["scene"]),
+        "base": USUAL_BASE if USUAL_BASE in names else names[0],
+        "looks": {name: asdict(look) for name, look in looks(names).items()},
+        "criteria": {name: predictions()[name].title for name in CRITERIA},
+        "views": views,
+    }
+
+
+def _kept(run: Run) -> dict[str, list[Record]]:
+    """Return the records that can be drawn again, by view: of each triangulator the first.
+
+    One sample a pixel, no work and the triangulator's own order, on whichever device.
+    """
+    found: dict[str, dict[str, Record]] = {}
+    for record in run.records:
+        options = record.get("options") or {}
+        plain = options.get("samples", 1) == 1 and options.get("order", "native") == "native"
+        if record["status"] != "ok" or not plain:
+            continue
+        view = found.setdefault(drawings.name_of(view_of(record)), {})
+        # One that counted its polygons is better than one that did not.
+        known = view.get(record["triangulator"])
+        if known is None or _counts(run, known) is None:
+            view[record["triangulator"]] = record
+    return {name: list(records.values()) for name, records in found.items()}
+
+
+def _view(run: Run, records: Sequence[Record]) -> Content | None:
+    """Return one view with its triangulations, None where there are not two to compare."""
+    view = view_of(records[0])
+    kept = drawings.read(run, view)
+    if kept is None:
+        return None
+    cases = {
+        record["triangulator"]: _case(run, record, kept)
+        for record in records
+        if record["triangulator"] in kept.triangles
+    }
+    if len(cases) < 2:
+        return None
+    return {
+        **asdict(view),
+        "scene": records[0]["scene"],
+        "points": _base64(kept.points, "<i4"),
+        "sizes": np.diff(kept.offsets).tolist(),
+        "cases": cases,
+    }
+
+
+def _case(run: Run, record: Record, kept: Geometry) -> Content:
+    """Return one triangulation: base64 of uint32 rows, and the counts to be found, by polygon."""
+    rows = kept.triangles[record["triangulator"]]
+    counted = _counts(run, record)
+    if counted is None:
+        predicted = predict(kept.points, rows)
+        owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
+        size = len(kept.offsets) - 1
+        counted = tuple(
+            np.bincount(owner, predicted[name], size).astype(np.int64)
+            for name in ("fragments", "quads")
+        )
+    return {
+        "rows": _base64(rows, "<u4"),
+        "fragments": _base64(counted[0], "<u4"),
+        "quads": _base64(counted[1], "<u4"),
+        "record": {name: record[name] for name in KEPT if name in record},
+    }
+
+
+def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
+    """Return the fragments and quads of each polygon as the run counted them, None if not."""
+    columns = columns_of(run, record)
+    if columns is None or not {"fragments", "quads"} <= set(columns):
+        return None
+    return tuple(np.rint(columns[name]).astype(np.int64) for name in ("fragments", "quads"))
+
+
+def _base64(values: NDArray[Any], kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values.astype(kind)).tobytes()).decode("ascii")

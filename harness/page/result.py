@@ -1,0 +1,391 @@
+"""Reads what a measuring page saved, and makes a run folder of it.
+
+The file comes from anywhere, so nothing in it is believed before it is checked: its digest, which
+tells damage; its shape, sizes and ranges; and that its parts agree with each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import model_validator as validator
+
+from harness.errors import UsageError
+from harness.figures.intervals import median_interval
+from harness.figures.registry import PREDICTED
+from harness.frame import MAX_RESOLUTION, SUBPIXEL, View
+from harness.measuring import records
+from harness.measuring.plan import Case as CaseOfPlan
+from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
+from harness.measuring.timing import TimerTest as Timer
+from harness.rasterisers import Options
+from harness.stored import drawings
+from harness.stored.drawings import view_of
+from harness.stored.folder import Record, Run, Store, file_stem, read_arrays
+
+FORMAT = "raster-harness device result"
+VERSION = 1
+MOST_BYTES = 256 * 2**20
+RASTERISER = "webgpu"
+AGAIN = "(the base again)"
+"""How the page calls the drawing that is compared with itself."""
+
+BROWSERS = {"edge": "Edg/", "firefox": "Firefox/", "chrome": "Chrome/", "safari": "Safari/"}
+"""By what browsers call themselves; Edge names Chrome, too, and Chrome Safari."""
+
+BESIDE = (EMPTY, REFERENCE, AGAIN)
+
+Text = Annotated[str, StringConstraints(max_length=500)]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
+Whole = Annotated[int, Field(ge=0, le=2**53)]
+Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class _Page(_Part):
+    harness: Text
+    scene: Name
+    created: Text
+
+
+class _Limits(_Part):
+    maxTextureDimension2D: Whole  # noqa: N815 - WebGPU's own names
+    maxBufferSize: Whole  # noqa: N815
+    maxStorageBufferBindingSize: Whole  # noqa: N815
+
+
+class _Device(_Part):
+    vendor: Text
+    architecture: Text
+    device: Text
+    description: Text
+    timer: bool
+    step: Literal[1, 2, 4, 8, 16] | None
+    fallback: bool
+    limits: _Limits
+
+
+class _Timer(_Part):
+    timer: Literal["gpu", "wall"]
+    wall_s: Seconds
+    gpu_s: Share | None
+    resolution_s: Seconds
+    reason: Text
+
+
+class _Record(_Part):
+    """Fields of a record that hold on any device; see `content.KEPT`."""
+
+    scene: Name
+    scene_hash: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+    triangulator: Name
+    resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
+    rotation: Finite
+    fit: Literal["box", "circle"] = "box"
+    reason: Annotated[str, StringConstraints(max_length=10_000)] | None = None
+    polygons: Whole
+    polygons_skipped: Whole = 0
+    polygons_failed: Whole = 0
+    vertices: Whole
+    triangles: Whole
+    predicted: dict[Name, Finite]
+    triangulate_s: Share | None = None
+    conforming: bool | None = None
+    t_junctions: Whole = 0
+    proven: Whole | None = None
+    largest_gap: Share | None = None
+    outline_quads: Whole | None = None
+
+
+class _Counters(_Part):
+    fragments: list[Whole]
+    quads: list[Whole]
+
+
+class _Case(_Part):
+    record: _Record
+    counters: _Counters
+    differing: Whole
+
+
+class _Times(_Part):
+    repeats: Annotated[int, Field(ge=1, le=2**20)]
+    samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
+
+
+class _View(_Part):
+    resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
+    rotation: Finite
+    fit: Literal["box", "circle"]
+    scene: Name
+    cases: dict[Name, _Case]
+    times: dict[Name, _Times] | None
+    epochs: list[Annotated[int, Field(ge=0)]]
+
+    @validator(mode="after")
+    def _agrees(self) -> Self:
+        """Whether its cases are of one frame and its times of the same rounds."""
+        sizes = set()
+        for name, case in self.cases.items():
+            counted, record = case.counters, case.record
+            sizes |= {len(counted.fragments), len(counted.quads)}
+            own = (record.resolution, record.rotation, record.fit, record.scene)
+            if name != record.triangulator or own != (
+                self.resolution,
+                self.rotation,
+                self.fit,
+                self.scene,
+            ):
+                raise ValueError(f"the record of {name} is of another case")
+            if len(counted.fragments) != len(counted.quads):
+                raise ValueError(f"{name} has different numbers of polygons")
+            fragments, quads = np.array(counted.fragments), np.array(counted.quads)
+            if ((quads > fragments) | (4 * quads + 2 < fragments)).any():
+                raise ValueError(f"{name} has quads of fewer than one pixel, or more than four")
+        if len(sizes) > 1:
+            raise ValueError("its cases have different numbers of polygons")
+        if len({case.record.scene_hash for case in self.cases.values()}) > 1:
+            raise ValueError("its cases are of different scenes")
+        times = self.times or {}
+        if not set(times) <= {*self.cases, *BESIDE}:
+            raise ValueError("something was timed that was not counted")
+        if {len(each.samples_s) for each in times.values()} - {sum(self.epochs)}:
+            raise ValueError("its times are not of the same rounds")
+        if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
+            raise ValueError("a draw took no time")
+        return self
+
+
+class _Result(_Part):
+    format: Literal["raster-harness device result"]
+    version: Literal[1]
+    page: _Page
+    started: Text
+    ended: Text
+    browser: Text
+    device: _Device
+    timer: _Timer | None
+    budget_s: Seconds
+    complete: bool
+    problem: Annotated[str, StringConstraints(max_length=10_000)] | None
+    hidden: bool
+    views: Annotated[list[_View], Field(min_length=1, max_length=1000)]
+
+
+def read_result(file: Path) -> _Result:
+    """Read and check what a page saved.
+
+    Raises
+    ------
+    UsageError
+        if it cannot be read, is damaged, or is not what a page saves
+    """
+    try:
+        if file.stat().st_size > MOST_BYTES:
+            raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
+        outer = json.loads(file.read_bytes())
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{file}: not a file that a measuring page saved (no JSON)") from error
+    if not isinstance(outer, dict) or outer.get("format") != FORMAT:
+        raise UsageError(f"{file}: not a file that a measuring page saved")
+    if outer.get("version") != VERSION:
+        raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
+    text = outer.get("result")
+    try:
+        content = text.encode() if isinstance(text, str) else b""
+    except UnicodeEncodeError:
+        content = b""
+    if hashlib.sha256(content).hexdigest() != outer.get("sha256"):
+        raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
+    try:
+        return _Result.model_validate_json(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        raise UsageError(f"{file}: {where or 'result'}: {what}") from error
+
+
+def device_name(result: _Result) -> str:
+    """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
+    told = result.device
+    words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
+    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", _browser(result.browser)]
+    return "-".join(part for part in parts if part)
+
+
+def _browser(agent: str) -> str:
+    """Name the browser that calls itself `agent`; each also names those that it is like."""
+    return next((name for name, word in BROWSERS.items() if word in agent), "browser")
+
+
+def import_result(result: _Result, folder: Path, device: str, run: Run | None = None) -> Path:
+    """Make a run folder of a page's result; returns it.
+
+    device : the name that the device gets
+    run : the run that the page was made of, if it is at hand; the imported one then keeps its
+        frames and each polygon's predictions, too
+
+    Raises
+    ------
+    UsageError
+        if the folder holds a run already, or `run` is of other polygons
+    """
+    facts = _facts(result, device)
+    made = [
+        record for view in result.views for record in _records(view, device, result) if view.cases
+    ]
+    if run is not None:
+        _refuse_other_scene(run, made)
+    with Store.create(folder) as store:
+        store.write_facts(facts)
+        for record, counters in made:
+            if run is not None:
+                _add_polygons(store, run, record, counters)
+            store.append(record)
+    return folder
+
+
+def _facts(result: _Result, device: str) -> dict[str, Any]:
+    first = next(iter(result.views[0].cases.values()), None)
+    names = dict.fromkeys(name for view in result.views for name in view.cases)
+    warnings = []
+    if result.problem:
+        warnings.append(f"the page told of a problem: {' '.join(result.problem.split())}")
+    if not result.complete:
+        warnings.append("the page was stopped before it had measured everything")
+    if result.hidden:
+        warnings.append("the page was hidden for a while, in which browsers slow it down")
+    differing = sum(case.differing for view in result.views for case in view.cases.values())
+    if differing:
+        warnings.append(f"counters differ from the run's in {differing} polygons")
+    step = result.device.step
+    if step is None:
+        warnings.append("the device rasterises by another rule than ours, on any grid")
+    elif step > 1:
+        warnings.append(f"the device snaps to 1/{SUBPIXEL // step} px: polygons were moved there")
+    details = {
+        **result.device.model_dump(),
+        "subpixel_bits": None if step is None else (SUBPIXEL // step).bit_length() - 1,
+        "renderer": result.device.description or device,
+        "version": f"WebGPU in {result.browser}",
+    }
+    return {
+        "created": result.started,
+        "imported": True,
+        "plan": {"scene": result.page.scene, "triangulators": list(names), "seed": 0},
+        "scene": {
+            "name": result.page.scene,
+            "hash": first.record.scene_hash if first else "",
+            "polygons": first.record.polygons if first else 0,
+        },
+        "environment": {"harness": result.page.harness, "browser": result.browser},
+        "warnings": warnings,
+        "frames": [],
+        "devices": {
+            f"{RASTERISER} on {device}": {
+                "details": details,
+                "timer": result.timer.model_dump() if result.timer else None,
+            }
+        },
+    }
+
+
+def _records(
+    view: _View, device: str, result: _Result
+) -> Sequence[tuple[Record, Mapping[str, np.ndarray]]]:
+    """Return the record of each case of a view, with its counters by polygon."""
+    base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
+    made = []
+    for name, case in view.cases.items():
+        known = case.record.model_dump(exclude_unset=True)
+        where = View(view.resolution, view.rotation, view.fit)
+        identity = CaseOfPlan(
+            scene=view.scene,
+            scene_hash=case.record.scene_hash,
+            view=where,
+            triangulator=name,
+            rasteriser=RASTERISER,
+            device=device,
+            options=Options(),
+        ).identity()
+        fragments, quads = (
+            np.array(values, np.int64) for values in (case.counters.fragments, case.counters.quads)
+        )
+        counters = {
+            "fragments": fragments,
+            "quads": quads,
+            "helper_lanes": 4 * quads - fragments,
+        }
+        error = None
+        if base is not None and case.record.polygons == base.record.polygons:
+            error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
+        record: Record = {
+            **identity,
+            "status": "ok",
+            **{field: value for field, value in known.items() if field not in identity},
+            "counters": {each: int(values.sum()) for each, values in counters.items()},
+            "coverage_error": error,
+        }
+        if (time := _time(view, name, result)) is not None:
+            record["time"] = time
+        made.append((record, counters))
+    return made
+
+
+def _time(view: _View, name: str, result: _Result) -> dict[str, Any] | None:
+    """Return a record's `time`, None where the case was not timed to the end of a round."""
+    times = view.times or {}
+    rounds = sum(view.epochs)
+    if result.timer is None or rounds < 2 or not {name, EMPTY, REFERENCE} <= set(times):
+        return None
+    settings = TimingSettings(budget_s=result.budget_s)
+    group = {}
+    for each in (name, EMPTY, REFERENCE):
+        samples = times[each].samples_s
+        low, high = median_interval(samples)
+        middle = float(np.median(samples))
+        precise = (high - low) / 2 <= settings.precision * middle
+        epochs = [count for count in view.epochs if count]
+        group[each] = Times(times[each].repeats, samples, epochs, precise)
+    return records.time_fields(group, name, Timer(**result.timer.model_dump()), settings)
+
+
+def _refuse_other_scene(run: Run, made: Sequence[tuple[Record, Any]]) -> None:
+    known = {str(record.get("scene_hash")) for record in run.records}
+    for record, _ in made:
+        if record["scene_hash"] not in known:
+            raise UsageError(f"{run.path} is of other polygons than the page's {record['scene']}")
+
+
+def _add_polygons(
+    store: Store, run: Run, record: Record, counters: Mapping[str, np.ndarray]
+) -> None:
+    """Keep the frame, and the predictions of each polygon beside what was counted of it."""
+    view = view_of(record)
+    name = drawings.name_of(view)
+    if not (store.path / drawings.FOLDER / f"{name}.npz").exists():
+        arrays = read_arrays(run, name, drawings.FOLDER)
+        if arrays is not None:
+            store.write_arrays(name, arrays, drawings.FOLDER)
+    for known in run.records:
+        if known["triangulator"] == record["triangulator"] and view_of(known) == view:
+            columns = read_arrays(run, known["key"]) or {}
+            predicted = {each: kept for each, kept in columns.items() if each.startswith(PREDICTED)}
+            sizes = {len(kept) for kept in predicted.values()}
+            if sizes == {len(counters["quads"])}:
+                store.write_arrays(record["key"], {**predicted, **counters})
+                return

@@ -1,0 +1,53 @@
+"use strict";
+/* Medians, and the ratio of two drawings with its interval: as harness/figures/ratios.py has them. */
+
+function median(values) {
+  const sorted = [...values].sort((a, b) => a - b);
+  const half = sorted.length >> 1;
+  return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
+}
+
+const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+
+/* Student's 97.5 % quantile, by expansion in 1 / freedom (Abramowitz and Stegun, 26.7.5): to 1 % from 3 on. */
+function student(freedom) {
+  const z = 1.959963985;
+  return z + (z ** 3 + z) / (4 * freedom) + (5 * z ** 5 + 16 * z ** 3 + 3 * z) / (96 * freedom ** 2)
+    + (3 * z ** 7 + 19 * z ** 5 + 17 * z ** 3 - 15 * z) / (384 * freedom ** 3);
+}
+
+/* Ratio of `samples` to `base`, round by round: the mean over epochs of their medians of logarithms, with
+   Student's interval for as many independent values as there are epochs. */
+function pairedRatio(samples, base, epochs) {
+  const logs = samples.map((sample, round) => Math.log(sample / base[round]));
+  const medians = [];
+  let start = 0;
+  for (const rounds of epochs) {
+    const part = logs.slice(start, start + rounds);
+    start += rounds;
+    if (part.length) medians.push(median(part));
+  }
+  const middle = mean(medians);
+  const freedom = medians.length - 1;
+  const variance = medians.reduce((sum, value) => sum + (value - middle) ** 2, 0) / freedom;
+  const reach = freedom > 0 ? student(freedom) * Math.sqrt(variance / medians.length) : Infinity;
+  return { value: Math.exp(middle), low: Math.exp(middle - reach), high: Math.exp(middle + reach) };
+}
+
+/* Spearman's rank correlation, with mean ranks for ties; null where it is not defined. */
+function rankCorrelation(x, y) {
+  const ranks = (values) => values.map((value) => {
+    const below = values.filter((other) => other < value).length;
+    const same = values.filter((other) => other === value).length;
+    return below + (same - 1) / 2;
+  });
+  const [p, q] = [ranks(x), ranks(y)];
+  const [mp, mq] = [mean(p), mean(q)];
+  let top = 0, left = 0, right = 0;
+  for (let k = 0; k < p.length; k++) {
+    top += (p[k] - mp) * (q[k] - mq);
+    left += (p[k] - mp) ** 2;
+    right += (q[k] - mq) ** 2;
+  }
+  return x.length < 3 || !left || !right ? null : top / Math.sqrt(left * right);
+}

@@ -1,0 +1,90 @@
+"use strict";
+/* The grid that a device snaps vertices to. Ours is 1/256 px; the standards below WebGPU allow one of 1/16 px. On such
+   a device the polygons are moved to its grid first, and what is expected is counted anew: row by row in integers, as
+   harness/rasterisers/spans.py does it. All products stay below 2^53, so they are exact. */
+
+const UNIT = 256, HALF = 128;
+const STEPS = [1, 2, 4, 8, 16];
+const PROBE_PX = 64, PROBES = 80;
+
+const snapped = (points, step) => (step === 1 ? points : points.map((value) => Math.floor((value + step / 2) / step) * step));
+
+const firstPixel = (low) => Math.ceil((low - HALF) / UNIT);
+const lastPixel = (high) => Math.floor((high - HALF) / UNIT);
+
+/* First and last covered pixel of a row; empty if first > last. */
+function spanOf(edges, y, left, right) {
+  for (const [constant, perRow, perColumn] of edges) {
+    const value = constant + perRow * y;
+    if (perColumn > 0) right = Math.min(right, Math.floor(value / perColumn));
+    else if (perColumn < 0) left = Math.max(left, Math.ceil(value / perColumn));
+    else if (value < 0) return [left, left - 1];
+  }
+  return [left, right];
+}
+
+/* How many cells of two pixels two spans touch together. */
+function cellsOf(p, q) {
+  if (p[0] > q[0]) [p, q] = [q, p];
+  let total = 0, reach = -1;
+  for (const [first, last] of [p, q]) {
+    if (first > last) continue;
+    total += Math.max(0, (last >> 1) - Math.max(first >> 1, reach + 1) + 1);
+    reach = Math.max(reach, last >> 1);
+  }
+  return total;
+}
+
+/* [fragments, quads] of a triangle with corners [x, y] in 1/256 px, top-left rule. */
+function countTriangle(a, b, c) {
+  const doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+  if (!doubled) return [0, 0];
+  const ring = doubled > 0 ? [a, b, c] : [a, c, b];
+  const edges = ring.map((p, i) => {
+    const q = ring[(i + 1) % 3], dx = q[0] - p[0], dy = q[1] - p[1];
+    const closed = dy < 0 || (dy === 0 && dx > 0);
+    return [dx * (HALF - p[1]) - dy * (HALF - p[0]) - (closed ? 0 : 1), UNIT * dx, UNIT * dy];
+  });
+  const reach = (axis) => {
+    const values = ring.map((p) => p[axis]);
+    return [firstPixel(Math.min(...values)), lastPixel(Math.max(...values))];
+  };
+  const [left, right] = reach(0), [first, last] = reach(1);
+  if (left > right) return [0, 0];
+  let fragments = 0, quads = 0;
+  for (let y = first - (first & 1); y <= last; y += 2) {
+    const spans = [y, y + 1].map((row) => (row < first || row > last ? [0, -1] : spanOf(edges, row, left, right)));
+    for (const [low, high] of spans) fragments += Math.max(0, high - low + 1);
+    quads += cellsOf(...spans);
+  }
+  return [fragments, quads];
+}
+
+/* What the reference counts of each polygon. */
+function countExactly(frame, rows) {
+  const fragments = new Array(frame.polygons).fill(0), quads = new Array(frame.polygons).fill(0);
+  const corner = (index) => [frame.points[2 * index], frame.points[2 * index + 1]];
+  for (let t = 0; t < rows.length; t += 3) {
+    const [covered, shaded] = countTriangle(corner(rows[t]), corner(rows[t + 1]), corner(rows[t + 2]));
+    fragments[frame.owner[rows[t]]] += covered;
+    quads[frame.owner[rows[t]]] += shaded;
+  }
+  return { fragments, quads };
+}
+
+/* Polygons in which two counts differ. */
+const differingOf = (p, q) => p.fragments.filter((value, k) => value !== q.fragments[k] || p.quads[k] !== q.quads[k]).length;
+
+/* The coarsest grid's step that is the device's, in 1/256 px; null if it counts by another rule on all of them. */
+async function findStep(painter) {
+  let seed = 7;
+  const random = (below) => { seed = (seed * 16807) % 2147483647; return seed % below; };
+  const points = new Int32Array(6 * PROBES).map(() => UNIT + random((PROBE_PX - 2) * UNIT));
+  const rows = new Uint32Array(3 * PROBES).map((_, k) => k);
+  const owner = rows.map((k) => Math.floor(k / 3));
+  for (const step of STEPS) {
+    const frame = { size: PROBE_PX, points: snapped(points, step), owner, polygons: PROBES };
+    if (!differingOf(await painter.count(frame, rows), countExactly(frame, rows))) return step;
+  }
+  return null;
+}

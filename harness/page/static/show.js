@@ -1,0 +1,151 @@
+"use strict";
+/* What people see: elements, numbers, the ranking of each view, predicted against measured. */
+
+const $ = (id) => document.getElementById(id);
+const state = { page: null, result: null, running: false, stop: false, dark: false };
+
+/* element("td", {class: "number"}, child, ...); children are nodes or text, never markup. */
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+async function unpack(id) {
+  const stream = new Blob([decode($(id).textContent.trim(), Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return JSON.parse(await new Response(stream).text());
+}
+
+const styled = (variable) => {
+  const probe = element("i", { style: `color: var(${variable})` });
+  document.body.append(probe);
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+};
+
+const count = (value) => Math.round(value).toLocaleString("en-GB");
+const digits = (value, wanted = 3) => (value >= 1000 ? count(value) : value.toPrecision(wanted));
+const conditionOf = (view) => `${view.resolution} px${view.rotation ? `, turned ${view.rotation}°` : ""}`;
+const colourOf = (name) => state.page.looks[name][state.dark ? "dark" : "colour"];
+const AGAIN = "(the base again)";
+const FEWEST_EPOCHS = 4;
+
+const sum = (values) => values.reduce((total, value) => total + value, 0);
+
+/* Helper lanes of a case: 4 lanes a quad, less those that cover something. */
+const helpersOf = (counters) => 4 * sum(counters.quads) - sum(counters.fragments);
+
+/* Rows of a view's ranking: what was counted, and the time against the base's where it was timed. */
+function rankedOf(view) {
+  const base = view.times?.[state.page.base];
+  const rows = Object.entries(view.cases).map(([name, each]) => {
+    const own = view.times?.[name];
+    const enough = base && own && view.epochs.length >= FEWEST_EPOCHS;
+    return { name, ...each, time: own, complete: each.record.polygons === Math.max(...Object.values(view.cases).map((c) => c.record.polygons)),
+      ratio: enough && name !== state.page.base ? pairedRatio(own.samples_s, base.samples_s, view.epochs) : null };
+  });
+  const cost = (row) => (row.name === state.page.base ? 1 : row.ratio?.value ?? Infinity);
+  return rows.sort((p, q) => q.complete - p.complete || cost(p) - cost(q) || helpersOf(p.counters) - helpersOf(q.counters));
+}
+
+const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slower" : "no difference shown");
+
+function rankingOf(view) {
+  const rows = rankedOf(view);
+  const heading = (text, kind) => element("th", { scope: "col", class: kind }, text);
+  const head = element("tr", {}, heading("triangulator"), heading(`time against ${state.page.base} (95 %)`, "number"), heading("verdict"),
+    heading("draw [ms]", "number"), heading("helper lanes", "number"), heading("counters"));
+  const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" },
+    element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.name)}`, "aria-hidden": "true" }), row.name),
+    element("td", { class: "number" }, row.name === state.page.base ? "1" : row.ratio && row.complete
+      ? `${row.ratio.value.toFixed(3)} (${row.ratio.low.toFixed(3)}–${row.ratio.high.toFixed(3)})` : ""),
+    element("td", { class: `verdict ${row.ratio && row.complete ? verdictOf(row.ratio) : ""}` }, row.name === state.page.base ? "the base"
+      : !row.complete ? `${count(row.record.polygons)} polygons` : row.ratio ? verdictOf(row.ratio) : ""),
+    element("td", { class: "number" }, row.time?.samples_s.length ? digits(median(row.time.samples_s) * 1e3) : ""),
+    element("td", { class: "number" }, count(helpersOf(row.counters))),
+    element("td", {}, row.differing ? `differ in ${count(row.differing)} polygons` : "as expected")));
+  const again = view.times?.[AGAIN], base = view.times?.[state.page.base];
+  const note = again && view.epochs.length >= FEWEST_EPOCHS ? pairedRatio(again.samples_s, base.samples_s, view.epochs) : null;
+  return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking at ${conditionOf(view)}` },
+    element("table", { class: "ranking" }, element("caption", {}, conditionOf(view)), element("thead", {}, head), element("tbody", {}, ...body))),
+    note ? element("p", { class: "quiet" }, `${state.page.base} drawn a second time, under another name: ${note.value.toFixed(3)} `
+      + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that leaves out 1 here shows what times on this device cannot tell.`) : null);
+}
+
+/* Marks of one criterion: predicted and measured, in ratio to the base. */
+function marksOf(view, criterion) {
+  const rows = rankedOf(view).filter((row) => row.ratio && row.complete);
+  const base = view.cases[state.page.base]?.record.predicted[criterion];
+  return rows.map((row) => ({ name: row.name, x: row.record.predicted[criterion] / base, y: row.ratio.value }));
+}
+
+function drawCharts() {
+  const view = state.result?.views.find((each) => each.times && marksOf(each, "overdraw").length > 1);
+  $("chart-section").hidden = !view;
+  if (!view) return;
+  const host = $("chart");
+  const stacked = host.clientWidth < 640;
+  const names = Object.keys(state.page.criteria);
+  host.style.height = stacked ? `${names.length * 17}rem` : "22rem";
+  state.plot ??= echarts.init(host, null, { renderer: "canvas" });
+  state.plot.resize();
+  const ink = styled("--ink"), soft = styled("--soft"), line = styled("--line");
+  const panels = names.map((name, k) => (stacked
+    ? { left: 54, right: 14, top: `${3 + (k * 96) / names.length}%`, height: `${68 / names.length}%` }
+    : { left: `${6 + (k * 94) / names.length}%`, width: `${78 / names.length}%`, top: 40, bottom: 56 }));
+  const all = names.map((name) => marksOf(view, name));
+  const axis = (title, k, y) => ({ type: "value", scale: true, gridIndex: k, name: title, nameLocation: "middle", nameGap: y ? 40 : 26,
+    nameTextStyle: { color: ink, fontSize: 12 }, axisLabel: { color: soft, hideOverlap: true, formatter: (value) => String(+value.toPrecision(3)) },
+    axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } } });
+  state.plot.setOption({
+    animation: false, textStyle: { color: ink, fontFamily: "system-ui, sans-serif" }, grid: panels,
+    title: names.map((name, k) => {
+      const rank = rankCorrelation(all[k].map((mark) => mark.x), all[k].map((mark) => mark.y));
+      return { text: rank === null ? "" : `rank correlation ${rank.toFixed(2)}`, left: panels[k].left, textStyle: { fontSize: 12, color: ink },
+        top: stacked ? `${(k * 96) / names.length}%` : 12 };
+    }),
+    xAxis: names.map((name, k) => axis(`predicted by ${state.page.criteria[name]}`, k, false)),
+    yAxis: names.map((name, k) => axis(k && !stacked ? "" : "measured time", k, true)),
+    tooltip: { confine: true, backgroundColor: styled("--panel"), textStyle: { color: ink },
+      formatter: (point) => `${point.data[2]}: predicted ${point.data[0].toFixed(3)}, measured ${point.data[1].toFixed(3)}` },
+    series: names.map((name, k) => ({ type: "scatter", xAxisIndex: k, yAxisIndex: k, symbolSize: 11,
+      data: all[k].map((mark) => ({ value: [mark.x, mark.y, mark.name], symbol: state.page.looks[mark.name].symbol, itemStyle: { color: colourOf(mark.name) } })) })),
+  }, { notMerge: true });
+  $("chart-note").textContent = `${conditionOf(view)}; both in ratio to ${state.page.base}. One mark is a triangulator; colours as in the ranking.`;
+}
+
+/* The sentence that says what came out. */
+function answerOf(result) {
+  const name = result.device.description || [result.device.vendor, result.device.architecture].filter(Boolean).join(" ") || "this device";
+  const view = result.views.find((each) => each.times && rankedOf(each).some((row) => row.ratio && row.complete));
+  const differing = sum(result.views.flatMap((each) => Object.values(each.cases)).map((each) => each.differing));
+  const counted = differing ? `Counters differ from the expected ones in ${count(differing)} polygons.` : "All counters are the expected ones.";
+  if (!view) return `On ${name}: ${counted}`;
+  const best = rankedOf(view).find((row) => row.complete);
+  if (best.name === state.page.base) return `On ${name}, nothing is faster than ${best.name} at ${conditionOf(view)}. ${counted}`;
+  const { value, low, high } = best.ratio;
+  return `On ${name}, the same polygons at ${conditionOf(view)} take ${value.toFixed(2)} (${low.toFixed(2)} to ${high.toFixed(2)}) of the time `
+    + `when triangulated by ${best.name} rather than by ${state.page.base}. ${counted}`;
+}
+
+function showDevice(result) {
+  const { device, timer } = result;
+  const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not told by the browser"],
+    ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${digits(timer.resolution_s * 1e6)} µs` : "not tested yet"],
+    ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than ours of 1/256: the polygons were moved to it first" : ""}` : "not known yet"],
+    ["Largest viewport", `${count(device.limits.maxTextureDimension2D)} px`]];
+  $("device").replaceChildren(...facts.flatMap(([term, what]) => [element("dt", {}, term), element("dd", {}, what)]));
+}
+
+function show() {
+  const { result } = state;
+  state.dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  if (!result) return;
+  showDevice(result);
+  $("ranking").replaceChildren(...result.views.filter((view) => Object.keys(view.cases).length).map(rankingOf));
+  drawCharts();
+}

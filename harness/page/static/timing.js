@@ -1,0 +1,140 @@
+"use strict";
+/* Honest times, as harness/measuring/timing.py takes them: shuffled interleaved rounds, in epochs before each
+   of which all drawings are prepared anew. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
+
+const EMPTY = "(empty)", REFERENCE = "(reference)";
+const AGREEMENT = 0.3, MIN_ROUNDS = 12, EPOCH_ROUNDS = 2, EPOCHS = 6, LONGEST_BATCH = 10;
+const MOST_REPEATS = 4096;
+
+const timing = { clock: () => performance.now() / 1000 };
+
+const secondsOf = (sample, timer) => (timer === "gpu" ? sample.gpu : sample.wall);
+
+function shuffle(values, random) {
+  for (let k = values.length - 1; k > 0; k--) {
+    const other = Math.floor(random() * (k + 1));
+    [values[k], values[other]] = [values[other], values[k]];
+  }
+}
+
+/* The smallest step of the wall clock that shows, in seconds. */
+function clockResolution() {
+  let smallest = Infinity;
+  for (let k = 0; k < 20; k++) {
+    const first = timing.clock();
+    let second = first;
+    while (second <= first) second = timing.clock();
+    smallest = Math.min(smallest, second - first);
+  }
+  return smallest;
+}
+
+/* The step that all of a GPU's times are multiples of, in seconds: browsers round them to 0.1 ms or so. */
+function stepOf(nanoseconds) {
+  let step = 0;
+  for (let value of nanoseconds) {
+    value = Math.round(value);
+    while (value) [step, value] = [value, step % value];
+  }
+  return Math.max(step, 1) * 1e-9;
+}
+
+/* Draw something known and big; the GPU's timer is believed only if the wall clock agrees.
+   nothing : a drawing of nothing, whose wall time is the cost of asking */
+async function selfTest(big, nothing) {
+  const asking = [];
+  for (let k = 0; k < 5; k++) asking.push((await nothing.sample(1)).wall);
+  const cost = median(asking);
+  let repeats = 1;
+  while ((await big.sample(repeats)).wall < Math.max(0.03, 10 * cost) && repeats < MOST_REPEATS) repeats *= 2;
+  const samples = [];
+  for (let k = 0; k < 5; k++) samples.push(await big.sample(repeats));
+  const wall = Math.max(median(samples.map((each) => each.wall)) - cost, 1e-9) / repeats;
+  const test = { timer: "wall", wall_s: wall, gpu_s: null, resolution_s: Math.max(clockResolution(), cost / 20) };
+  const seen = samples.filter((each) => each.gpu !== null);
+  if (!seen.length) return { ...test, reason: "the device has no GPU timer" };
+  test.gpu_s = median(seen.map((each) => each.gpu)) / repeats;
+  const figures = `${(test.gpu_s * 1e3).toFixed(3)} ms of a draw that took ${(wall * 1e3).toFixed(3)} ms`;
+  if (!(Math.abs(test.gpu_s - wall) <= AGREEMENT * wall)) {
+    return { ...test, reason: `the driver's GPU timer tells another time: ${figures}` };
+  }
+  const step = stepOf(seen.map((each) => each.gpu * 1e9));
+  return { ...test, timer: "gpu", resolution_s: step, reason: `the GPU timer saw ${figures}` };
+}
+
+/* How many draws make a batch last `batch` seconds, and the seconds of one; draws until times are stable. */
+async function warmUp(drawing, batch, limit, timer) {
+  const deadline = timing.clock() + limit;
+  let repeats = 1;
+  let seconds = secondsOf(await drawing.sample(repeats), timer);
+  while (seconds < batch && repeats < MOST_REPEATS) {
+    const wanted = seconds > 0 ? (1.2 * batch) / seconds : 8;
+    repeats = Math.min(MOST_REPEATS, Math.max(repeats + 1, Math.floor(repeats * Math.min(wanted, 8))));
+    seconds = secondsOf(await drawing.sample(repeats), timer);
+  }
+  const three = async () => {
+    const taken = [];
+    for (let k = 0; k < 3; k++) taken.push(secondsOf(await drawing.sample(repeats), timer));
+    return median(taken);
+  };
+  let recent = await three();
+  while (timing.clock() < deadline) {
+    const newer = await three();
+    if (Math.abs(newer - recent) <= 0.02 * recent) break;
+    recent = newer;
+  }
+  return [repeats, recent / repeats];
+}
+
+/* Time all drawings together.
+
+   prepare(order) gives up what there is and returns a Map of fresh drawings, in that order of making;
+   settings : {budget_s, min_batch_s, warm_up_s}; told(share) hears how much is done, from 0 to 1;
+   stopped() ends it after the round under way. Fills found.times, {name: {repeats, samples_s}}, and found.epochs,
+   rounds of each, as it goes. */
+async function timeTogether(names, prepare, settings, test, told, stopped, found, random = Math.random) {
+  const start = timing.clock();
+  const batch = Math.max(settings.min_batch_s, 100 * test.resolution_s);
+  const budget = settings.budget_s * names.length;
+  let drawings = await prepare(names);
+  const times = (found.times = {}), drawn = {};
+  const epochs = (found.epochs = [0]);
+  for (const name of names) {
+    const [repeats, seconds] = await warmUp(drawings.get(name), batch, settings.warm_up_s, test.timer);
+    times[name] = { repeats, samples_s: [] };
+    drawn[name] = seconds;
+    told(Math.min(0.3, (timing.clock() - start) / budget));
+    if (stopped()) return;
+  }
+  const compared = names.filter((name) => name !== EMPTY && name !== REFERENCE);
+  const most = Math.max(...compared.map((name) => times[name].repeats));
+  for (const name of compared) {
+    const fits = Math.floor((LONGEST_BATCH * batch) / Math.max(drawn[name], 1e-12));
+    times[name].repeats = Math.min(most, Math.max(times[name].repeats, fits));
+  }
+  const begun = timing.clock();
+  const epoch = Math.max(0, start + budget - begun) / EPOCHS;
+  let until = begun + epoch;
+  const order = [...names];
+  for (;;) {
+    if (epochs.at(-1) >= EPOCH_ROUNDS && timing.clock() >= until) {
+      if (epochs.length >= EPOCHS && times[names[0]].samples_s.length >= MIN_ROUNDS) break;
+      shuffle(order, random);
+      drawings = await prepare(order);
+      for (const name of order) await drawings.get(name).sample(1);
+      epochs.push(0);
+      until = Math.max(until + epoch, timing.clock());
+    }
+    shuffle(order, random);
+    const round = {};
+    for (const name of order) {
+      const { repeats } = times[name];
+      round[name] = secondsOf(await drawings.get(name).sample(repeats), test.timer) / repeats;
+    }
+    // A round is kept whole or not at all.
+    for (const name of names) times[name].samples_s.push(round[name]);
+    epochs[epochs.length - 1] += 1;
+    told(Math.min(1, (timing.clock() - start) / budget));
+    if (stopped()) break;
+  }
+}

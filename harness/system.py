@@ -1,0 +1,76 @@
+"""What Linux, macOS and Windows do each in their own way: process groups, signals, limits, files.
+
+Modules and calls that some of them lack are looked for when they are needed and never imported
+elsewhere.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from typing import IO, Any
+
+import psutil
+
+HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+"""What a process gets when its terminal closes; Windows has no such signal."""
+
+STOPPING = tuple(number for number in (signal.SIGINT, signal.SIGTERM, HANGUP) if number is not None)
+"""Signals that ask a program to end."""
+
+BINARY: int = getattr(os, "O_BINARY", 0)
+"""Flag of os.open without which Windows turns each newline into two bytes."""
+
+
+def limit_memory(size: int) -> None:
+    """Let this process allocate at most `size` bytes, where the system can be told so."""
+    try:
+        import resource
+    except ImportError:
+        return
+    with contextlib.suppress(OSError, ValueError):  # macOS knows the limit and refuses to set it
+        resource.setrlimit(resource.RLIMIT_AS, (size, size))
+
+
+def lead_group() -> None:
+    """Make this process the first of a group of its own, for `end_group`, where there are any."""
+    if hasattr(os, "setpgid"):
+        os.setpgid(0, 0)
+
+
+def end_group(leader: int) -> None:
+    """Kill the process `leader` and what it has started, whether or not it lives."""
+    if hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(leader, signal.SIGKILL)
+        return
+    with contextlib.suppress(psutil.NoSuchProcess):
+        process = psutil.Process(leader)
+        for child in [*process.children(recursive=True), process]:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.kill()
+
+
+def lock(stream: IO[Any]) -> None:
+    """Wait until this process alone holds the lock on an open file; closing it gives it back."""
+    try:
+        import fcntl
+    except ImportError:
+        import msvcrt
+
+        # It gives up after ten seconds, as whoever waits for a database does.
+        msvcrt.locking(stream.fileno(), msvcrt.LK_LOCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        return
+    fcntl.flock(stream, fcntl.LOCK_EX)
+
+
+def ending(code: int | None) -> str:
+    """Say how a process ended, of which multiprocessing tells `code`."""
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name
+        hint = " (perhaps out of memory)" if name == "SIGKILL" else ""
+        return f"{name}{hint}"
+    if code is not None and code > 255:  # a Windows status, such as 0xC0000005
+        return f"exit code 0x{code:08X}"
+    return f"exit code {code}"

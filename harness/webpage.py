@@ -1,0 +1,48 @@
+"""One HTML file with everything in it: its scripts, its style, its numbers."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import os
+import tempfile
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError
+
+
+def static(package: str, name: str) -> str:
+    """Return the text of a file in a package's folder static/."""
+    return (resources.files(package) / "static" / name).read_text(encoding="utf-8")
+
+
+def packed(content: dict[str, Any]) -> str:
+    """Return the content as base64 of compressed JSON, which no HTML parser can misread."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
+
+
+def write_whole(file: Path, text: str) -> None:
+    """Write `file` whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        if it cannot be written
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as output:
+                output.write(text)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(file)
+        except OSError:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror}; give another --out") from error

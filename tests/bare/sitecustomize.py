@@ -1,0 +1,37 @@
+"""Hides from each Python process that has this folder in PYTHONPATH what other systems lack.
+
+Windows has none of these modules and calls, and neither it nor macOS has these libraries.
+"""
+
+import ctypes
+import os
+import signal
+import sys
+from types import ModuleType
+
+import psutil  # noqa: F401 - on Linux it needs some of them itself
+
+for _module in ("fcntl", "resource", "termios"):
+    sys.modules[_module] = None  # type: ignore[assignment]
+
+for _call in ("setpgid", "killpg", "getpgid", "sched_getaffinity", "fork"):
+    delattr(os, _call)
+del signal.SIGHUP
+
+# What Windows has instead of fcntl; here it locks nothing.
+_msvcrt = ModuleType("msvcrt")
+_msvcrt.LK_LOCK = 1  # type: ignore[attr-defined]
+_msvcrt.locking = lambda descriptor, mode, size: None  # type: ignore[attr-defined]
+sys.modules["msvcrt"] = _msvcrt
+
+_LIBRARIES = ("EGL", "GLU", "OSMesa", "libGL", "libvulkan")
+_open = ctypes.CDLL.__init__
+
+
+def _refuse(self, name, *arguments, **options):  # type: ignore[no-untyped-def]  # noqa: ANN
+    if name is not None and any(word in str(name) for word in _LIBRARIES):
+        raise OSError(f"{name}: there is no such library on this system")
+    _open(self, name, *arguments, **options)
+
+
+ctypes.CDLL.__init__ = _refuse  # type: ignore[method-assign]

@@ -1,0 +1,101 @@
+"""The path of a run where EGL, GLU, OSMesa and what only POSIX has are missing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from harness import system
+from tests.paths import ROOT
+
+BARE = Path(__file__).parents[1] / "bare"
+
+
+def call(*arguments: str, cwd: Path) -> str:
+    """Run the command line in a process that has none of these; returns what it printed."""
+    path = os.pathsep.join([str(BARE), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "harness", *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_they_are_hidden():
+    check = (
+        "import ctypes, os, signal\n"
+        "assert not hasattr(os, 'setpgid') and not hasattr(signal, 'SIGHUP')\n"
+        "for name in ('fcntl', 'resource'):\n"
+        "    try: __import__(name)\n"
+        "    except ImportError: print('no', name)\n"
+        "try: ctypes.CDLL('libEGL.so.1')\n"
+        "except OSError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", check],
+        env={**os.environ, "PYTHONPATH": str(BARE)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines() == [
+        "no fcntl",
+        "no resource",
+        "libEGL.so.1: there is no such library on this system",
+    ]
+
+
+def test_webgpu_is_chosen_and_everything_goes_on_from_there(tmp_path, block):
+    out = call("triangulate", str(block), "-o", "triangles.geojson", cwd=tmp_path)
+    assert "triangles.geojson" in out
+    scene = ("--scene", str(block), "--triangulators", "fan,ear-clipping,refined")
+    call("run", *scene, "--quick", "--out", "drawn", cwd=tmp_path)
+    records = [
+        json.loads(line) for line in (tmp_path / "drawn/cases.jsonl").read_text().splitlines()
+    ]
+    assert {record["rasteriser"] for record in records} == {"webgpu"}
+    assert all(record["status"] == "ok" for record in records), records
+    assert (tmp_path / "drawn/report.html").is_file()
+    call("report", "drawn", cwd=tmp_path)
+    assert "No regression" in call("compare", "drawn", "drawn", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        (0, "exit code 0"),
+        (-11, "SIGSEGV"),
+        (-9, "SIGKILL (perhaps out of memory)"),
+        (0xC0000005, "exit code 0xC0000005"),
+        (None, "exit code None"),
+    ],
+)
+def test_how_a_process_ended(code, said):
+    assert system.ending(code) == said
+
+
+def test_a_process_and_its_children_end_without_groups(monkeypatch):
+    monkeypatch.delattr(os, "killpg")
+    start = "import subprocess, sys; print(subprocess.Popen(['sleep', '60']).pid, flush=True)"
+    parent = subprocess.Popen(
+        [sys.executable, "-c", f"{start}; import time; time.sleep(60)"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert parent.stdout is not None
+    child = psutil.Process(int(parent.stdout.readline()))
+    system.end_group(parent.pid)
+    assert parent.wait(10) == -9
+    assert psutil.wait_procs([child], timeout=10)[1] == []

@@ -1,0 +1,130 @@
+"""A small run, its page, and what the page would save."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.compare.checking import checked
+from harness.figures.polygons import columns_of
+from harness.frame import View
+from harness.measuring.plan import Plan
+from harness.measuring.run import run as carry_out
+from harness.measuring.timing import TimingSettings
+from harness.measuring.worker import Inline
+from harness.page.content import KEPT
+from harness.page.result import FORMAT, VERSION
+from harness.progress import Reporter
+from harness.stored.folder import Run, read_run
+from harness.triangulating.names import parse_all
+
+NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
+ROUNDS = 12
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """City of 20 buildings in two views, counted on the reference."""
+    folder = tmp_path_factory.mktemp("page") / "city"
+    plan = Plan(
+        scene="city:buildings=20",
+        triangulators=parse_all(NAMES),
+        rasterisers=("reference",),
+        views=(View(128), View(64, 30.0)),
+        timing=TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2),
+    )
+    carry_out(plan, folder, Reporter(quiet=True), open_worker=lambda *_: Inline())
+    return checked(read_run(folder))
+
+
+def result_of(run: Run) -> dict[str, Any]:
+    """What a page would save that counted as the run did, and timed in 12 rounds of 6 epochs."""
+    rng = np.random.default_rng(0)
+    views: dict[tuple[int, float], dict[str, Any]] = {}
+    for record in run.records:
+        where = {name: record[name] for name in ("resolution", "rotation", "fit", "scene")}
+        beside = {
+            name: {"repeats": 3, "samples_s": rng.normal(1e-3, 1e-5, ROUNDS).tolist()}
+            for name in ("(empty)", "(reference)", "(the base again)")
+        }
+        view = views.setdefault(
+            (record["resolution"], record["rotation"]),
+            {**where, "cases": {}, "times": beside, "epochs": [2] * 6},
+        )
+        columns = columns_of(run, record)
+        assert columns is not None
+        name = record["triangulator"]
+        view["cases"][name] = {
+            "record": {field: record[field] for field in KEPT if field in record},
+            "counters": {
+                each: columns[each].astype(int).tolist() for each in ("fragments", "quads")
+            },
+            "differing": 0,
+        }
+        samples = rng.normal(2e-3, 2e-5, ROUNDS).tolist()
+        view["times"][name] = {"repeats": 4, "samples_s": samples}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "page": {"harness": "0.1.0", "scene": "city:buildings=20", "created": "2026-01-01"},
+        "started": "2026-11-22T10:00:00.000Z",
+        "ended": "2026-11-22T10:01:00.000Z",
+        "browser": "Mozilla/5.0 (Macintosh) AppleWebKit/605 (KHTML, like Gecko) Safari/605",
+        "device": {
+            "vendor": "apple",
+            "architecture": "metal-3",
+            "device": "",
+            "description": "",
+            "timer": True,
+            "step": 1,
+            "fallback": False,
+            "limits": {
+                "maxTextureDimension2D": 8192,
+                "maxBufferSize": 268435456,
+                "maxStorageBufferBindingSize": 134217728,
+            },
+        },
+        "timer": {
+            "timer": "gpu",
+            "wall_s": 0.001,
+            "gpu_s": 0.001,
+            "resolution_s": 1e-7,
+            "reason": "the GPU timer saw it",
+        },
+        "budget_s": 1.5,
+        "complete": True,
+        "problem": None,
+        "hidden": False,
+        "views": list(views.values()),
+    }
+
+
+def saved_as(result: Any, file: Path) -> Path:
+    """Write a result as the page saves it, with its digest."""
+    text = json.dumps(result)
+    outer = {
+        "format": FORMAT,
+        "version": VERSION,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "result": text,
+    }
+    file.write_text(json.dumps(outer))
+    return file
+
+
+@pytest.fixture
+def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
+    """Write what a page would save, changed by a function of the result."""
+
+    def write(change: Callable[[dict[str, Any]], None] = lambda result: None) -> Path:
+        result = result_of(small_run)
+        change(result)
+        return saved_as(result, tmp_path / "saved.json")
+
+    return write

@@ -1,0 +1,226 @@
+"""The page in Chromium, on SwiftShader: a rasteriser that shares no code with Mesa."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.page import write_page
+from harness.page.result import read_result
+from harness.rasterisers import Options
+from harness.rasterisers.reference import Reference
+from harness.stored.folder import read_run
+from tests.chromium import WEBGPU_FLAGS, Chromium
+from tests.rasterisers.conftest import random_triangles
+
+READY = "document.documentElement?.dataset.ready !== undefined"
+ENDED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
+
+
+@pytest.fixture(scope="module")
+def gpu_browser() -> Iterator[Chromium]:
+    chromium = Chromium(WEBGPU_FLAGS)
+    yield chromium
+    chromium.close()
+
+
+@pytest.fixture(scope="module")
+def page(small_run, tmp_path_factory) -> Path:
+    return write_page(small_run, tmp_path_factory.mktemp("page") / "page.html")
+
+
+def opened(browser: Chromium, page: Path) -> None:
+    """Open the page without having it begin by itself, and let it be quick."""
+    browser.open(page, READY, fragment="wait")
+    browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
+
+
+def measured(browser: Chromium) -> dict[str, Any]:
+    """Start, wait for the end, and return the result."""
+    browser.evaluate("start(); null")
+    browser.wait(ENDED)
+    return json.loads(browser.evaluate("JSON.stringify(state.result)"))
+
+
+def test_it_counts_as_expected_and_its_result_is_a_run(
+    gpu_browser, page, harness, small_run, tmp_path
+):
+    opened(gpu_browser, page)
+    result = measured(gpu_browser)
+    assert result["problem"] is None
+    assert result["complete"]
+    assert [len(view["cases"]) for view in result["views"]] == [3, 3]
+    for view in result["views"]:
+        for case in view["cases"].values():
+            assert case["differing"] == 0
+        rounds = sum(view["epochs"])
+        assert len(view["epochs"]) >= 6
+        assert rounds >= 12
+        assert {len(times["samples_s"]) for times in view["times"].values()} == {rounds}
+        assert set(view["times"]) - set(view["cases"]) == {
+            "(empty)",
+            "(reference)",
+            "(the base again)",
+        }
+    shown = gpu_browser.evaluate("document.body.innerText")
+    assert "All counters are the expected ones." in shown
+    assert "ear-clipping drawn a second time" in shown
+    assert gpu_browser.requests == [gpu_browser.evaluate("location.href").split("#")[0]]
+
+    file = tmp_path / "saved.json"
+    file.write_text(gpu_browser.evaluate("savedText()"))
+    assert read_result(file).device.vendor == "google"
+    run = str(small_run.path)
+    code, _, err = harness("import", str(file), "--out", "browser", "--run", run)
+    assert code == 0, err
+    records = read_run(Path("browser")).records
+    assert len(records) == 6
+    assert all(record["coverage_error"] == 0 for record in records)
+    assert all(record["time"]["median_s"] > 0 for record in records)
+
+
+def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(gpu_browser, page):
+    """Vulkan asks for 4 bits of sub-pixel precision, and SwiftShader has no more."""
+    opened(gpu_browser, page)
+    result = measured(gpu_browser)
+    assert result["device"]["step"] == 16
+    assert "moved to it first" in gpu_browser.evaluate("$('device').innerText")
+
+
+def test_the_pages_reference_is_ours(browser, page):
+    frame, rows = random_triangles(seed=3, size=128, number=200, grid=1)
+    expected = Reference().count(frame, rows, Options())
+    browser.open(page, ENDED)
+    made = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
+    given = f"{json.dumps({**made, 'polygons': 200})}, {rows.ravel().tolist()}"
+    counted = browser.evaluate(f"countExactly({given})")
+    for name in ("fragments", "quads"):
+        assert counted[name] == expected[name].tolist()
+
+
+def test_counters_that_differ_are_said(gpu_browser, page):
+    opened(gpu_browser, page)
+    gpu_browser.evaluate(
+        "{ const exactly = countExactly; countExactly = (frame, rows) => { "
+        "const found = exactly(frame, rows); return { ...found, quads: found.fragments }; };"
+        "findStep = async () => 16; null }"
+    )
+    result = measured(gpu_browser)
+    assert result["views"][0]["cases"]["delaunay"]["differing"] > 0
+    assert "Counters differ from the expected ones in" in gpu_browser.evaluate(
+        "$('answer').textContent"
+    )
+
+
+def test_a_stop_keeps_what_was_measured(gpu_browser, page):
+    opened(gpu_browser, page)
+    gpu_browser.evaluate("PACE.quick = 60; start(); null")
+    gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
+    gpu_browser.evaluate("$('stop').click(); null")
+    gpu_browser.wait(ENDED)
+    result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
+    assert not result["complete"]
+    assert result["problem"] is None
+    assert len(result["views"]) == 1
+    assert sum(result["views"][0]["epochs"]) > 1
+    assert not gpu_browser.evaluate("$('save').disabled")
+    assert "What was measured is kept" in gpu_browser.evaluate("$('notice').textContent")
+
+
+def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
+    opened(gpu_browser, page)
+    gpu_browser.evaluate(
+        "{ const make = Painter; globalThis.seen = null;"
+        " const count = Painter.prototype.count;"
+        " Painter.prototype.count = function (...rest) { globalThis.seen = this.device;"
+        " return count.apply(this, rest); }; PACE.quick = 60; start(); null }"
+    )
+    gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
+    gpu_browser.evaluate("seen.destroy(); null")
+    gpu_browser.wait(ENDED)
+    result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
+    assert "lost the GPU" in result["problem"]
+    assert len(result["views"][0]["cases"]) == 3
+    assert sum(result["views"][0]["epochs"]) > 1
+    assert "start again for the rest" in gpu_browser.evaluate("$('notice').textContent")
+    assert not gpu_browser.evaluate("$('start').disabled")
+
+
+def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
+    browser.open(page, ENDED)
+    notice = browser.evaluate("$('notice').textContent")
+    assert "WebGPU" in notice
+    for name in ("Chrome", "Safari", "Firefox"):
+        assert name in notice
+    assert browser.evaluate("$('save').disabled")
+    assert browser.evaluate("$('answer').textContent") == "Nothing was measured."
+
+
+# Drawings in a world where time passes only as they say: with a cost of their own, noise of 1 %,
+# and a timer that may show multiples of a step alone.
+SIMULATED = """
+(async () => {
+  let now = 0, seed = 1;
+  const random = () => { seed = (seed * 16807) % 2147483647; return seed / 2147483647; };
+  const step = STEP;
+  timing.clock = () => { now += 1e-6; return now; };
+  const drawing = (cost) => ({ sample: async (repeats) => {
+    const start = now;
+    now += cost * repeats * (1 + 0.01 * (random() - 0.5));
+    const shown = (at) => (step ? Math.floor(at / step) * step : at);
+    return { wall: now - start, gpu: shown(now) - shown(start) };
+  } });
+  const costs = { "(empty)": 1e-6, "(reference)": 50e-6, a: 100e-6, b: 100e-6 * RATIO };
+  const prepare = async (order) => new Map(order.map((name) => [name, drawing(costs[name])]));
+  const found = {};
+  const settings = { budget_s: 4, min_batch_s: 1e-3, warm_up_s: 0.1 };
+  await timeTogether(Object.keys(costs), prepare, settings,
+    { timer: "gpu", resolution_s: step || 1e-9 }, () => {}, () => false, found, random);
+  return { ...pairedRatio(found.times.b.samples_s, found.times.a.samples_s, found.epochs),
+    epochs: found.epochs.length, rounds: found.times.a.samples_s.length };
+})()
+"""
+
+
+def simulated(browser: Chromium, ratio: float, step: float) -> dict[str, float]:
+    return browser.evaluate(SIMULATED.replace("STEP", str(step)).replace("RATIO", str(ratio)))
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.0, 1.05])
+def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
+    browser.open(page, ENDED)
+    fine = simulated(browser, ratio, 0)
+    coarse = simulated(browser, ratio, 1e-4)
+    assert coarse["epochs"] >= 6
+    assert abs(coarse["value"] / fine["value"] - 1) < 0.005
+    assert abs(coarse["value"] / ratio - 1) < 0.005
+    assert coarse["high"] / coarse["low"] < 1.02
+
+
+def test_a_timers_step_is_found(browser, page):
+    browser.open(page, ENDED)
+    assert browser.evaluate("stepOf([300000, 500000, 12300000])") == pytest.approx(1e-4)
+    assert browser.evaluate("stepOf([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
+    assert browser.evaluate("stepOf([1001, 2003])") == pytest.approx(1e-9)
+
+
+def test_figures_equal_ours(browser, page):
+    """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
+    from harness.figures.ratios import paired_ratio
+
+    browser.open(page, ENDED)
+    samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
+    base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
+    ours = paired_ratio(samples, base, [2] * 6)
+    theirs = browser.evaluate(f"pairedRatio({samples}, {base}, [2, 2, 2, 2, 2, 2])")
+    assert theirs["value"] == pytest.approx(ours.value, rel=1e-12)
+    assert theirs["low"] == pytest.approx(ours.low, abs=1e-4)
+    assert theirs["high"] == pytest.approx(ours.high, abs=1e-4)
+    assert browser.evaluate("rankCorrelation([1, 2, 3, 4], [10, 20, 20, 40])") == pytest.approx(
+        0.9486833
+    )

@@ -1,0 +1,67 @@
+"""What a page holds is what the run drew."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.errors import UsageError
+from harness.page import write_page
+from harness.page.content import content_of
+from harness.rasterisers.reference import predict
+from harness.stored import drawings
+from harness.stored.drawings import view_of
+
+
+def decoded(text: str, kind: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_frames_triangles_and_counts_are_the_runs(small_run):
+    content = content_of(small_run)
+    assert content["base"] == "ear-clipping"
+    assert [view["resolution"] for view in content["views"]] == [128, 64]
+    for view in content["views"]:
+        (kept,) = {
+            id(found): found
+            for record in small_run.records[:1]
+            if (found := drawings.read(small_run, view_of({**record, **where(view)})))
+        }.values()
+        points = decoded(view["points"], "<i4").reshape(-1, 2)
+        assert np.array_equal(points, kept.points)
+        assert sum(view["sizes"]) == len(points)
+        for name, case in view["cases"].items():
+            rows = decoded(case["rows"], "<u4").reshape(-1, 3)
+            assert np.array_equal(rows, kept.triangles[name])
+            predicted = predict(points, rows.astype(np.int32))
+            for counter in ("fragments", "quads"):
+                assert decoded(case[counter], "<u4").sum() == predicted[counter].sum()
+            assert case["record"]["triangles"] == len(rows)
+
+
+def where(view: dict) -> dict:
+    return {name: view[name] for name in ("resolution", "rotation", "fit")}
+
+
+def test_what_the_run_did_not_count_is_counted(small_run, monkeypatch):
+    with_columns = content_of(small_run)
+    monkeypatch.setattr("harness.page.content.columns_of", lambda run, record: None)
+    assert content_of(small_run) == with_columns
+
+
+def test_one_triangulation_is_nothing_to_compare(small_run, tmp_path):
+    alone = replace(small_run, records=small_run.records[:1])
+    with pytest.raises(UsageError, match="nothing to draw"):
+        write_page(alone, tmp_path / "page.html")
+
+
+def test_the_command_writes_one_file(harness, small_run):
+    code, out, err = harness("page", str(small_run.path), "-o", "page.html")
+    assert code == 0, err
+    assert "page: page.html" in out
+    code, _, err = harness("page", "nowhere")
+    assert code == 2
+    assert "nowhere" in err

@@ -1,0 +1,224 @@
+"""What a page saved becomes a run like any other; what it did not save is refused."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.errors import UsageError
+from harness.page.result import device_name, import_result, read_result
+from harness.stored.folder import read_run
+from tests.page.conftest import ROUNDS, result_of, saved_as
+
+
+def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
+    code, out, err = harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
+    assert code == 0, err
+    assert "apple-metal-3-safari" in out
+    records = read_run(Path("phone")).records
+    assert {record["rasteriser"] for record in records} == {"webgpu"}
+    for record in records:
+        (original,) = [
+            each
+            for each in small_run.records
+            if all(each[name] == record[name] for name in ("triangulator", "resolution"))
+        ]
+        assert record["predicted"] == original["predicted"]
+        for name in ("fragments", "quads", "helper_lanes"):
+            assert record["counters"][name] == original["counters"][name]
+        assert record["coverage_error"] == 0
+        assert len(record["time"]["samples_s"]) == ROUNDS
+        assert record["time"]["epochs"] == [2] * 6
+    assert Path("phone/report.html").is_file()
+    assert harness("report", "phone")[0] == 0
+    code, _, err = harness("gains", "phone", "--out", "gains")
+    assert code == 0, err
+    code, out, _ = harness("compare", "phone", "phone")
+    assert code == 0
+    assert "No regression: 6 cases" in out
+    assert harness("history", "phone")[0] in (0, 5)
+
+
+def test_without_the_run_it_has_totals_alone(harness, saved):
+    code, _, err = harness("import", str(saved()), "--out", "phone", "--device", "my phone")
+    assert code == 0, err
+    assert {record["device"] for record in read_run(Path("phone")).records} == {"my-phone"}
+    assert not Path("phone/polygons").exists()
+    assert harness("report", "phone")[0] == 0
+
+
+def test_what_went_wrong_on_the_page_is_said(harness, saved):
+    def change(result: dict[str, Any]) -> None:
+        result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
+        result["views"][0]["cases"]["delaunay"]["differing"] = 3
+        result["device"]["step"] = 16
+        result["views"][1] |= {"times": None, "epochs": []}
+
+    code, _, err = harness("import", str(saved(change)), "--out", "phone")
+    assert code == 0
+    assert "warning: the page told of a problem: The browser lost the GPU." in err
+    assert "stopped before" in err
+    assert "snaps to 1/16 px" in err
+    assert "hidden" in err
+    assert "differ from the run's in 3 polygons" in err
+    untimed = [record for record in read_run(Path("phone")).records if "time" not in record]
+    assert len(untimed) == 3
+
+
+def test_another_scenes_run_is_refused(harness, saved, small_run):
+    def change(result: dict[str, Any]) -> None:
+        for view in result["views"]:
+            for case in view["cases"].values():
+                case["record"]["scene_hash"] = "0" * 64
+
+    arguments = ("import", str(saved(change)), "--out", "phone", "--run", str(small_run.path))
+    code, _, err = harness(*arguments)
+    assert code == 2
+    assert "is of other polygons than the page's city:buildings=20" in err
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "no JSON"),
+        (b"\xff\xfe", "no JSON"),
+        (b"[" * 100_000, "no JSON"),
+        (b"[]", "not a file that a measuring page saved"),
+        (b'{"format": "raster-harness device result", "version": 2}', "another version"),
+        (b'{"format": "raster-harness device result", "version": 1}', "damaged"),
+        (
+            b'{"format": "raster-harness device result", "version": 1, "result": "\\ud800"}',
+            "damaged",
+        ),
+    ],
+)
+def test_what_is_no_result_is_one_line(harness, tmp_path, content, message):
+    file = tmp_path / "saved.json"
+    file.write_bytes(content)
+    code, _, err = harness("import", str(file), "--out", "phone")
+    assert code == 2
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not Path("phone").exists()
+
+
+def test_a_file_that_is_not_there(harness):
+    code, _, err = harness("import", "nowhere.json")
+    assert code == 2
+    assert "nowhere.json: No such file" in err
+
+
+MADE_UP = [
+    (lambda r: r["views"][0]["cases"]["delaunay"]["counters"]["quads"].pop(), "of polygons"),
+    (lambda r: r["views"][0]["epochs"].append(1), "of the same rounds"),
+    (lambda r: r["views"][0]["times"].update(more=r["views"][0]["times"]["(empty)"]), "not count"),
+    (lambda r: r["views"][0].update(resolution=256), "of another case"),
+    (lambda r: r.update(views=[]), "views"),
+    (lambda r: r.update(extra=1), "extra"),
+    (
+        lambda r: r["views"][0]["cases"]["delaunay"]["counters"].update(quads=[10**9] * 20),
+        "fewer than one pixel",
+    ),
+    (
+        lambda r: r["views"][0]["times"]["delaunay"].update(samples_s=[0.0] * ROUNDS),
+        "took no time",
+    ),
+    (
+        lambda r: r["views"][0]["cases"]["delaunay"]["record"].update(scene_hash="1" * 64),
+        "of different scenes",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), MADE_UP)
+def test_a_made_up_result_is_refused(harness, saved, change, message):
+    code, _, err = harness("import", str(saved(change)), "--out", "phone")
+    assert code == 2
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not Path("phone").exists()
+
+
+WRONG = (None, "", "1", -1, -0.5, 1e300, True, [], {}, [None], {"": 0}, "\x00", "x" * 20_000)
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the path to each value inside."""
+    inside = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    return [path, *(found for key, each in inside for found in places(each, (*path, key)))]
+
+
+def changed(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
+    """Return a copy with another value in one place."""
+    copy = json.loads(json.dumps(result))
+    if not path:
+        return value
+    part = copy
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = value
+    return copy
+
+
+def test_a_thousand_changed_results(tmp_path, small_run):
+    """Half have bytes changed, which the digest tells; half have their digest, and a wrong value.
+
+    A value that is as good as the one before is read; everything else is refused in one line, and
+    what was read makes a run.
+    """
+    rng = random.Random(0)
+    result = result_of(small_run)
+    whole = saved_as(result, tmp_path / "whole.json").read_bytes()
+    everywhere = places(result)
+    messages = []
+    for number in range(1000):
+        file = tmp_path / "changed.json"
+        if number % 2:
+            content = bytearray(whole)
+            for _ in range(rng.randint(1, 4)):
+                at = rng.randrange(len(content))
+                content[at] = (content[at] + rng.randrange(1, 256)) % 256
+            file.write_bytes(content[: rng.choice([len(content), rng.randrange(len(content))])])
+        else:
+            path, value = rng.choice(everywhere), rng.choice(WRONG)
+            saved_as(changed(result, path, value), file)
+        try:
+            found = read_result(file)
+        except UsageError as error:
+            messages.append(str(error))
+            continue
+        assert not number % 2, "damage that the digest did not tell"
+        assert allowed(path, value), (path, value)
+        import_result(found, tmp_path / f"run-{number}", device_name(found))
+        assert read_run(tmp_path / f"run-{number}").problems == []
+    assert 600 < len(messages) < 1000
+    assert all("\n" not in message and len(message) < 1000 for message in messages)
+
+
+def allowed(path: tuple[Any, ...], value: Any) -> bool:
+    """Whether a value may stand in that place."""
+    name = str(path[-1])
+    texts = ("harness", "created", "started", "ended", "browser", "vendor", "architecture")
+    if isinstance(value, str):
+        free = name in (*texts, "device", "description", "reason", "scene", "problem")
+        return free and (len(value) <= 500 or name in ("reason", "problem"))
+    if value is True:
+        return name in ("complete", "hidden", "timer", "fallback", "conforming")
+    if value is None:
+        optional = ("step", "problem", "timer", "times", "reason", "conforming", "gpu_s")
+        return name in (*optional, "triangulate_s", "proven", "largest_gap", "outline_quads")
+    if isinstance(value, float | int):
+        return "predicted" in path or (name == "rotation" and False)
+    if value in ([], {}):
+        return name in ("predicted", "cases", "times")
+    return name == "predicted"

@@ -1,0 +1,229 @@
+"""WebGPU on its adapters here, each in a process of its own, against the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.errors import NoRasteriser, UsageError
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
+from harness.rasterisers import Device, Options, adapters, find_device, get, probing
+from harness.rasterisers.agreement import disagreements
+from harness.rasterisers.webgpu import snapped
+from tests.rasterisers.conftest import loose_triangles
+
+DEVICES = ("llvmpipe", "lavapipe")
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module", params=DEVICES)
+def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
+    """Run a task on a device; skipped where it is not installed, which must be said."""
+    name = request.param
+    if name not in [device.name for device in get("webgpu").devices()]:
+        with pytest.raises(NoRasteriser, match="apt-get install -y") as error:
+            find_device("webgpu", name)
+        pytest.skip(str(error.value))
+    device = find_device("webgpu", name)
+    with Worker(name, device.environment) as worker:
+        yield lambda task, *case: worker.call(task, "webgpu", device, *case, timeout_s=120)
+
+
+def test_counters_and_picture_equal_the_reference(on_device, reference, scattered, native):
+    for size in (64, 250, 1024):
+        for grid in (1, 128):
+            frame, triangles = scattered(seed=size + grid, size=size, number=150, grid=grid)
+            drawn = on_device(tasks.count, frame, triangles, native)
+            exact = reference.count(frame, triangles, native)
+            assert set(drawn) == {"fragments", "quads", "helper_lanes"}
+            assert disagreements(frame, drawn, exact) == []
+    for options in (native, Options(work=50), Options(order="shuffled", seed=3)):
+        drawn = on_device(tasks.image, frame, triangles, options)
+        assert np.array_equal(drawn, reference.image(frame, triangles, native)) or options.seed
+
+
+def test_long_slivers_need_more_than_32_bits(on_device, reference, native):
+    """Products of their coordinates have 42 bits; the sign of their difference must be exact."""
+    rng = np.random.default_rng(5)
+    size = 8192
+    ends = rng.integers(256, (size - 1) * 256, (40, 2, 2))
+    beside = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
+    frame, triangles = loose_triangles(np.concatenate([ends, beside], axis=1), size)
+    drawn = on_device(tasks.count, frame, triangles, native)
+    assert disagreements(frame, drawn, reference.count(frame, triangles, native)) == []
+    assert drawn["fragments"].sum() > 50_000
+
+
+def test_layers_that_hide_each_other_are_all_counted(on_device, reference, native, loose):
+    layer = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
+    frame, triangles = loose(layer * 20, 256)
+    drawn = on_device(tasks.count, frame, triangles, native)
+    assert disagreements(frame, drawn, reference.count(frame, triangles, native)) == []
+
+
+def test_nothing_is_drawn_of_no_triangles(on_device, native, loose):
+    frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
+    drawn = on_device(tasks.count, frame, triangles[:0], native)
+    assert [counter.tolist() for counter in drawn.values()] == [[0], [0], [0]]
+    assert not on_device(tasks.image, frame, triangles[:0], native).any()
+
+
+def commands(name: str, device: Device, software: bool) -> tuple[list[int], list[float]]:
+    """Inside the worker: draw 10 times; returns the instances of each draw, and the seconds."""
+    from wgpu.backends import wgpu_native as wgpu
+
+    opened = tasks._opened(name, device)
+    frame, triangles = loose_triangles(np.array([[256, 256], [9000, 256], [256, 9000]]), 64)
+    drawn: list[int] = []
+    draw = wgpu.GPURenderPassEncoder.draw_indexed
+
+    def noted(self: Any, count: int, instances: int = 1, *rest: Any) -> None:
+        drawn.append(instances)
+        draw(self, count, instances, *rest)
+
+    with opened.prepare(frame, triangles, Options()) as drawing:
+        drawing.one_pass = not software
+        wgpu.GPURenderPassEncoder.draw_indexed = noted
+        try:
+            sample = drawing.sample(10)
+        finally:
+            wgpu.GPURenderPassEncoder.draw_indexed = draw
+    return drawn, [sample.wall, sample.gpu or 1.0]
+
+
+def count_where_32_px_are_most(name: str, device: Device, *case: Any) -> None:
+    """Inside the worker."""
+    opened = tasks._opened(name, device)
+    before, opened.max_size = opened.max_size, 32
+    try:
+        opened.count(*case)
+    finally:
+        opened.max_size = before
+
+
+@pytest.mark.parametrize(("software", "drawn"), [(True, [1] * 10), (False, [10])])
+def test_every_repeat_is_drawn(on_device, software, drawn):
+    seen, seconds = on_device(commands, software)
+    assert seen == drawn
+    assert min(seconds) > 0
+
+
+def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
+    """Inside the worker, where the device pretends to snap to 1/16 px."""
+    opened = tasks._opened(name, device)
+    tally = opened._tally_once
+
+    def coarse(target: Any, frame: Any, part: Any) -> Any:
+        return tally(target, replace(frame, points=snapped(frame.points, 16)), part)
+
+    opened._tally_once = coarse
+    try:
+        step = opened._find_step()
+        opened._step = step
+        return step, opened.count(*case), opened.image(*case)
+    finally:
+        opened._step = 1
+        del opened._tally_once
+
+
+def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, native, scattered):
+    frame, triangles = scattered(seed=4, size=128, number=50, grid=1)
+    step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, native)
+    assert step == 16
+    on_it = replace(frame, points=snapped(frame.points, 16))
+    assert disagreements(on_it, counted, reference.count(on_it, triangles, native)) == []
+    assert np.array_equal(picture, reference.image(on_it, triangles, native))
+    assert on_device(tasks.open_device).details["subpixel_bits"] == 8
+
+
+def test_what_it_cannot_do_is_said(on_device, native, loose):
+    frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
+    assert not get("webgpu").supports(Options(samples=4))
+    with pytest.raises(UsageError, match="one sample a pixel"):
+        on_device(tasks.count, frame, triangles, Options(samples=4))
+    with pytest.raises(UsageError, match="64x64 px is more than the device's 32; lower --resol"):
+        on_device(count_where_32_px_are_most, frame, triangles, native)
+
+
+def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, str]:
+    return {
+        "vendor": "",
+        "architecture": "",
+        "device": device,
+        "description": "",
+        "adapter_type": kind,
+        "backend_type": backend,
+    }
+
+
+@pytest.mark.parametrize(
+    ("system", "found", "names"),
+    [
+        (
+            "linux",
+            [
+                adapter("NVIDIA H100", "Vulkan"),
+                adapter("AMD Radeon", "Vulkan"),
+                adapter("NVIDIA H100/PCIe/SSE2", "OpenGL"),
+                adapter("llvmpipe (LLVM 15)", "Vulkan", "CPU"),
+                adapter("llvmpipe (LLVM 15)", "OpenGL", "CPU"),
+            ],
+            ["gpu0: NVIDIA H100 on Vulkan", "gpu1: AMD Radeon on Vulkan"],
+        ),
+        (
+            "linux",
+            [adapter("Mali-G52 (Panfrost)", "OpenGL", "IntegratedGPU")],
+            ["gpu0: Mali-G52 (Panfrost) on OpenGL"],
+        ),
+        ("darwin", [adapter("Apple M3", "Metal", "IntegratedGPU")], ["gpu0: Apple M3 on Metal"]),
+        (
+            "win32",
+            [
+                adapter("NVIDIA RTX", "D3D12"),
+                adapter("Microsoft Basic Render Driver", "D3D12", "CPU"),
+                adapter("NVIDIA RTX", "Vulkan"),
+            ],
+            ["gpu0: NVIDIA RTX on D3D12", "warp: Microsoft Basic Render Driver on D3D12"],
+        ),
+    ],
+)
+def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, names):
+    monkeypatch.setattr(adapters.sys, "platform", system)
+    monkeypatch.setattr(adapters.egl, "lavapipe_environment", lambda: None)
+    monkeypatch.setattr(probing, "start", lambda program, backends, environment: backends)
+    answers = {"devices": found, "problems": []}
+    monkeypatch.setattr(probing, "finish", lambda backends: answers)
+    devices, problems = adapters.probe.__wrapped__()
+    described = [
+        f"{device.name}: {device.details['device']} on {device.details['backend_type']}"
+        for device in devices
+        if device.name != "llvmpipe"
+    ]
+    assert described == names
+    assert [device.software for device in devices] == [
+        not device.name.startswith("gpu") for device in devices
+    ]
+    assert problems == ()
+
+
+def test_without_wgpu_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setattr(adapters, "probe", lambda: ((), ("gpu: No module named 'wgpu'",)))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(NoRasteriser, match=r"pip install 'raster-harness\[webgpu\]'"):
+        find_device("webgpu")
+
+
+def test_the_one_to_draw_with(monkeypatch):
+    from harness import rasterisers
+
+    assert rasterisers.usual() == "opengl"
+    monkeypatch.setattr(get("opengl"), "devices", classmethod(lambda cls: []))
+    assert rasterisers.usual() == "webgpu"
+    monkeypatch.setattr(get("webgpu"), "devices", classmethod(lambda cls: []))
+    assert rasterisers.usual() == "opengl"
