@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,12 @@ VERSION = 1
 
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
 """Criteria whose ranking of the triangulations is told: A, H and Q."""
+
+SHOWN = (
+    *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
+    *("optimal:overdraw", "delaunay"),
+)
+"""Triangulators that the table has a column for."""
 
 Summary = dict[str, Any]
 
@@ -94,29 +101,65 @@ def _view(members: Sequence[Record]) -> Summary:
 
 
 def write_summary(run: Run, file: Path) -> Path:
-    """Write the summary of a run; raises UsageError as `summarise` does."""
-    write_whole(file, json.dumps(summarise(run), indent=1, ensure_ascii=False) + "\n")
+    """Write the summary of a run; views of other scenes of the same device stay in the file.
+
+    Raises
+    ------
+    UsageError
+        as `summarise` does, or if the file is another device's
+    """
+    summary = summarise(run)
+    if file.exists():
+        before = _read(file)
+        if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
+            raise UsageError(f"{file} is of {before['rasteriser']} on {before['device']}")
+        new = {_name(view) for view in summary["views"]}
+        kept = [view for view in before["views"] if _name(view) not in new]
+        summary["views"] = [*kept, *summary["views"]]
+    write_whole(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
     return file
+
+
+def _read(file: Path) -> Summary:
+    try:
+        found = json.loads(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{file}: cannot be read: {error}") from error
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise UsageError(f"{file} is no summary of a device")
+    return found
+
+
+def _name(view: Summary) -> tuple[Any, ...]:
+    return view["scene"], view["resolution"], view["rotation"]
 
 
 def table(folder: Path) -> str:
     """Return the Markdown table of all summaries in a folder, a row for each view."""
     titles = predictions()
-    names = ("optimal:half-perimeter", "refined:half-perimeter", "delaunay", "optimal:overdraw")
-    head = ["device", "driver", "scene", *names, *(titles[each].title for each in CRITERIA)]
+    head = ["device", "driver", "scene", *SHOWN, *(titles[each].title for each in CRITERIA)]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for file in sorted(folder.glob("*.json")):
-        summary = json.loads(file.read_text(encoding="utf-8"))
+        summary = _read(file)
         for view in summary["views"]:
             cells = [
                 f"`{summary['device']}`, {summary['rasteriser']}",
-                summary["driver"],
+                _short(summary["driver"]),
                 f"{view['scene']}, {view['resolution']} px",
-                *(_ratio(view["triangulators"].get(name)) for name in names),
+                *(_ratio(view["triangulators"].get(name)) for name in SHOWN),
                 *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
             ]
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)
+
+
+def _short(driver: str) -> str:
+    """Name a browser as people do: it calls itself by all those that it is like."""
+    found = re.search(r"(Edg|Firefox|Chrome|Version)/(\d+)", driver)
+    if not driver.startswith("WebGPU in ") or found is None:
+        return driver
+    name = {"Edg": "Edge", "Version": "Safari"}.get(found[1], found[1])
+    return f"WebGPU in {name} {found[2]}"
 
 
 def _ratio(entry: Summary | None) -> str:

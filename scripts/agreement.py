@@ -12,11 +12,13 @@ did not. `--seed` begins elsewhere, so that an hour's hunt is a loop over seeds.
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stdout
 from functools import partial
 from pathlib import Path
 
@@ -81,8 +83,10 @@ def _touching(count: int, seed: int) -> Found:
     return found
 
 
-def _through_all(polygons: list[shapely.Polygon]) -> Found:
+def _through_all(given: list[shapely.Polygon]) -> Found:
     found: Found = Counter()
+    # Files are read so, and vertices are numbered in that order.
+    polygons = list(shapely.orient_polygons(np.array(given)))
     for criterion in CRITERIA:
         name, total = f"optimal:{criterion}", find(criterion).total
         many = triangulate_many(polygons, name)
@@ -115,7 +119,8 @@ def _exported(polygons: list[shapely.Polygon], name: str) -> Iterator[tuple[int,
         arguments = ["triangulate", str(source), "-o", str(target), "--triangulator", name]
         sys.argv = ["harness", *arguments, "--quiet"]
         try:
-            command_line()
+            with redirect_stdout(io.StringIO()):
+                command_line()
         except SystemExit as end:
             if end.code:
                 return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -47,7 +48,11 @@ def import_(
         ),
     ] = None,
     device: Annotated[
-        str, typer.Option(help="Name of the device; by default what the browser calls it.")
+        str,
+        typer.Option(
+            help="Name of the device, by default what the browser calls it; of a run's folder, "
+            "the device to summarise."
+        ),
     ] = "",
     summary: Annotated[
         Path | None,
@@ -68,7 +73,10 @@ def import_(
     if file.is_dir():
         if summary is None:
             raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
-        typer.echo(f"summary: {os.path.relpath(write_summary(checked(read_run(file)), summary))}")
+        here = checked(read_run(file))
+        if device:
+            here = replace(here, records=[r for r in here.records if r["device"] == device])
+        typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
     result = read_result(file)
     name = file_stem(device) or device_name(result)

@@ -78,6 +78,7 @@ class _Device(_Part):
 
 class _Timer(_Part):
     timer: Literal["gpu", "wall"]
+    asking_s: Share
     wall_s: Seconds
     gpu_s: Share | None
     resolution_s: Seconds
@@ -361,7 +362,8 @@ def _time(view: _View, name: str, result: _Result) -> dict[str, Any] | None:
         precise = (high - low) / 2 <= settings.precision * middle
         epochs = [count for count in view.epochs if count]
         group[each] = Times(times[each].repeats, samples, epochs, precise)
-    return records.time_fields(group, name, Timer(**result.timer.model_dump()), settings)
+    test = Timer(**result.timer.model_dump(exclude={"asking_s"}))
+    return records.time_fields(group, name, test, settings)
 
 
 def _refuse_other_scene(run: Run, made: Sequence[tuple[Record, Any]]) -> None:

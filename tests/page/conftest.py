@@ -92,6 +92,7 @@ def result_of(run: Run) -> dict[str, Any]:
         },
         "timer": {
             "timer": "gpu",
+            "asking_s": 0.002,
             "wall_s": 0.001,
             "gpu_s": 0.001,
             "resolution_s": 1e-7,

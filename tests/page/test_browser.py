@@ -179,8 +179,9 @@ SIMULATED = """
   const prepare = async (order) => new Map(order.map((name) => [name, drawing(costs[name])]));
   const found = {};
   const settings = { budget_s: 4, min_batch_s: 1e-3, warm_up_s: 0.1 };
-  await timeTogether(Object.keys(costs), prepare, settings,
-    { timer: "gpu", resolution_s: step || 1e-9 }, () => {}, () => false, found, random);
+  const test = { timer: "gpu", asking_s: 0, resolution_s: step || 1e-9 };
+  const names = Object.keys(costs);
+  await timeTogether(names, prepare, settings, test, () => {}, () => false, found, random);
   return { ...pairedRatio(found.times.b.samples_s, found.times.a.samples_s, found.epochs),
     epochs: found.epochs.length, rounds: found.times.a.samples_s.length };
 })()

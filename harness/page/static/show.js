@@ -60,7 +60,7 @@ function rankingOf(view) {
   const head = element("tr", {}, heading("triangulator"), heading(`time against ${state.page.base} (95 %)`, "number"), heading("verdict"),
     heading("draw [ms]", "number"), heading("helper lanes", "number"), heading("counters"));
   const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" },
-    element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.name)}`, "aria-hidden": "true" }), row.name),
+    element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.name)}`, "aria-hidden": "true" }), `\u2060${row.name}`),
     element("td", { class: "number" }, row.name === state.page.base ? "1" : row.ratio && row.complete
       ? `${row.ratio.value.toFixed(3)} (${row.ratio.low.toFixed(3)}–${row.ratio.high.toFixed(3)})` : ""),
     element("td", { class: `verdict ${row.ratio && row.complete ? verdictOf(row.ratio) : ""}` }, row.name === state.page.base ? "the base"
@@ -90,13 +90,13 @@ function drawCharts() {
   const host = $("chart");
   const stacked = host.clientWidth < 640;
   const names = Object.keys(state.page.criteria);
-  host.style.height = stacked ? `${names.length * 17}rem` : "22rem";
+  host.style.height = stacked ? `${names.length * 19}rem` : "24rem";
   state.plot ??= echarts.init(host, null, { renderer: "canvas" });
   state.plot.resize();
   const ink = styled("--ink"), soft = styled("--soft"), line = styled("--line");
   const panels = names.map((name, k) => (stacked
-    ? { left: 54, right: 14, top: `${3 + (k * 96) / names.length}%`, height: `${68 / names.length}%` }
-    : { left: `${6 + (k * 94) / names.length}%`, width: `${78 / names.length}%`, top: 40, bottom: 56 }));
+    ? { left: 54, right: 14, top: `${3 + (k * 88) / names.length}%`, height: `${60 / names.length}%` }
+    : { left: `${6 + (k * 94) / names.length}%`, width: `${78 / names.length}%`, top: 40, bottom: 84 }));
   const all = names.map((name) => marksOf(view, name));
   const axis = (title, k, y) => ({ type: "value", scale: true, gridIndex: k, name: title, nameLocation: "middle", nameGap: y ? 40 : 26,
     nameTextStyle: { color: ink, fontSize: 12 }, axisLabel: { color: soft, hideOverlap: true, formatter: (value) => String(+value.toPrecision(3)) },
@@ -106,16 +106,18 @@ function drawCharts() {
     title: names.map((name, k) => {
       const rank = rankCorrelation(all[k].map((mark) => mark.x), all[k].map((mark) => mark.y));
       return { text: rank === null ? "" : `rank correlation ${rank.toFixed(2)}`, left: panels[k].left, textStyle: { fontSize: 12, color: ink },
-        top: stacked ? `${(k * 96) / names.length}%` : 12 };
+        top: stacked ? `${(k * 88) / names.length}%` : 12 };
     }),
     xAxis: names.map((name, k) => axis(`predicted by ${state.page.criteria[name]}`, k, false)),
     yAxis: names.map((name, k) => axis(k && !stacked ? "" : "measured time", k, true)),
     tooltip: { confine: true, backgroundColor: styled("--panel"), textStyle: { color: ink },
-      formatter: (point) => `${point.data[2]}: predicted ${point.data[0].toFixed(3)}, measured ${point.data[1].toFixed(3)}` },
-    series: names.map((name, k) => ({ type: "scatter", xAxisIndex: k, yAxisIndex: k, symbolSize: 11,
-      data: all[k].map((mark) => ({ value: [mark.x, mark.y, mark.name], symbol: state.page.looks[mark.name].symbol, itemStyle: { color: colourOf(mark.name) } })) })),
+      formatter: ({ data: [x, y, name] }) => `${name}: predicted ${x.toFixed(3)}, measured ${y.toFixed(3)}` },
+    legend: { bottom: 0, itemWidth: 12, itemHeight: 12, textStyle: { color: ink, fontSize: 12 }, inactiveColor: soft,
+      data: all[0].map((mark) => ({ name: mark.name, icon: state.page.looks[mark.name].symbol })) },
+    series: names.flatMap((_, k) => all[k].map((mark) => ({ type: "scatter", name: mark.name, xAxisIndex: k, yAxisIndex: k, symbolSize: 11,
+      symbol: state.page.looks[mark.name].symbol, itemStyle: { color: colourOf(mark.name) }, data: [[mark.x, mark.y, mark.name]] }))),
   }, { notMerge: true });
-  $("chart-note").textContent = `${conditionOf(view)}; both in ratio to ${state.page.base}. One mark is a triangulator; colours as in the ranking.`;
+  $("chart-note").textContent = `${conditionOf(view)}; both in ratio to ${state.page.base}. One mark is a triangulator.`;
 }
 
 /* The sentence that says what came out. */
@@ -135,7 +137,7 @@ function answerOf(result) {
 function showDevice(result) {
   const { device, timer } = result;
   const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not told by the browser"],
-    ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${digits(timer.resolution_s * 1e6)} µs` : "not tested yet"],
+    ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${timer.resolution_s < 1e-6 ? `${digits(timer.resolution_s * 1e9, 2)} ns` : `${digits(timer.resolution_s * 1e6, 3)} µs`}` : "not tested yet"],
     ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than ours of 1/256: the polygons were moved to it first" : ""}` : "not known yet"],
     ["Largest viewport", `${count(device.limits.maxTextureDimension2D)} px`]];
   $("device").replaceChildren(...facts.flatMap(([term, what]) => [element("dt", {}, term), element("dd", {}, what)]));

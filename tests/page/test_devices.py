@@ -1,0 +1,79 @@
+"""Small summaries of devices, and the table of those in results/devices."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from harness import devices
+from harness.errors import UsageError
+from tests.paths import ROOT
+
+
+def test_an_imported_run_has_a_summary(harness, saved):
+    code, _, err = harness("import", str(saved()), "--out", "phone", "--summary", "phone.json")
+    assert code == 0, err
+    summary = json.loads(Path("phone.json").read_text())
+    assert summary["device"] == "apple-metal-3-safari"
+    assert summary["timer"] == "gpu"
+    assert "Safari" in summary["host"]
+    assert [view["resolution"] for view in summary["views"]] == [128, 64]
+    for view in summary["views"]:
+        assert set(view["triangulators"]) == {"delaunay", "optimal:half-perimeter"}
+        for told in view["triangulators"].values():
+            value, low, high = told["time"]
+            assert low < value < high
+            assert 0.5 < told["quads"] < 1.5
+
+
+def test_a_run_of_ours_has_one_too(harness, small_run):
+    code, _, err = harness("import", str(small_run.path))
+    assert code == 2
+    assert "give --summary FILE" in err
+    code, _, err = harness("import", str(small_run.path), "--summary", "cpu.json")
+    assert code == 0, err
+    assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
+    arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")
+    code, _, err = harness(*arguments)
+    assert code == 2
+    assert "one rasteriser on one device that was timed, not of 0" in err
+
+
+def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, small_run):
+    file = devices.write_summary(small_run, tmp_path / "cpu.json")
+    once = json.loads(file.read_text())
+    assert json.loads(devices.write_summary(small_run, file).read_text()) == once
+    records = [{**record, "scene": "village"} for record in small_run.records]
+    devices.write_summary(replace(small_run, records=records), file)
+    assert len(json.loads(file.read_text())["views"]) == 4
+    records = [{**record, "device": "other"} for record in small_run.records]
+    with pytest.raises(UsageError, match="is of reference on cpu"):
+        devices.write_summary(replace(small_run, records=records), file)
+    file.write_text("{}")
+    with pytest.raises(UsageError, match="no summary of a device"):
+        devices.write_summary(small_run, file)
+
+
+def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
+    devices.write_summary(small_run, tmp_path / "cpu.json")
+    lines = devices.table(tmp_path).splitlines()
+    assert len(lines) == 2 + 2
+    assert "city:buildings=20, 128 px" in lines[2]
+    assert lines[2].count("|") == lines[0].count("|")
+
+
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "results" / "devices").glob("*.json")), ids=lambda file: file.stem
+)
+def test_what_people_brought_can_be_read(file):
+    summary = json.loads(file.read_text())
+    assert summary["format"] == devices.FORMAT
+    assert summary["version"] <= devices.VERSION
+    for view in summary["views"]:
+        for told in view["triangulators"].values():
+            value, low, high = told["time"]
+            assert 0 < low <= value <= high
+    assert summary["device"] in devices.table(file.parent)
