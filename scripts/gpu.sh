@@ -82,6 +82,12 @@ step validate "$to/validate-city/correlations.csv" \
 step calibrate "$to/calibration.json" \
     "$python" -m harness calibrate --device "$device" --resolution 512 --budget $budget --quiet \
     --out "$to/calibration.json"
+# The same GPU through WebGPU, where wgpu is there: its counters and what they cost.
+if "$python" -c 'import wgpu' 2>/dev/null; then
+    step webgpu "$to/webgpu-city/summary.csv" \
+        "$python" -m harness run --scene "${scenes%% *}" --device "$device" --resolution "$sizes" \
+        --rasterisers webgpu --triangulators $peers --budget $budget --quiet --out "$to/webgpu-city"
+fi
 step "gains over all" "$to/gains/gains.csv" \
     "$python" -m harness gains "$to"/gains-*/ --out "$to/gains"
 

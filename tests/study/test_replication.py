@@ -116,7 +116,9 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make the four studies small."""
+    """Make the four studies small, and leave out their pictures, which others look at."""
+    monkeypatch.setattr("harness.study.matrix.plot_study", lambda *_: [])
+    monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
     monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
     monkeypatch.setattr("harness.commands.study.ANGLES", "0,45")
 
