@@ -17,7 +17,7 @@ is_root() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
 apt_updated=
 apt_install() {
     if [ -z "$apt_updated" ]; then
-        apt-get update -q >/dev/null || say "apt-get update failed; trying with the lists at hand"
+        apt-get update -q -o Acquire::http::Timeout=20 -o Acquire::Retries=1 >/dev/null || say "apt-get update failed; trying with the lists at hand"
         apt_updated=yes
     fi
     DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >/dev/null
