@@ -31,7 +31,7 @@ from tests.triangulators.cases import convex, random_simple, smooth, star, twice
 from tests.triangulators.listing import least_of_all
 from tests.triangulators.test_batch_equal import polygons as with_holes
 from tests.triangulators.touching import touching_polygons
-from triangulators import triangulate, triangulate_many, vertices
+from triangulators import TriangulationError, triangulate, triangulate_many, vertices
 from triangulators.criteria import find
 from triangulators.dense import box_optimum
 from triangulators.dropin import triangulate_float64
@@ -94,7 +94,12 @@ def _through_all(given: list[shapely.Polygon]) -> Found:
         exported = dict(_exported(polygons, name))
         for number, polygon in enumerate(polygons):
             points = vertices(polygon)
-            single = triangulate(polygon, name)
+            try:
+                single = triangulate(polygon, name)
+            except TriangulationError as error:
+                found[f"! {criterion}: single failed"] += 1
+                print(f"{criterion}: {error}: {shapely.to_wkt(polygon, -1)}", flush=True)
+                continue
             ways = {"batch": many[number], "file": exported.get(number)}
             if criterion == "half-perimeter":
                 flat = triangulate_float64(*rings_of(polygon))
