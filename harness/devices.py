@@ -21,13 +21,21 @@ FORMAT = "raster-harness device"
 VERSION = 1
 
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
-"""Criteria whose ranking of the triangulations is told: A, H and Q."""
+"""Criteria that are set against what a device measures: A, H and Q."""
 
 SHOWN = (
     *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
     *("optimal:overdraw", "delaunay"),
 )
 """Triangulators that the table has a column for."""
+
+BROWSERS = {
+    "edge": ("Edg/", "Edg/"),
+    "firefox": ("Firefox/", "Firefox/"),
+    "chrome": ("Chrome/", "Chrome/"),
+    "safari": ("Safari/", "Version/"),
+}
+"""How browsers call themselves, and where their version stands."""
 
 Summary = dict[str, Any]
 
@@ -153,13 +161,25 @@ def table(folder: Path) -> str:
     return "\n".join(lines)
 
 
+def browser(agent: str) -> tuple[str, str]:
+    """Return the name and the version of a browser that calls itself `agent`, "" if not told.
+
+    It calls itself by all those that it is like: Edge names Chrome, too, and Chrome Safari.
+    """
+    for name, (word, version) in BROWSERS.items():
+        if word in agent:
+            found = re.search(rf"{version}(\d+)", agent)
+            return name, found[1] if found else ""
+    return "browser", ""
+
+
 def _short(driver: str) -> str:
-    """Name a browser as people do: it calls itself by all those that it is like."""
-    found = re.search(r"(Edg|Firefox|Chrome|Version)/(\d+)", driver)
-    if not driver.startswith("WebGPU in ") or found is None:
+    """Name a browser as people do."""
+    begin = "WebGPU in "
+    if not driver.startswith(begin):
         return driver
-    name = {"Edg": "Edge", "Version": "Safari"}.get(found[1], found[1])
-    return f"WebGPU in {name} {found[2]}"
+    name, version = browser(driver)
+    return f"{begin}{name.capitalize()} {version}" if version else driver
 
 
 def _ratio(entry: Summary | None) -> str:

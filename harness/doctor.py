@@ -16,8 +16,7 @@ import numpy as np
 
 from harness import rasterisers
 from harness.errors import HarnessError
-from harness.frame import SUBPIXEL, Frame
-from harness.measuring.tasks import bare_frame
+from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.measuring.timing import self_test
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, adapters, egl, osmesa

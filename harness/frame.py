@@ -117,6 +117,23 @@ class Frame:
         return np.ascontiguousarray(np.concatenate(parts), np.int32)
 
 
+def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
+    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one,
+    none of which has a hole.
+    """
+    offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
+    return Frame(
+        width=resolution,
+        height=resolution,
+        scale=1.0,
+        view=View(resolution),
+        source=np.arange(len(offsets) - 1, dtype=np.int64),
+        points=points,
+        offsets=offsets,
+        ring_ends=offsets[1:],
+    )
+
+
 @dataclass
 class _Snapped:
     """Pieces of one polygon on the grid, and what had to be done to get them."""

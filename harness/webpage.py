@@ -11,6 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from harness.errors import UsageError
 
 
@@ -23,6 +26,11 @@ def packed(content: dict[str, Any]) -> str:
     """Return the content as base64 of compressed JSON, which no HTML parser can misread."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
+
+
+def encoded(values: NDArray[Any]) -> str:
+    """Return base64 of an array's bytes."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 def write_whole(file: Path, text: str) -> None:

@@ -30,7 +30,7 @@ from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Run, read_run
-from tests.chromium import WEBGPU_FLAGS, Chromium
+from tests.chromium import REPORT_READY, WEBGPU_FLAGS, Chromium
 
 COMPARED = ("fragments", "quads")
 COUNT_ALL = """
@@ -118,7 +118,7 @@ def _on_page(run: Run) -> tuple[int, int, int]:
     try:
         with tempfile.TemporaryDirectory() as folder:
             page = write_page(run, Path(folder) / "page.html")
-            browser.open(page, "document.documentElement?.dataset.ready !== undefined", "wait")
+            browser.open(page, REPORT_READY, "wait")
             browser.evaluate(COUNT_ALL)
             while (counted := browser.evaluate("globalThis.counted ?? null")) is None:
                 time.sleep(1)

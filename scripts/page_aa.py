@@ -19,10 +19,8 @@ import pandas as pd
 from harness.compare.checking import checked
 from harness.page import write_page
 from harness.stored.folder import read_run
-from tests.chromium import WEBGPU_FLAGS, Chromium
+from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 
-READY = "document.documentElement?.dataset.ready !== undefined"
-ENDED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
 MORE = """
 {
   const base = state.page.views[0].cases[state.page.base];
@@ -58,12 +56,12 @@ def main() -> None:
         page = write_page(checked(read_run(given.run)), Path(folder) / "page.html")
         browser = Chromium(WEBGPU_FLAGS)
         for number in range(given.pairs):
-            browser.open(page, READY, "wait")
+            browser.open(page, REPORT_READY, "wait")
             browser.evaluate(MORE)
             browser.evaluate(
                 f"PACE.quick = {given.budget}; $('pace').value = 'quick'; start(); null"
             )
-            browser.wait(ENDED)
+            browser.wait(MEASURED)
             equal, more = json.loads(browser.evaluate(RATIOS))
             rows.append(
                 {"pair": number, "budget_s": given.budget}

@@ -43,6 +43,9 @@ PATIENCE_S = 60.0
 REPORT_READY = "document.documentElement?.dataset.ready !== undefined"
 """A report says so itself, once its scripts have drawn it."""
 
+MEASURED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
+"""A measuring page says so, too."""
+
 LOADED = "document.readyState === 'complete'"
 """What the page names has been asked for, and its scripts have run."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.frame import SUBPIXEL, Frame, View
+from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.measuring.timing import (
     EMPTY,
     REFERENCE,
@@ -136,23 +136,6 @@ def time_group(
 
         drawings = prepare(list(drawn))
         return time_together(drawings, settings, test, seed=seed, renew=prepare)
-
-
-def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None = None) -> Frame:
-    """Return a frame of `points` (n, 2) in 1/256 px: polygons of `corners` each, or only one,
-    none of which has a hole.
-    """
-    offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
-    return Frame(
-        width=resolution,
-        height=resolution,
-        scale=1.0,
-        view=View(resolution),
-        source=np.arange(len(offsets) - 1, dtype=np.int64),
-        points=points,
-        offsets=offsets,
-        ring_ends=offsets[1:],
-    )
 
 
 def _opened(name: str, device: Device) -> Rasteriser:

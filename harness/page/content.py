@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import __version__
+from harness.devices import CRITERIA
 from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
 from harness.figures.polygons import columns_of
@@ -20,12 +20,10 @@ from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
+from harness.webpage import encoded
 
 FORMAT = "raster-harness page"
 VERSION = 1
-
-CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
-"""Criteria that the page sets against what it measures: A, H and Q."""
 
 KEPT = (
     *("scene", "scene_hash", "triangulator", "resolution", "rotation", "fit"),
@@ -46,7 +44,8 @@ def content_of(run: Run) -> Content:
     UsageError
         if the run kept nothing that can be drawn
     """
-    views = [view for view in map(_view, [run] * len(_kept(run)), _kept(run).values()) if view]
+    found = [_view(run, records) for records in _kept(run).values()]
+    views = [view for view in found if view is not None]
     if not views:
         raise UsageError(
             f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
@@ -101,7 +100,7 @@ def _view(run: Run, records: Sequence[Record]) -> Content | None:
     return {
         **asdict(view),
         "scene": records[0]["scene"],
-        "points": _base64(kept.points, "<i4"),
+        "points": encoded(kept.points.astype("<i4")),
         "sizes": np.diff(kept.offsets).tolist(),
         "cases": cases,
     }
@@ -120,9 +119,9 @@ def _case(run: Run, record: Record, kept: Geometry) -> Content:
             for name in ("fragments", "quads")
         )
     return {
-        "rows": _base64(rows, "<u4"),
-        "fragments": _base64(counted[0], "<u4"),
-        "quads": _base64(counted[1], "<u4"),
+        "rows": encoded(rows.astype("<u4")),
+        "fragments": encoded(counted[0].astype("<u4")),
+        "quads": encoded(counted[1].astype("<u4")),
         "record": {name: record[name] for name in KEPT if name in record},
     }
 
@@ -133,7 +132,3 @@ def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
     if columns is None or not {"fragments", "quads"} <= set(columns):
         return None
     return tuple(np.rint(columns[name]).astype(np.int64) for name in ("fragments", "quads"))
-
-
-def _base64(values: NDArray[Any], kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values.astype(kind)).tobytes()).decode("ascii")

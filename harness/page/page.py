@@ -7,7 +7,7 @@ from pathlib import Path
 from harness import __version__
 from harness.page.content import content_of
 from harness.rasterisers.sources import shader
-from harness.report.page import CHARTS
+from harness.report.page import CHARTS, ELEMENTS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.stored.folder import Run
 from harness.templates import template
@@ -30,9 +30,9 @@ def write_page(run: Run, file: Path) -> Path:
     text = template(PACKAGE, "page.html").render(
         scene=content["scene"],
         version=__version__,
-        style=static(REPORT, "report.css") + static(PACKAGE, "page.css"),
+        style=static(REPORT, STYLE) + static(PACKAGE, "page.css"),
         charts=static(REPORT, CHARTS),
-        script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
+        script="\n".join([static(REPORT, ELEMENTS), *(static(PACKAGE, name) for name in SCRIPTS)]),
         data=packed(content),
     )
     write_whole(file, text)

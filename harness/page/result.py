@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 from pydantic import model_validator as validator
 
+from harness.devices import browser
 from harness.errors import UsageError
 from harness.figures.intervals import median_interval
 from harness.figures.registry import PREDICTED
@@ -35,9 +36,6 @@ MOST_BYTES = 256 * 2**20
 RASTERISER = "webgpu"
 AGAIN = "(the base again)"
 """How the page calls the drawing that is compared with itself."""
-
-BROWSERS = {"edge": "Edg/", "firefox": "Firefox/", "chrome": "Chrome/", "safari": "Safari/"}
-"""By what browsers call themselves; Edge names Chrome, too, and Chrome Safari."""
 
 BESIDE = (EMPTY, REFERENCE, AGAIN)
 
@@ -224,13 +222,8 @@ def device_name(result: _Result) -> str:
     """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
     told = result.device
     words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
-    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", _browser(result.browser)]
+    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", browser(result.browser)[0]]
     return "-".join(part for part in parts if part)
-
-
-def _browser(agent: str) -> str:
-    """Name the browser that calls itself `agent`; each also names those that it is like."""
-    return next((name for name, word in BROWSERS.items() if word in agent), "browser")
 
 
 def import_result(result: _Result, folder: Path, device: str, run: Run | None = None) -> Path:

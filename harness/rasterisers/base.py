@@ -135,8 +135,12 @@ class Rasteriser(ABC):
 
     @classmethod
     def knows(cls, name: str) -> bool:
-        """Whether `name` is a device of this rasteriser on some machine."""
-        return name in cls.known
+        """Whether `name` is a device of this rasteriser on some machine.
+
+        One that knows gpu0 knows gpu1, gpu2, ..., too.
+        """
+        numbered = name.startswith("gpu") and name[3:].isdigit()
+        return name in cls.known or (numbered and "gpu0" in cls.known)
 
     @classmethod
     def supports(cls, options: Options) -> bool:
@@ -213,6 +217,12 @@ class Rasteriser(ABC):
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         raise NotImplementedError
+
+
+def one_sample(rasteriser: str, options: Options) -> None:
+    """Raise UsageError where more than one sample a pixel is asked of a rasteriser that has one."""
+    if options.samples != 1:
+        raise UsageError(f"{rasteriser} has one sample a pixel; use opengl for multisampling")
 
 
 def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:

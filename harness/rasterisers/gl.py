@@ -29,11 +29,6 @@ class GLRasteriser(Rasteriser):
         return list(egl.probe()[0])
 
     @classmethod
-    def knows(cls, name: str) -> bool:
-        """Whether `name` is one of these; gpu0, gpu1, ... are."""
-        return name in cls.known or (name.startswith("gpu") and name[3:].isdigit())
-
-    @classmethod
     def remedy(cls, name: str | None = None) -> str:
         """Say how to get a device."""
         if name and name.startswith("gpu"):

@@ -103,11 +103,6 @@ class OSMesa(OpenGL):
         return [Device("osmesa", True, environment, {"library": installed})]
 
     @classmethod
-    def knows(cls, name: str) -> bool:
-        """Whether `name` is its device."""
-        return name in cls.known
-
-    @classmethod
     def remedy(cls, name: str | None = None) -> str:  # noqa: ARG003 - it has but one
         """Say how to install it."""
         return f"run: {INSTALL} (Mesa 25.1 dropped it)"

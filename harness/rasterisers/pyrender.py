@@ -67,11 +67,6 @@ class Pyrender(Rasteriser):
         return found
 
     @classmethod
-    def knows(cls, name: str) -> bool:
-        """Whether `name` is one of these; gpu0, gpu1, ... are."""
-        return name in cls.known or (name.startswith("gpu") and name[3:].isdigit())
-
-    @classmethod
     def remedy(cls, name: str | None = None) -> str:
         """Say how to get it."""
         if importlib.util.find_spec("pyrender") is None:

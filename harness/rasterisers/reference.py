@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.frame import Frame
 from harness.rasterisers import spans
 from harness.rasterisers.base import (
@@ -21,6 +20,7 @@ from harness.rasterisers.base import (
     Rasteriser,
     Sample,
     Triangles,
+    one_sample,
     per_polygon,
 )
 from harness.rasterisers.palette import colours
@@ -81,16 +81,16 @@ class Reference(Rasteriser):
         self.device = device
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        _one_sample(options)
+        one_sample(self.name, options)
         predicted = predict(frame.points, triangles)
         return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        _one_sample(options)
+        one_sample(self.name, options)
         return _Filling(frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        _one_sample(options)
+        one_sample(self.name, options)
         with _Filling(frame, triangles) as filling:
             filling.sample(1)
             picture = filling.picture[::-1]
@@ -113,8 +113,3 @@ class _Filling(Drawing):
 
     def close(self) -> None:
         self.picture = np.empty((0, 0), np.uint32)
-
-
-def _one_sample(options: Options) -> None:
-    if options.samples != 1:
-        raise UsageError("reference has one sample a pixel; use opengl for multisampling")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser
-from harness.frame import Frame, View
+from harness.frame import Frame, bare_frame
 from harness.rasterisers.base import Triangles
 from harness.rasterisers.context import Context, Target
 from harness.rasterisers.mesh import BoundMesh
@@ -96,14 +96,5 @@ def open_tally(owner: Context) -> Tally:
 
 def _probe() -> tuple[Frame, Triangles]:
     """Return a triangle that covers nothing but pixel (3, 3), the last lane of its quad."""
-    frame = Frame(
-        width=8,
-        height=8,
-        scale=1.0,
-        view=View(8),
-        source=np.zeros(1, np.int64),
-        points=np.array([[800, 800], [1000, 800], [800, 1000]], np.int32),
-        offsets=np.array([0, 3]),
-        ring_ends=np.array([3]),
-    )
-    return frame, np.array([[0, 1, 2]], np.int32)
+    points = np.array([[800, 800], [1000, 800], [800, 1000]], np.int32)
+    return bare_frame(8, points), np.array([[0, 1, 2]], np.int32)

@@ -6,7 +6,6 @@ Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measurin
 from __future__ import annotations
 
 import importlib.util
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import SUBPIXEL, Frame, View
+from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.rasterisers import adapters
 from harness.rasterisers.base import (
     Counters,
@@ -25,10 +24,11 @@ from harness.rasterisers.base import (
     Image,
     Options,
     Rasteriser,
-    Sample,
     Triangles,
+    one_sample,
 )
 from harness.rasterisers.mesh import batches
+from harness.rasterisers.passes import FORMAT, Pass, Target, Timed
 from harness.rasterisers.reference import predict
 from harness.rasterisers.sources import shader
 from harness.rasterisers.tally import COUNTED
@@ -39,7 +39,6 @@ TWELVE = 12
 MOST_LANES = 2**30
 """Of one counting draw: its counters stay below 3 * 2**30."""
 
-FORMAT = "rgba8unorm"
 KEEP_ALPHA = 7
 """Write red, green and blue: llvmpipe forgets what storage writes it has collected for a tile when
 an opaque triangle covers the tile; a draw that keeps alpha is not opaque to it."""
@@ -73,11 +72,6 @@ class WebGPU(Rasteriser):
         return list(adapters.probe()[0])
 
     @classmethod
-    def knows(cls, name: str) -> bool:
-        """Whether `name` is one of these; gpu0, gpu1, ... are."""
-        return name in cls.known or (name.startswith("gpu") and name[3:].isdigit())
-
-    @classmethod
     def supports(cls, options: Options) -> bool:
         """Whether it can draw with `options`: how samples lie in a pixel is not told."""
         return options.samples == 1
@@ -102,19 +96,8 @@ class WebGPU(Rasteriser):
             required_features=features, required_limits=limits
         )
         self._period_ns = _timestamp_period(self._device.queue)
-        self._targets: WeakValueDictionary[tuple[int, int], _Target] = WeakValueDictionary()
+        self._targets: WeakValueDictionary[tuple[int, int], Target] = WeakValueDictionary()
         self.max_size = int(limits["max-texture-dimension-2d"])
-        told = device.details
-        self.device = replace(
-            device,
-            details={
-                **told,
-                "renderer": told["device"],
-                "version": f"WebGPU on {told['backend_type']} {told['description']}".strip(),
-                "max_size": self.max_size,
-                "timer": self._has_timer,
-            },
-        )
         self._step = 1
         self._draw = self._pipeline(
             "draw", WRITE_ALL, [(8, "vertex", ["sint32x2"]), (4, "vertex", ["uint32"])]
@@ -125,7 +108,18 @@ class WebGPU(Rasteriser):
         step = self._find_step()
         self._step = step or 1
         bits = None if step is None else (SUBPIXEL // step).bit_length() - 1
-        self.device = replace(self.device, details={**self.device.details, "subpixel_bits": bits})
+        told = device.details
+        self.device = replace(
+            device,
+            details={
+                **told,
+                "renderer": told["device"],
+                "version": f"WebGPU on {told['backend_type']} {told['description']}".strip(),
+                "max_size": self.max_size,
+                "subpixel_bits": bits,
+                "timer": self._has_timer,
+            },
+        )
 
     def close(self) -> None:
         """Give the device back."""
@@ -142,16 +136,7 @@ class WebGPU(Rasteriser):
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
         for step in STEPS:
             points = snapped(corners.astype(np.int32), step)
-            frame = Frame(
-                width=PROBE_PX,
-                height=PROBE_PX,
-                scale=1.0,
-                view=View(PROBE_PX),
-                source=np.arange(PROBES),
-                points=points,
-                offsets=np.arange(0, 3 * PROBES + 1, 3),
-                ring_ends=np.arange(3, 3 * PROBES + 1, 3),
-            )
+            frame = bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
             exact = predict(points, rows)
             if all((counted[name] == exact[name]).all() for name in COUNTED):
@@ -159,7 +144,7 @@ class WebGPU(Rasteriser):
         return None
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        _one_sample(options)
+        one_sample(self.name, options)
         frame = self._on_grid(frame)
         target = self._target(frame)
         polygons = len(frame.offsets) - 1
@@ -170,7 +155,7 @@ class WebGPU(Rasteriser):
         quads = np.rint(totals[:, 1] / TWELVE).astype(np.int64)
         return {"fragments": fragments, "quads": quads, "helper_lanes": 4 * quads - fragments}
 
-    def _tally_once(self, target: _Target, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
+    def _tally_once(self, target: Target, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self._buffer(rows, "VERTEX")
@@ -178,7 +163,7 @@ class WebGPU(Rasteriser):
         size = self._buffer(_size(frame), "UNIFORM")
         group = self._group(self._tally, size, counts)
         encoder = self._device.create_command_encoder()
-        with _Pass(encoder, target) as render:
+        with Pass(encoder, target) as render:
             render.set_pipeline(self._tally)
             render.set_bind_group(0, group)
             render.set_vertex_buffer(0, triangles)
@@ -190,11 +175,11 @@ class WebGPU(Rasteriser):
         return found[: 2 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        _one_sample(options)
+        one_sample(self.name, options)
         return self._timed(frame, triangles, options.work)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        _one_sample(options)
+        one_sample(self.name, options)
         with self._timed(frame, triangles, options.work) as drawing:
             drawing.target.clear(self._device)
             drawing.sample(1)
@@ -207,7 +192,7 @@ class WebGPU(Rasteriser):
             return frame
         return replace(frame, points=snapped(frame.points, self._step))
 
-    def _timed(self, frame: Frame, triangles: Triangles, work: int) -> _Timed:
+    def _timed(self, frame: Frame, triangles: Triangles, work: int) -> Timed:
         frame = self._on_grid(frame)
         numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
         view = np.zeros(4, np.float32)
@@ -219,7 +204,7 @@ class WebGPU(Rasteriser):
             "indices": self._buffer(triangles.astype(np.uint32), "INDEX"),
             "view": self._buffer(view, "UNIFORM"),
         }
-        return _Timed(
+        return Timed(
             self._device,
             self._draw,
             self._group(self._draw, buffers["view"]),
@@ -230,7 +215,7 @@ class WebGPU(Rasteriser):
             period_ns=self._period_ns if self._has_timer else None,
         )
 
-    def _target(self, frame: Frame) -> _Target:
+    def _target(self, frame: Frame) -> Target:
         """Return a picture to draw into, shared with whoever uses one of that size now."""
         if max(frame.width, frame.height) > self.max_size:
             raise UsageError(
@@ -240,7 +225,7 @@ class WebGPU(Rasteriser):
         key = (frame.width, frame.height)
         target = self._targets.get(key)
         if target is None:
-            target = self._targets[key] = _Target(self._device, *key)
+            target = self._targets[key] = Target(self._device, *key)
         return target
 
     def _buffer(self, array: NDArray[Any], usage: str) -> Any:
@@ -277,133 +262,6 @@ class WebGPU(Rasteriser):
         )
 
 
-class _Target:
-    """A picture to draw into, freed when nothing refers to it any more."""
-
-    def __init__(self, device: Any, width: int, height: int) -> None:
-        self.size = (width, height)
-        self.texture = device.create_texture(
-            size=(width, height, 1), format=FORMAT, usage="RENDER_ATTACHMENT|COPY_SRC"
-        )
-        self.view = self.texture.create_view()
-
-    def clear(self, device: Any) -> None:
-        """Set all pixels to 0."""
-        encoder = device.create_command_encoder()
-        with _Pass(encoder, self, load="clear"):
-            pass
-        device.queue.submit([encoder.finish()])
-
-    def read(self, device: Any) -> Image:
-        """Return the pixels, (height, width, 4), the row of the frame's y = 0 first."""
-        width, height = self.size
-        layout = {"bytes_per_row": 4 * width, "rows_per_image": height}
-        data = device.queue.read_texture({"texture": self.texture}, layout, (width, height, 1))
-        return np.frombuffer(data, np.uint8).reshape(height, width, 4)
-
-
-class _Pass:
-    """A render pass over a target, whose earlier content stays."""
-
-    def __init__(
-        self,
-        encoder: Any,
-        target: _Target,
-        timestamps: Mapping[str, Any] | None = None,
-        load: str = "load",
-    ) -> None:
-        attachment = {
-            "view": target.view,
-            "load_op": load,
-            "store_op": "store",
-            "clear_value": (0, 0, 0, 0),
-        }
-        self._pass = encoder.begin_render_pass(
-            color_attachments=[attachment],
-            **({"timestamp_writes": dict(timestamps)} if timestamps else {}),
-        )
-
-    def __enter__(self) -> Any:
-        return self._pass
-
-    def __exit__(self, *_: object) -> None:
-        self._pass.end()
-
-
-class _Timed(Drawing):
-    def __init__(
-        self,
-        device: Any,
-        pipeline: Any,
-        group: Any,
-        target: _Target,
-        buffers: Mapping[str, Any],
-        indices: int,
-        *,
-        one_pass: bool,
-        period_ns: float | None,
-    ) -> None:
-        self.target = target
-        self.one_pass = one_pass
-        self._device = device
-        self._pipeline = pipeline
-        self._group = group
-        self._buffers = buffers
-        self._indices = indices
-        self._period_ns = period_ns
-        if period_ns is not None:
-            self._queries = device.create_query_set(type="timestamp", count=2)
-            self._answers = device.create_buffer(size=16, usage="QUERY_RESOLVE|COPY_SRC")
-
-    def sample(self, repeats: int) -> Sample:
-        """Draw `repeats` times.
-
-        As instances in one pass on a GPU that shades triangles as they come. Others collect
-        triangles before they shade, and leave out what a later one hides: each draw is submitted
-        by itself there.
-        """
-        passes, instances = (1, repeats) if self.one_pass else (repeats, 1)
-        commands = [
-            self._encode(instances, first=number == 0, last=number == passes - 1)
-            for number in range(passes)
-        ]
-        start = time.perf_counter()
-        for command in commands:
-            self._device.queue.submit([command])
-        _wait(self._device)
-        wall = time.perf_counter() - start
-        if self._period_ns is None:
-            return Sample(wall=wall)
-        begin, end = np.frombuffer(self._device.queue.read_buffer(self._answers), np.uint64)
-        return Sample(wall=wall, gpu=(int(end) - int(begin)) * self._period_ns * 1e-9)
-
-    def _encode(self, instances: int, *, first: bool, last: bool) -> Any:
-        """Return one draw's commands, with a timestamp before the first and after the last."""
-        encoder = self._device.create_command_encoder()
-        stamps: dict[str, Any] = {}
-        if self._period_ns is not None and (first or last):
-            stamps["query_set"] = self._queries
-            stamps |= {"beginning_of_pass_write_index": 0} if first else {}
-            stamps |= {"end_of_pass_write_index": 1} if last else {}
-        with _Pass(encoder, self.target, stamps) as render:
-            render.set_pipeline(self._pipeline)
-            render.set_bind_group(0, self._group)
-            render.set_vertex_buffer(0, self._buffers["points"])
-            render.set_vertex_buffer(1, self._buffers["polygons"])
-            render.set_index_buffer(self._buffers["indices"], "uint32")
-            render.draw_indexed(self._indices, instances)
-        if stamps and last:
-            encoder.resolve_query_set(self._queries, 0, 2, self._answers, 0)
-        return encoder.finish()
-
-    def close(self) -> None:
-        for buffer in self._buffers.values():
-            buffer.destroy()
-        if self._period_ns is not None:
-            self._queries.destroy()
-            self._answers.destroy()
-
-
 def snapped(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
     """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
     return ((points + step // 2) // step * step).astype(np.int32)
@@ -437,11 +295,6 @@ def _timestamp_period(queue: Any) -> float:
     return float(lib.wgpuQueueGetTimestampPeriod(queue._internal))
 
 
-def _wait(device: Any) -> None:
-    """Wait until the device is done; what the standard offers returns some 100 us too late."""
-    device._poll_wait()
-
-
 def _is_immediate(details: Mapping[str, Any]) -> bool:
     told = f"{details['vendor']} {details['device']}".lower()
     return any(vendor in told for vendor in IMMEDIATE)
@@ -464,8 +317,3 @@ def _layouts(buffers: list[tuple[int, str, list[str]]]) -> list[dict[str, Any]]:
 
 def _size(frame: Frame) -> NDArray[np.float32]:
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
-
-
-def _one_sample(options: Options) -> None:
-    if options.samples != 1:
-        raise UsageError("webgpu has one sample a pixel; use opengl for multisampling")

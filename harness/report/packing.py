@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.stored.drawings import Geometry
+from harness.webpage import encoded
 
 MOST_TRIANGLES = 1_500_000
 """Triangles that one report carries for its heatmaps, over all triangulators and views."""
@@ -33,7 +33,7 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
     sizes = stops - starts
     take = _spans(starts, sizes)
     packed = {
-        "points": _base64(geometry.points[take].astype("<i4")),
+        "points": encoded(geometry.points[take].astype("<i4")),
         "sizes": sizes.tolist(),
         "source": geometry.source[chosen].tolist(),
         "triangles": {},
@@ -45,7 +45,7 @@ def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
         rows = triangles[_spans(first, counts)] - np.repeat(starts, counts)[:, None]
         packed["triangles"][name] = {
             "counts": counts.tolist(),
-            "rows": _base64(rows.astype("<u4")),
+            "rows": encoded(rows.astype("<u4")),
         }
     return packed
 
@@ -54,7 +54,3 @@ def _spans(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.
     """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
     before = np.cumsum(lengths) - lengths
     return np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths)
-
-
-def _base64(values: NDArray[Any]) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")

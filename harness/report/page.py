@@ -13,9 +13,13 @@ from harness.templates import template
 from harness.webpage import packed, static, write_whole
 
 PACKAGE = "harness.report"
+ELEMENTS = "elements.js"
+"""What the measuring page uses, too, as it does `CHARTS` and the style."""
 FILE = "report.html"
+STYLE = "report.css"
 
 SCRIPTS = (
+    ELEMENTS,
     "page.js",
     "csv.js",
     "chart.js",
@@ -59,7 +63,7 @@ def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
         key_facts=content["key_facts"],
         created=facts.get("created", ""),
         version=__version__,
-        style=static(PACKAGE, "report.css"),
+        style=static(PACKAGE, STYLE),
         charts=static(PACKAGE, CHARTS),
         script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
         data=packed(content),

@@ -14,7 +14,7 @@ import shapely
 from shapely import Polygon
 
 import scenes
-from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
+from harness.frame import SUBPIXEL, Frame, View, bare_frame, make_frame, on_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Triangles, find_device, get
@@ -42,7 +42,7 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     number = 2_000_000 // side**2 + 500
     low = rng.integers(1, 1024 - side, (number, 1, 2))
     points = low * SUBPIXEL + rng.integers(0, side * SUBPIXEL, (number, 3, 2))
-    frame = tasks.bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
+    frame = bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
     triangles = np.arange(len(frame.points), dtype=np.int32).reshape(-1, 3)
     tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
     with REFERENCE.prepare(frame, triangles, Options()) as drawing:

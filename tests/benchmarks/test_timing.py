@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.figures.ratios import Ratio, paired_ratio
-from harness.frame import Frame, View, make_frame
+from harness.frame import Frame, View, bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
@@ -74,7 +74,7 @@ def test_a_triangulation_does_not_differ_from_itself(llvmpipe, city):
 
 def test_three_percent_more_fragment_work_is_found(llvmpipe):
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0.119], [1, 0.119]]) * 480 * 256 + 4096
-    frame = tasks.bare_frame(512, square.astype(np.int32))
+    frame = bare_frame(512, square.astype(np.int32))
     plain = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
     more = np.vstack([plain, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
     device, worker = llvmpipe

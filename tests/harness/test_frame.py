@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import UsageError
-from harness.frame import MARGIN_PX, SUBPIXEL, View, make_frame, on_grid
-from harness.measuring.tasks import bare_frame
+from harness.frame import MARGIN_PX, SUBPIXEL, View, bare_frame, make_frame, on_grid
 from triangulators import vertices
 
 L_SHAPE = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)])

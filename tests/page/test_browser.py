@@ -15,11 +15,8 @@ from harness.page.result import read_result
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.stored.folder import read_run
-from tests.chromium import WEBGPU_FLAGS, Chromium
+from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.rasterisers.conftest import random_triangles
-
-READY = "document.documentElement?.dataset.ready !== undefined"
-ENDED = "['done', 'ended'].includes(document.documentElement?.dataset.state)"
 
 
 @pytest.fixture(scope="module")
@@ -36,14 +33,14 @@ def page(small_run, tmp_path_factory) -> Path:
 
 def opened(browser: Chromium, page: Path) -> None:
     """Open the page without having it begin by itself, and let it be quick."""
-    browser.open(page, READY, fragment="wait")
+    browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
 
 
 def measured(browser: Chromium) -> dict[str, Any]:
     """Start, wait for the end, and return the result."""
     browser.evaluate("start(); null")
-    browser.wait(ENDED)
+    browser.wait(MEASURED)
     return json.loads(browser.evaluate("JSON.stringify(state.result)"))
 
 
@@ -95,7 +92,7 @@ def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(gpu_browser, page):
 def test_the_pages_reference_is_ours(browser, page):
     frame, rows = random_triangles(seed=3, size=128, number=200, grid=1)
     expected = Reference().count(frame, rows, Options())
-    browser.open(page, ENDED)
+    browser.open(page, MEASURED)
     made = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
     given = f"{json.dumps({**made, 'polygons': 200})}, {rows.ravel().tolist()}"
     counted = browser.evaluate(f"countExactly({given})")
@@ -122,7 +119,7 @@ def test_a_stop_keeps_what_was_measured(gpu_browser, page):
     gpu_browser.evaluate("PACE.quick = 60; start(); null")
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
     gpu_browser.evaluate("$('stop').click(); null")
-    gpu_browser.wait(ENDED)
+    gpu_browser.wait(MEASURED)
     result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
     assert not result["complete"]
     assert result["problem"] is None
@@ -142,7 +139,7 @@ def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
     )
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
     gpu_browser.evaluate("seen.destroy(); null")
-    gpu_browser.wait(ENDED)
+    gpu_browser.wait(MEASURED)
     result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
     assert "lost the GPU" in result["problem"]
     assert len(result["views"][0]["cases"]) == 3
@@ -152,7 +149,7 @@ def test_a_lost_device_keeps_what_was_measured(gpu_browser, page):
 
 
 def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
-    browser.open(page, ENDED)
+    browser.open(page, MEASURED)
     notice = browser.evaluate("$('notice').textContent")
     assert "WebGPU" in notice
     for name in ("Chrome", "Safari", "Firefox"):
@@ -194,7 +191,7 @@ def simulated(browser: Chromium, ratio: float, step: float) -> dict[str, float]:
 
 @pytest.mark.parametrize("ratio", [0.7, 1.0, 1.05])
 def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
-    browser.open(page, ENDED)
+    browser.open(page, MEASURED)
     fine = simulated(browser, ratio, 0)
     coarse = simulated(browser, ratio, 1e-4)
     assert coarse["epochs"] >= 6
@@ -204,7 +201,7 @@ def test_a_timer_of_100_us_steps_tells_the_same_ratio(browser, page, ratio):
 
 
 def test_a_timers_step_is_found(browser, page):
-    browser.open(page, ENDED)
+    browser.open(page, MEASURED)
     assert browser.evaluate("stepOf([300000, 500000, 12300000])") == pytest.approx(1e-4)
     assert browser.evaluate("stepOf([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
     assert browser.evaluate("stepOf([1001, 2003])") == pytest.approx(1e-9)
@@ -214,7 +211,7 @@ def test_figures_equal_ours(browser, page):
     """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
     from harness.figures.ratios import paired_ratio
 
-    browser.open(page, ENDED)
+    browser.open(page, MEASURED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
     base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
     ours = paired_ratio(samples, base, [2] * 6)

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from harness.frame import Frame
-from harness.measuring.tasks import bare_frame
+from harness.frame import Frame, bare_frame
 from harness.rasterisers import Options, Rasteriser, find_device, get
 
 Coordinates = list[list[int]]

@@ -27,13 +27,6 @@ async function openDevice() {
     limits: Object.fromEntries(LIMITS.map((name) => [name, adapter.limits[name]])) } };
 }
 
-function decode(text, Kind) {
-  const binary = atob(text);
-  const bytes = new Uint8Array(binary.length);
-  for (let k = 0; k < binary.length; k++) bytes[k] = binary.charCodeAt(k);
-  return new Kind(bytes.buffer);
-}
-
 /* A frame: points in 1/256 px, (n, 2); the polygon of each; rows, (m, 3), of a triangulation. */
 class Painter {
   constructor(device, info, shaders) {

@@ -168,7 +168,7 @@ async function save() {
 }
 
 async function open() {
-  state.page = await unpack("data");
+  state.page = await unpack();
   $("start").addEventListener("click", start);
   $("stop").addEventListener("click", () => { state.stop = true; });
   $("save").addEventListener("click", save);

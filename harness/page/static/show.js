@@ -1,31 +1,7 @@
 "use strict";
-/* What people see: elements, numbers, the ranking of each view, predicted against measured. */
+/* What people see: numbers, the ranking of each view, predicted against measured. */
 
-const $ = (id) => document.getElementById(id);
 const state = { page: null, result: null, running: false, stop: false, dark: false };
-
-/* element("td", {class: "number"}, child, ...); children are nodes or text, never markup. */
-function element(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) {
-    if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value);
-  }
-  made.append(...children.filter((child) => child !== null && child !== undefined));
-  return made;
-}
-
-async function unpack(id) {
-  const stream = new Blob([decode($(id).textContent.trim(), Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return JSON.parse(await new Response(stream).text());
-}
-
-const styled = (variable) => {
-  const probe = element("i", { style: `color: var(${variable})` });
-  document.body.append(probe);
-  const colour = getComputedStyle(probe).color;
-  probe.remove();
-  return colour;
-};
 
 const count = (value) => Math.round(value).toLocaleString("en-GB");
 const digits = (value, wanted = 3) => (value >= 1000 ? count(value) : value.toPrecision(wanted));

@@ -3,22 +3,16 @@
 
 const UNIT = 256, HALF = 128, LARGEST = 1400;
 
-function bytesOf(text) {
-  const raw = atob(text), bytes = new Uint8Array(raw.length);
-  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-  return bytes.buffer;
-}
-
 const startsOf = (counts) => { let sum = 0; return counts.map((count) => (sum += count) - count); };
 
 /* The drawing of a view, its numbers unpacked when first needed. */
 function unpackDrawing(view) {
   const { drawing } = view;
   if (!drawing || drawing.ready) return drawing;
-  drawing.points = new Int32Array(bytesOf(drawing.points));
+  drawing.points = decode(drawing.points, Int32Array);
   drawing.starts = startsOf(drawing.sizes);
   for (const each of Object.values(drawing.triangles)) {
-    each.rows = new Uint32Array(bytesOf(each.rows));
+    each.rows = decode(each.rows, Uint32Array);
     each.starts = startsOf(each.counts);
   }
   drawing.ready = true;

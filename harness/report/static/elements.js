@@ -1,0 +1,38 @@
+"use strict";
+/* What the report and the measuring page both use: their numbers, elements, the colours of the style. */
+
+const $ = (id) => document.getElementById(id);
+
+/* Base64 of an array's bytes: decode(text, Int32Array). */
+function decode(text, Kind) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let k = 0; k < binary.length; k++) bytes[k] = binary.charCodeAt(k);
+  return new Kind(bytes.buffer);
+}
+
+/* The numbers that the page was written with. */
+async function unpack() {
+  const packed = decode($("data").textContent.trim(), Uint8Array);
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return JSON.parse(await new Response(stream).text());
+}
+
+/* element("td", {class: "number"}, child, ...); children are nodes or text, never markup. */
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+/* The colour a style variable has now, light or dark. */
+function styled(variable) {
+  const probe = element("i", { style: `color: var(${variable})` });
+  document.body.append(probe);
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+}
