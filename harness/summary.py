@@ -15,6 +15,7 @@ from harness.figures.break_even import break_even
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
+    LEAST,
     METRICS,
     Figure,
     figures_of,
@@ -48,7 +49,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        for line in [*_paid_off(good), *_proven(good)]:
+        for line in [*_paid_off(good), *_proven(good), *_judged(good)]:
             console.print(line, markup=False, highlight=False)
 
 
@@ -72,6 +73,9 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     )
     if first["rotation"]:
         title += f", turned by {first['rotation']:g} degrees"
+    order = (first.get("options") or {}).get("order", "native")
+    if order != "native":
+        title += f", {order} order"
     table = plain_table(title, title_style="bold", padding=(0, 1, 0, 0))
     table.add_column("triangulator", overflow="fold")
     shown = _shown(records)
@@ -107,6 +111,8 @@ def _shown(records: Sequence[Record]) -> list[Figure]:
     """
     known = figures_of(records)
     shown = [f for f in known.values() if f.heading and any(f(record) for record in records)]
+    replaced = {figure.instead_of for figure in shown}
+    shown = [figure for figure in shown if figure.name not in replaced]
     if not any(figure.kind == "counter" for figure in shown):
         room = MOST_COLUMNS - len(shown)
         shown = [known[name] for name in measures(known)[:room]] + shown
@@ -149,6 +155,15 @@ def _proven(records: Sequence[Record]) -> list[str]:
             count = f"{record['proven']:,} of {record['polygons']:,} polygons"
             lines.append(f"proven optimal, {count}: {record['triangulator']}; {rest}")
     return lines
+
+
+def _judged(records: Sequence[Record]) -> list[str]:
+    """Say over how many polygons the regret is, where it is not over all."""
+    known = max((record.get(LEAST) or {}).get("polygons", 0) for record in records or [{}])
+    most = max((record["polygons"] for record in records), default=0)
+    if not 0 < known < most:
+        return []
+    return [f"regret: over the {known:,} of {most:,} polygons whose fewest quads are quickly found"]
 
 
 def _polygons(record: Record) -> int:

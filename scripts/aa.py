@@ -85,7 +85,7 @@ def _pair(project: Path, reports: Path, number: int, share: float, run: str) -> 
     environment.pop("GITHUB_STEP_SUMMARY", None)
     (reports / "compare.md").unlink(missing_ok=True)
     over = threading.Event()
-    thread = threading.Thread(target=_disturb, args=(over, random.Random(number)))
+    thread = threading.Thread(target=disturb, args=(over, random.Random(number)))
     began = time.monotonic()
     if loaded:
         thread.start()
@@ -102,7 +102,7 @@ def _pair(project: Path, reports: Path, number: int, share: float, run: str) -> 
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def _disturb(over: threading.Event, rng: random.Random) -> None:
+def disturb(over: threading.Event, rng: random.Random) -> None:
     """Keep a core busy now and then, until it is over."""
     while not over.wait(rng.uniform(0.0, 15.0)):
         program = subprocess.Popen([sys.executable, "-c", BUSY])

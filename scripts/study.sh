@@ -4,7 +4,8 @@
 # was. `scripts/study.sh gains` makes those alone whose folder has "gains" in its name.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-harness=(.venv/bin/python -m harness)
+python=(.venv/bin/python)
+harness=("${python[@]}" -m harness)
 to=results/reference
 only=${1:-}
 
@@ -14,6 +15,11 @@ once() { # folder, then the command that makes it
     printf "\n== %s %s\n" "$1" "$(date +%T)"
     rm -rf "$1"
     "${@:2}" --out "$1" --quiet
+    [[ "$1" != */regret-* ]] || "${python[@]}" scripts/trim_regret.py "$1"
+}
+
+few() { # scene, polygons: fewer where all have hundreds of vertices
+    if [ "$1" = counties ]; then echo 8; else echo "$2"; fi
 }
 
 [ -e results/calibration/llvmpipe.json ] ||
@@ -83,10 +89,19 @@ for scene in paper city; do
         --rasterisers opengl,bounding-box --device llvmpipe --budget 0.3
 done
 
+# What trusting a criterion costs: counted on the CPU reference, and timed on two devices.
+for scene in city helsinki glyphs counties; do
+    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+        --rasterisers reference --resolution 256,1024 --polygons $(few $scene 24) --budget 0.004
+    for device in llvmpipe zink; do
+        once $to/$device/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+            --rasterisers opengl --device $device --resolution 256,1024 --budget 0.07 \
+            --polygons $(few $scene 12)
+    done
+done
+
 # H depends on the size at which slivers are drawn; counters of the CPU reference show how.
 for scene in city helsinki; do
-    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
-        --rasterisers reference --resolution 256,1024 --budget 0.004
     once $to/cpu/validate-$scene-sizes "${harness[@]}" validate --scene $scene --work 0 \
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from harness import rasterisers
-from harness.commands.options import CALIBRATIONS, Quiet, Seed
+from harness.commands.options import CALIBRATIONS, Quiet, Seed, split_names
 from harness.errors import Inconclusive
+from harness.looks import plain_table
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
+
+if TYPE_CHECKING:
+    from harness.study.models import Model
 
 
 def calibrate(
@@ -27,8 +32,15 @@ def calibrate(
     rasteriser: Annotated[
         str, typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL.")
     ] = "",
-    scene: Annotated[str, typer.Option(help="Scene or file whose polygons test the fit.")] = "city",
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(help="Scene or file whose polygons test the fit; may be repeated. [city]"),
+    ] = None,
     resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
+    terms: Annotated[
+        str,
+        typer.Option(help="Terms that the model may have: T,S,H,w*h,D,Q,P,R, or some of them."),
+    ] = "",
     work: Annotated[int, typer.Option(min=0, help="Iterations of arithmetic per fragment.")] = 0,
     budget: Annotated[float, typer.Option(help="Seconds of drawing per draw.")] = 0.2,
     seed: Seed = 0,
@@ -44,18 +56,22 @@ def calibrate(
     triangles, S their area, H their half-perimeters, sum(w*h) the area of their bounding boxes, D
     their shape deviation, Q and P the expected quads and 4x4 blocks, and R the expected number of
     triangles with a pixel centre in their bounding box. optimal:calibrated minimises this time.
+
+    A second table has the best model of each number of terms, and the fewest that predict as well.
     """
     # Statistics take a second to import, which other commands need not wait for.
     from harness.study import calibrate as study
-    from harness.study import calibration
+    from harness.study import calibration, models
+
+    allowed = models.named(split_names(terms)) or calibration.TERMS[1:]
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
     backend = Backend(name, rasterisers.find_device(name, device))
-    loaded = load_scene(scene, seed, reporter)
+    loaded = [load_scene(each, seed, reporter) for each in scene or ["city"]]
     bench = Bench(Worker, timeout_s=600)
     try:
-        fit, validation = study.calibrate(
+        fit, validation, fewer = study.calibrate(
             backend,
             bench,
             loaded,
@@ -66,6 +82,7 @@ def calibrate(
             resolution,
             reporter,
             seed,
+            allowed,
         )
         described = bench.describe()[backend.label]
     finally:
@@ -78,7 +95,7 @@ def calibrate(
         "work": work,
         **described,
     }
-    file = study.write(fit, validation, facts, file)
+    file = study.write(fit, validation, facts, file, fewer)
     table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
     for heading in ("term", "coefficient", "95 % interval", "unit"):
         table.add_column(heading)
@@ -88,12 +105,30 @@ def calibrate(
     console = Console(highlight=False)
     console.print(table)
     console.print(str(validation))
+    _print_models(fewer, models.fewest(fewer), console)
     if not validation.good:
         raise Inconclusive(
             f"the fit is refused, for R2 below {study.LEAST_R2:g} would follow noise: close other "
             f"programs, or draw longer, e.g. --budget {4 * budget:g}; kept in {file}"
         )
     console.print(f"calibration: {file}", markup=False, soft_wrap=True)
+
+
+def _print_models(found: Sequence[Model], chosen: Model, console: Console) -> None:
+    """Print the best model of each number of terms, and which is the smallest that will do."""
+    table = plain_table("the best model of each number of terms, on held-out polygons")
+    table.add_column("terms")
+    for heading in ("R2 over", "R2 within", "regret"):
+        table.add_column(heading, justify="right")
+    for model in found:
+        regret = f"{model.regret:.2%} ({model.regret_low:.2%} to {model.regret_high:.2%})"
+        table.add_row(model.written, f"{model.r2_over:.4f}", f"{model.r2_within:.4f}", regret)
+    console.print(table)
+    console.print(
+        f"the fewest terms that predict as well, within one standard error: {chosen.written} "
+        f"(to fit them alone: --terms {','.join(chosen.letters)})",
+        soft_wrap=True,
+    )
 
 
 def add_to(app: typer.Typer) -> None:

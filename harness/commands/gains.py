@@ -10,6 +10,8 @@ from rich.console import Console
 
 from harness.commands.options import split_names
 from harness.errors import NothingMeasured
+from harness.looks import plain_table
+from harness.rasterisers.order import ORDERS
 from harness.stored.folder import read_run
 from harness.triangulating.names import parse_all
 
@@ -32,6 +34,8 @@ def gains(
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
     # Statistics take a second to import, which other commands need not wait for.
+    import pandas as pd
+
     from harness.study import gains as study
 
     wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
@@ -41,6 +45,10 @@ def gains(
     files = study.plot(table, out / "plots")
     table.to_csv(out / "gains.csv", index=False, float_format="%.5g")
     console = Console()
+    told_apart = [study.by_order(table, name).assign(base=name) for name in wanted]
+    if found := [part for part in told_apart if len(part)]:
+        pd.concat(found).to_csv(out / "orders.csv", index=False, float_format="%.4g")
+        _say_orders(found[0], console)
     for name in wanted:
         _say_how_it_did(study.best(table, name), name, console)
     console.print(
@@ -74,6 +82,24 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
         console.print(f"  {view}: {row['faster']} faster", markup=False, soft_wrap=True)
     if len(beaten) > MOST_SAID:
         console.print(f"  and {len(beaten) - MOST_SAID} more views", markup=False)
+
+
+def _say_orders(found: pd.DataFrame, console: Console) -> None:
+    """Print the times in ratio to the first base's, in own orders and both in a common one."""
+    orders = [name for name in found.columns if name in ORDERS]
+    for (scene, _, device, resolution), part in found.groupby(
+        ["scene", "rasteriser", "device", "resolution"], sort=False
+    ):
+        base = part["base"].iloc[0]
+        table = plain_table(f"{scene} {resolution} px, {device}: time vs {base}")
+        table.add_column("triangulator")
+        for heading in ("own order", *(f"both in {name}" for name in orders)):
+            table.add_column(heading, justify="right")
+        for row in part.to_dict("records"):
+            shown = [row["own"], *(row[name] for name in orders)]
+            cells = ["" if value != value else f"{value:.3f}" for value in shown]
+            table.add_row(row["triangulator"], *cells)
+        console.print(table)
 
 
 def add_to(app: typer.Typer) -> None:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
@@ -86,7 +86,11 @@ def run(
     ] = "1",
     work: Work = "0",
     order: Annotated[
-        Order, typer.Option(help="Order of the triangles in a draw; native: as they were made.")
+        str,
+        typer.Option(
+            help="Orders of the triangles in a draw: native (as they were made), walk, "
+            "vertex-cache, morton, shuffled; comma-separated."
+        ),
     ] = "native",
     seed: Seed = 0,
     precision: Annotated[
@@ -142,6 +146,7 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
+    orders = cast("tuple[Order, ...]", split_names(order))  # Options checks them
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     plan = None
     if resume and not scene:
@@ -161,9 +166,10 @@ def run(
                 for angle in numbers(rotation, "--rotation", float)
             ),
             options=tuple(
-                Options(samples=int(count), work=int(iterations), order=order, seed=seed)
+                Options(samples=int(count), work=int(iterations), order=each, seed=seed)
                 for count in numbers(samples, "--samples", int)
                 for iterations in numbers(work, "--work", int)
+                for each in orders
             ),
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else Plan.timeout_s),

@@ -16,7 +16,7 @@ NUMBERS = (
     *("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions"),
     *("outline_quads", "proven", "largest_gap", "triangulate_s"),
 )
-TABLES = ("counters", "predicted")
+TABLES = ("counters", "predicted", "least")
 SECTIONS = ("plan", "environment", "devices")
 
 

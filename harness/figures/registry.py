@@ -31,6 +31,10 @@ PREDICTED = "predicted_"
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
+LEAST = "least"
+"""Field of a record: of the polygons whose fewest quads are known, how many they are, their fewest
+`quads`, and the `shaded` quads and `fragments` of the record's own triangles."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -44,6 +48,7 @@ class Figure:
     function : record -> value, or None where the record has no such figure
     heading : its heading in the terminal's table; "" leaves it out
     form : how the table writes it
+    instead_of : the figure whose place it takes in that table, where there is no room for both
     """
 
     name: str
@@ -57,6 +62,7 @@ class Figure:
     description: str = ""
     heading: str = ""
     form: str = "{:,.0f}"
+    instead_of: str = ""
 
     def __call__(self, record: Record) -> float | None:
         """Return the figure for `record`."""
@@ -117,6 +123,15 @@ def _lanes_above_limit(record: Record) -> float | None:
     return None if shaded is None or outline is None else shaded - 4 * outline
 
 
+def _regret(record: Record) -> float | None:
+    """Return how many more helper lanes there are than the fewest of any triangulation."""
+    known = record.get(LEAST)
+    if not known or 4 * known["quads"] <= known["fragments"]:
+        return None
+    fewest, own = (4 * known[name] - known["fragments"] for name in ("quads", "shaded"))
+    return float(own / fewest - 1.0)
+
+
 def limit_of(record: Record) -> Record | None:
     """Return a record of the same polygons, each drawn in one piece: what no triangles go below.
 
@@ -148,6 +163,22 @@ METRICS = {
             description="lanes shaded for each pixel covered",
             heading="lanes/px",
             form="{:.3f}",
+        ),
+        Figure(
+            "regret",
+            "helper lanes above the fewest there are",
+            "x",
+            "ratio",
+            "lower",
+            0.0,
+            _regret,
+            description=(
+                "helper lanes more than those of the triangulation that shades the fewest quads, "
+                "in ratio to these, over the polygons of which that is known"
+            ),
+            heading="regret",
+            form="{:.1%}",
+            instead_of="overshading",
         ),
         Figure(
             "above_limit",

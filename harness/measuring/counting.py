@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import HarnessError
-from harness.figures.registry import OUTLINE
 from harness.frame import Frame
 from harness.measuring import records
 from harness.measuring.findings import Columns, Counted, Finished
@@ -36,9 +35,9 @@ def count_cases(
     if not cases:
         return
     coverage = None
-    outline = prepared[BASELINE].outline_quads if BASELINE in prepared else None
-    if options.samples != 1:  # the outline is that of pixels' centres
-        outline = None
+    limits = prepared[BASELINE].limits if BASELINE in prepared else {}
+    if options.samples != 1:  # they are those of pixels' centres
+        limits = {}
     wanted = dict.fromkeys([BASELINE, *cases])
     names = [recipe for recipe in wanted if recipe in prepared]
     with reporter.stage(f"counting: {backend.label}", len(names)) as stage:
@@ -60,9 +59,9 @@ def count_cases(
                         ready.prediction,
                         counters,
                         coverage,
-                        outline,
+                        limits,
                     )
-                    columns = _columns(frame, ready.prediction, counters, outline)
+                    columns = _columns(frame, ready.prediction, counters, limits)
                     yield recipe, Counted(record, columns)
             stage.advance()
 
@@ -80,11 +79,11 @@ def _columns(
     frame: Frame,
     prediction: records.Prediction,
     counters: Counters,
-    outline: NDArray[np.int64] | None,
+    limits: Mapping[str, NDArray[np.int64]],
 ) -> Columns | None:
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(frame.source) == 1:
         return None
     predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
-    limit = {} if outline is None else {OUTLINE: outline}
-    return predicted | {name: column for name, column in counters.items() if column.ndim} | limit
+    counted = {name: column for name, column in counters.items() if column.ndim}
+    return predicted | counted | dict(limits)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, make_frame
-from harness.measuring import records
+from harness.measuring import limits, records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
-from harness.rasterisers.reference import outlines
 from harness.triangulating.frames import FrameTriangulation, carry_over
 from harness.triangulating.names import Recipe
 from scenes import Scene
@@ -29,14 +28,13 @@ SAID_AFTER_S = 2.0
 class Prepared:
     """A triangulator's result for one view, ready to be measured on every device.
 
-    outline_quads : (p,) 2x2 blocks that each polygon's outline covers, -1 where that is not known;
-        None but for the baseline
+    limits : see `limits.limits_of`; empty but for the baseline
     """
 
     triangulation: FrameTriangulation
     prediction: records.Prediction
     triangles: NDArray[np.int32]
-    outline_quads: NDArray[np.int64] | None = None
+    limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
 
 def prepare(
@@ -79,8 +77,8 @@ def _prepare(
     if not len(triangles):
         status = "failed" if result.failed else "skipped"
         return status, records.incomplete(result) or "no polygon is left"
-    outline = outlines(frame, result.parts) if recipe == BASELINE else None
-    return Prepared(result, records.predict_frame(frame, result.parts), triangles, outline)
+    known = limits.limits_of(frame, result.parts, bench) if recipe == BASELINE else {}
+    return Prepared(result, records.predict_frame(frame, result.parts), triangles, known)
 
 
 def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.registry import OUTLINE
+from harness.figures.registry import LEAST, OUTLINE
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -86,11 +86,11 @@ def measured(
     prediction: Prediction,
     counters: Counters,
     coverage: Coverage | None,
-    outline: NDArray[np.int64] | None = None,
+    limits: Mapping[str, NDArray[np.int64]],
 ) -> Record:
     """Return the record of a case that was counted; its time is not in it yet.
 
-    outline : (p,) quads that each polygon's outline covers, -1 where that is not known
+    limits : `OUTLINE` and `LEAST`, each (p,) quads a polygon, -1 where that is not known
     """
     done = [part for part in triangulation.parts if part is not None]
     record: Record = {
@@ -110,7 +110,8 @@ def measured(
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),
         "coverage_error": None,
-        OUTLINE: _outline_of(triangulation.parts, outline),
+        OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
+        **_least_of(triangulation.parts, counters, limits.get(LEAST)),
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
@@ -126,6 +127,21 @@ def _outline_of(
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
+
+
+def _least_of(
+    parts: Sequence[NDArray[np.int32] | None],
+    counters: Counters,
+    least: NDArray[np.int64] | None,
+) -> Record:
+    """Return the fewest quads of what was drawn beside its own, where both are known."""
+    quads, fragments = counters.get("quads"), counters.get("fragments")
+    if least is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
+        return {}
+    known = drawn_polygons(parts) & (least >= 0)
+    named = {"quads": least, "shaded": quads, "fragments": fragments}
+    sums = {name: int(values[known].sum()) for name, values in named.items()}
+    return {LEAST: {"polygons": int(known.sum()), **sums}}
 
 
 def proven_of(gaps: Sequence[float]) -> Record:

@@ -38,8 +38,9 @@ class Options:
     samples : samples a pixel, 1 (no multisampling), 4 or 8
     work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
     order : order of submission; "native" is the triangulator's, "walk" from neighbour to
-        neighbour, each turned so that its new vertex comes last, "morton" along a space-filling
-        curve over the triangles' centres, "shuffled" random with `seed`
+        neighbour, each turned so that its new vertex comes last, "vertex-cache" fan after fan as
+        an optimiser for vertex caches gives it (Tipsify), "morton" along a space-filling curve
+        over the triangles' centres, "shuffled" random with `seed`
     """
 
     samples: int = 1

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from triangulators.order import walk
+from triangulators.vertex_cache import vertex_cache_order
 
 Triangles = NDArray[np.int32]
 
-Order = Literal["native", "walk", "morton", "shuffled"]
+Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
 """In which triangles are submitted; `base.Options` says what each means."""
 ORDERS: tuple[Order, ...] = get_args(Order)
 
@@ -55,6 +56,8 @@ def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangl
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
     if options.order == "walk":
         array = walk(array, len(frame.points))
+    elif options.order == "vertex-cache":
+        array = vertex_cache_order(array, len(frame.points))
     elif options.order == "morton":
         array = array[np.argsort(_morton(frame, array), kind="stable")]
     elif options.order == "shuffled":

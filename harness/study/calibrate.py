@@ -20,8 +20,8 @@ from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study import calibration
-from harness.study.design import Design, choose_polygons
+from harness.study import calibration, models
+from harness.study.design import STEERED, Design, choose_polygons
 from harness.triangulating.names import parse
 from scenes import Scene
 from triangulators.criteria import predict
@@ -31,7 +31,12 @@ Draw = tuple[Frame, NDArray[np.int32]]
 GROUP = 24
 """Draws timed together: enough to interleave, few enough for many rounds."""
 
-HELD_OUT = ("ear-clipping", "delaunay", "optimal:half-perimeter", "worst:half-perimeter")
+HELD_OUT = (
+    *("ear-clipping", "delaunay", "sweep", "greedy", "worst:half-perimeter"),
+    *(f"optimal:{name}" for name in STEERED),
+)
+"""Triangulators of the held-out polygons: good ones in many ways, for a model must choose among
+them, and the worst."""
 RANDOM = 12
 
 LEAST_R2 = 0.8
@@ -64,33 +69,55 @@ class Validation:
         return self.r2_over >= LEAST_R2 and self.r2_within >= LEAST_R2
 
 
+@dataclass(frozen=True)
+class Timed:
+    """Draws timed in ratio to the reference draw of the same rounds.
+
+    ratios : (k,) medians; halves : (k, 2) medians of either half of the rounds; reference_s : the
+    reference's median seconds in each group
+    """
+
+    ratios: NDArray[np.float64]
+    halves: NDArray[np.float64]
+    reference_s: list[float]
+
+
 def calibrate(
     backend: Backend,
     bench: Bench,
-    scene: Scene,
+    scenes: Sequence[Scene],
     settings: TimingSettings,
     options: Options,
     resolution: int,
     reporter: Reporter,
     seed: int = 0,
-) -> tuple[calibration.Fit, Validation]:
-    """Fit the model on designed draws of `backend` and test it on polygons of `scene`."""
+    terms: Sequence[str] = calibration.TERMS[1:],
+) -> tuple[calibration.Fit, Validation, list[models.Model]]:
+    """Fit the model on designed draws of `backend` and test it on polygons of the scenes.
+
+    terms : those that the model may have. Returns the fit with all of them, how it does on the
+    held-out polygons, and the best models with fewer terms
+    """
     designed, sets = designed_draws(bench, resolution, seed)
-    held_out, polygons = held_out_draws(bench, scene, resolution, seed)
+    draws, polygons = held_out_draws(bench, scenes, resolution, seed)
     time_all = partial(time_draws, backend, bench, settings, options, reporter)
-    ratios, reference_s = time_all(designed, "designed draws")
-    held_out_ratios, more_s = time_all(held_out, "polygons")
-    second = float(np.median([*reference_s, *more_s]))
-    fit = calibration.fit(design_of(designed), ratios * second, sets, seed)
-    measured = held_out_ratios * second
-    predicted = calibration.predict(fit.coefficients, design_of(held_out))
-    validation = Validation(
-        r2_over=calibration.r_squared(np.log(measured), np.log(predicted)),
-        r2_within=calibration.r_squared_within(measured, predicted, polygons),
-        polygons=len(set(polygons)),
-        draws=len(held_out),
+    fitted_on, tested_on = time_all(designed, "designed draws"), time_all(draws, "polygons")
+    second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
+    design, seconds = design_of(designed), fitted_on.ratios * second
+    fit = calibration.fit(design, seconds, sets, seed, terms=terms)
+    held_out = models.HeldOut(
+        design_of(draws), tested_on.ratios * second, tested_on.halves * second, polygons
     )
-    return fit, validation
+    predicted = calibration.predict(fit.coefficients, held_out.design)
+    validation = Validation(
+        r2_over=calibration.r_squared(np.log(held_out.seconds), np.log(predicted)),
+        r2_within=calibration.r_squared_within(held_out.seconds, predicted, polygons),
+        polygons=len(set(polygons)),
+        draws=len(draws),
+    )
+    with reporter.stage("models with fewer terms", models.number_of_sets(terms)) as stage:
+        fewer = models.alternatives(design, seconds, sets, held_out, terms, stage.advance)
+    return fit, validation, fewer
 
 
 def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw], list[int]]:
@@ -125,19 +152,20 @@ def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
 
 
 def held_out_draws(
-    bench: Bench, scene: Scene, resolution: int, seed: int
-) -> tuple[list[Draw], list[int]]:
-    """Return draws of polygons by several triangulators, and the number of each draw's polygon."""
+    bench: Bench, scenes: Sequence[Scene], resolution: int, seed: int
+) -> tuple[list[Draw], list[str]]:
+    """Return draws of polygons by several triangulators, and the name of each draw's polygon."""
     draws: list[Draw] = []
-    polygons: list[int] = []
+    polygons: list[str] = []
     design = Design(polygons=24, random=RANDOM)
-    for number, alone in choose_polygons(scene, design):
-        frame = make_frame(alone.polygons, View(resolution))
-        for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
-            parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
-            if all(part is not None for part in parts):
-                draws.append((frame, frame.join(parts)))
-                polygons.append(number)
+    for scene in scenes:
+        for number, alone in choose_polygons(scene, design):
+            frame = make_frame(alone.polygons, View(resolution))
+            for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
+                parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
+                if all(part is not None for part in parts):
+                    draws.append((frame, frame.join(parts)))
+                    polygons.append(f"{scene.name} {number}")
     return draws, polygons
 
 
@@ -149,12 +177,10 @@ def time_draws(
     reporter: Reporter,
     draws: Sequence[Draw],
     title: str,
-) -> tuple[NDArray[np.float64], list[float]]:
+) -> Timed:
     """Time draws in groups, each together with the reference draw.
 
-    Returns the (k,) times of the draws in ratio to the reference draw of the same rounds, and the
-    reference's median seconds in each group. The ratio removes the machine's speed, which may
-    change from minute to minute.
+    The ratio to it removes the machine's speed, which may change from minute to minute.
 
     Raises
     ------
@@ -162,6 +188,7 @@ def time_draws(
         if the device fails under one of them
     """
     ratios = np.full(len(draws), np.nan)
+    halves = np.full((len(draws), 2), np.nan)
     seconds: list[float] = []
     # Small and large draws share a group, so that a slow minute touches all kinds alike.
     order = np.random.default_rng(0).permutation(len(draws))
@@ -178,12 +205,22 @@ def time_draws(
             for member in members:
                 samples = group[str(member)].samples_s
                 ratios[member] = paired_ratio(samples, reference.samples_s).value
+                rounds = np.divide(samples, reference.samples_s)
+                halves[member] = [np.median(rounds[half::2]) for half in range(2)]
             stage.complete(start + len(members))
-    return ratios, seconds
+    return Timed(ratios, halves, seconds)
 
 
-def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], file: Path) -> Path:
+def write(
+    fit: calibration.Fit,
+    validation: Validation,
+    device: dict[str, Any],
+    file: Path,
+    fewer: Sequence[models.Model] = (),
+) -> Path:
     """Write a calibration file: the fit, how it did on held-out polygons, and of what device.
+
+    fewer : models with fewer terms, kept beside it
 
     A fit that is not good goes to `<name>.refused.json` beside it, so that it can be looked at and
     an older, good calibration stays. Returns the file.
@@ -193,6 +230,7 @@ def write(fit: calibration.Fit, validation: Validation, device: dict[str, Any], 
         "device": device,
         **fit.to_json(),
         "refused": not validation.good,
+        "models": [model.to_json() for model in fewer],
         "held_out": {
             "r2_over_polygons": validation.r2_over,
             "r2_within_polygons": validation.r2_within,

@@ -166,16 +166,20 @@ def fit(
     groups: Sequence[int],
     seed: int = 0,
     resamples: int = 200,
+    terms: Sequence[str] = TERMS[1:],
 ) -> Fit:
     """Fit non-negative coefficients to (k, 9) rows of `TERMS` and (k,) times.
 
     groups : (k,) which draws have the same polygons, with different triangulations
+    terms : those of `TERMS` that the model has besides the draw itself; the others get 0
 
     Errors are relative, so that short draws count as much as long ones. The intervals are a
     bootstrap over groups.
     """
     labels = np.unique(groups, return_inverse=True)[1]
-    coefficients = _solve(design, seconds, labels)
+    columns = columns_of(terms)
+    coefficients = np.zeros(len(TERMS))
+    coefficients[columns] = solve(design[:, columns], seconds, labels)
     random = np.random.default_rng(seed)
     members = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
     samples = []
@@ -183,7 +187,8 @@ def fit(
         drawn = [members[label] for label in random.integers(0, len(members), len(members))]
         rows = np.concatenate(drawn)
         own = np.repeat(np.arange(len(drawn)), [len(part) for part in drawn])
-        samples.append(_solve(design[rows], seconds[rows], own))
+        samples.append(np.zeros(len(TERMS)))
+        samples[-1][columns] = solve(design[rows][:, columns], seconds[rows], own)
     low, high = np.percentile(np.array(samples), [2.5, 97.5], axis=0)
     fitted = design @ coefficients
     quartiles = np.percentile((seconds - fitted) / seconds, [25, 50, 75])
@@ -200,16 +205,26 @@ def fit(
     )
 
 
-def _solve(
-    design: DesignMatrix, seconds: NDArray[np.float64], labels: NDArray[np.int64]
+def columns_of(terms: Sequence[str]) -> list[int]:
+    """Return the columns of a design that a model with these terms has."""
+    return [0, *(TERMS.index(name) for name in terms)]
+
+
+def solve(
+    design: DesignMatrix,
+    seconds: NDArray[np.float64],
+    groups: Sequence[int] | NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Non-negative least squares of relative errors with a soft L1 loss.
+    """Return the coefficients of (k, terms) columns: non-negative, with a soft L1 loss.
+
+    groups : (k,) see `fit`
 
     The draws of one set of polygons share a misfit that depends on the polygons' size and kind.
     It varies more than the differences within a set, but choosing a triangulation needs the
     differences. So the weight of what a set shares is `BETWEEN`, as in a model with a random
     effect for each set.
     """
+    labels = np.unique(groups, return_inverse=True)[1]
     weighted = design / seconds[:, None]
     scale = np.abs(weighted).max(axis=0)
     scaled = weighted / scale

@@ -96,6 +96,25 @@ def best(table: pd.DataFrame, name: str) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=[*where, "rivals", "faster"])
 
 
+def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
+    """Tell what the order of triangles gains from what the diagonals gain.
+
+    Returns a row for each view and triangulator that were drawn in their own order and in others:
+    `own`, the time in ratio to the base's with both in the order in which they were made, and for
+    each other order a column with the ratio in that order. What is gained there is gained by
+    diagonals; what `own` gains besides is gained by the order, and any triangulation can have it.
+    """
+    rows = table[(table["base"] == base) & (table["triangulator"] != base)]
+    if rows.empty or "native" not in set(rows["order"]) or rows["order"].nunique() < 2:
+        return pd.DataFrame()
+    where = ["scene", "rasteriser", "device", *AXES, "fit", "triangulator"]
+    wide = rows.pivot_table("time_ratio", where, "order", sort=False)
+    others = [name for name in wide.columns if name != "native"]
+    wide = wide.dropna(subset=["native"]).dropna(subset=others, how="all")
+    wide.insert(0, "own", wide.pop("native"))
+    return wide.reset_index().rename_axis(columns=None)
+
+
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the time ratios over whatever varies, one figure per scene, device and base."""
     import matplotlib

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options
-from harness.rasterisers.order import submission
+from harness.rasterisers.order import ORDERS, submission
 
 
 @settings(deadline=None)
 @given(
     st.integers(0, 60),
-    st.sampled_from(["native", "walk", "morton", "shuffled"]),
+    st.sampled_from(ORDERS),
     st.integers(0, 2**32),
 )
 def test_it_is_a_permutation_that_keeps_each_triangle_as_it_is(scattered, number, order, seed):

@@ -1,0 +1,79 @@
+"""What no triangulation of a frame's polygons goes below, in quads.
+
+Two limits, both exact: the polygons drawn in one piece, and, a little above it, the triangulation
+over their own vertices that shades the fewest. The first tells what diagonals cost; the second
+what choosing others could still save.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from harness.figures.registry import LEAST, OUTLINE
+from harness.frame import Frame
+from harness.measuring.processes import Bench
+from harness.measuring.worker import TaskFailed
+from harness.rasterisers.base import per_polygon
+from harness.rasterisers.reference import outlines, predict
+from harness.triangulating.names import parse
+
+FEWEST = parse("optimal:exact-quads")
+
+MOST_S = 2.0
+"""Seconds on one core, by `seconds_of`, for which the fewest quads are looked for in a frame."""
+
+ROW_S = 6e-9
+"""Of one row of pixels of one triangle. A table over n vertices looks at n^3 / 6 triangles, each
+about as many rows high as half of the polygon (measured: 2 to 6 ns)."""
+
+HOLES_S = 2e-7
+"""Of the cube of a vertex, where there are holes and a linear program proves what is found
+(measured: 10 to 450 ns, the most for the largest)."""
+
+
+def limits_of(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
+) -> dict[str, NDArray[np.int64]]:
+    """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known.
+
+    parts : a triangulation (m, 3) of each polygon without gaps, whichever
+
+    The fewest quads are looked for in as many polygons as `MOST_S` allows, the quickest first.
+    """
+    return {OUTLINE: outlines(frame, parts), LEAST: _least(frame, bench)}
+
+
+def seconds_of(frame: Frame) -> NDArray[np.float64]:
+    """Return about how many seconds it takes to find the fewest quads of each polygon, (p,)."""
+    cubes = np.diff(frame.offsets).astype(np.float64) ** 3
+    polygons = np.asarray(frame.polygons)
+    low, high = shapely.bounds(polygons)[:, 1::2].T
+    simple = cubes / 6 * (1 + (high - low) / 2) * ROW_S
+    holes = shapely.get_num_interior_rings(polygons) > 0
+    return np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
+
+
+def _least(frame: Frame, bench: Bench) -> NDArray[np.int64]:
+    """Return the fewest quads of each polygon, -1 where that is not proven."""
+    least = np.full(len(frame.polygons), -1)
+    seconds = seconds_of(frame)
+    order = np.argsort(seconds, kind="stable")
+    chosen = np.sort(order[np.cumsum(seconds[order]) <= MOST_S])
+    if not len(chosen):
+        return least
+    try:
+        result = bench.triangulate(FEWEST, [frame.polygons[k] for k in chosen.tolist()])
+    except TaskFailed:  # what is measured is the same without it
+        return least
+    parts: list[NDArray[np.int32] | None] = [None] * len(least)
+    gaps = iter(result.gaps)
+    for place, part in zip(chosen.tolist(), result.parts, strict=True):
+        if part is not None and next(gaps) == 0.0:
+            parts[place] = part
+    triangles = frame.join(parts)
+    quads = per_polygon(frame, triangles, predict(frame.points, triangles)["quads"])
+    return np.where([part is not None for part in parts], quads, least)

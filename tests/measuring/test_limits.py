@@ -1,0 +1,87 @@
+"""The fewest quads of a frame's polygons: known where it is cheap, and never undercut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from harness.figures.registry import LEAST, OUTLINE, find
+from harness.frame import View, make_frame
+from harness.measuring import limits, records
+from harness.measuring.processes import Bench
+from harness.measuring.worker import TaskFailed
+from scenes import load
+from tests.measuring.test_run import inline
+from triangulators import triangulate
+
+
+def limits_of(frame, bench=None):
+    parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
+    return limits.limits_of(frame, parts, bench or Bench(inline, 60))
+
+
+def test_it_lies_between_the_outline_and_every_triangulation():
+    frame = make_frame(load("city:buildings=25").polygons, View(200))
+    found = limits_of(frame)
+    assert (found[OUTLINE] <= found[LEAST]).all()
+    for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
+        triangles = frame.join([triangulate(polygon, name) for polygon in frame.polygons])
+        quads = limits.predict(frame.points, triangles)["quads"]
+        of_polygon = limits.per_polygon(frame, triangles, quads)
+        assert (found[LEAST] <= of_polygon).all()
+        assert (found[LEAST] < of_polygon).any()
+
+
+def test_the_quickest_polygons_come_first_and_the_others_are_left_out(monkeypatch):
+    frame = make_frame(load("city:buildings=25").polygons, View(200))
+    seconds = limits.seconds_of(frame)
+    monkeypatch.setattr(limits, "MOST_S", seconds.sum() / 2)
+    known = limits_of(frame)[LEAST] >= 0
+    assert known.any()
+    assert seconds[known].max() <= seconds[~known].min()
+    assert seconds[known].sum() <= seconds.sum() / 2 < seconds[known].sum() + seconds[~known].min()
+    monkeypatch.setattr(limits, "MOST_S", 0.0)
+    assert (limits_of(frame)[LEAST] == -1).all()
+
+
+def test_seconds_grow_with_height_vertices_and_holes():
+    square = shapely.box(0, 0, 100, 100)
+    one, larger = (limits.seconds_of(make_frame([square], View(size))).item() for size in (64, 640))
+    assert larger == pytest.approx(10 * one, rel=0.2)
+    with_hole = square.difference(shapely.box(40, 40, 60, 60))
+    assert limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
+
+
+class Failing(Bench):
+    def triangulate(self, recipe, polygons):
+        raise TaskFailed("it crashed")
+
+
+def test_a_crash_leaves_the_outline():
+    frame = make_frame([shapely.box(0, 0, 1, 1)], View(32))
+    found = limits_of(frame, Failing(inline, 60))
+    assert found[OUTLINE].item() > 0
+    assert found[LEAST].item() == -1
+
+
+def test_regret_is_helper_lanes_above_the_fewest():
+    known = {"polygons": 3, "quads": 290, "shaded": 300, "fragments": 1000}
+    assert find("regret")({LEAST: known}) == pytest.approx(200 / 160 - 1)
+    assert find("regret")({}) is None
+    assert find("regret")({LEAST: {**known, "quads": 250}}) is None  # no helper lane: no ratio
+
+
+def test_a_record_compares_the_polygons_that_are_known():
+    counters = {name: np.array(values) for name, values in COUNTED.items()}
+    parts = [np.zeros((1, 3), np.int32), None, np.zeros((1, 3), np.int32)]
+    least = np.array([9, 8, -1])
+    assert records._least_of(parts, counters, least) == {
+        LEAST: {"polygons": 1, "quads": 9, "shaded": 10, "fragments": 30}
+    }
+    assert records._least_of(parts, {"fragments": counters["fragments"]}, least) == {}
+    totals = {name: values.sum() for name, values in counters.items()}
+    assert records._least_of(parts, totals, least) == {}
+
+
+COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}

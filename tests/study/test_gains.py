@@ -1,0 +1,53 @@
+"""What an order of triangles gains is told apart from what diagonals gain."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from harness.study.gains import by_order
+
+
+def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:
+    return {
+        "scene": "letters",
+        "rasteriser": "opengl",
+        "device": "llvmpipe",
+        "resolution": 256,
+        "rotation": 0.0,
+        "fit": "box",
+        "work": 0,
+        "samples": 1,
+        "order": order,
+        "triangulator": triangulator,
+        "base": "ear-clipping",
+        "time_ratio": ratio,
+        **changes,
+    }
+
+
+ROWS = [
+    row("ear-clipping", "native", 1.0),
+    row("optimal:half-perimeter", "native", 0.82),
+    row("optimal:half-perimeter", "walk", 0.97),
+    row("optimal:half-perimeter", "vertex-cache", 0.96),
+    row("delaunay", "native", 0.93),
+    row("delaunay", "walk", 0.94),
+]
+
+
+def test_ratios_of_all_orders_stand_side_by_side():
+    found = by_order(pd.DataFrame(ROWS), "ear-clipping").set_index("triangulator")
+    assert list(found.index) == ["optimal:half-perimeter", "delaunay"]
+    best = found.loc["optimal:half-perimeter"]
+    assert (best["own"], best["walk"], best["vertex-cache"]) == (0.82, 0.97, 0.96)
+    assert found.loc["delaunay", "walk"] == pytest.approx(0.94)
+    assert pd.isna(found.loc["delaunay", "vertex-cache"])
+
+
+def test_views_stay_apart_and_what_has_one_order_is_left_out():
+    more = [row("optimal:half-perimeter", order, 0.7, resolution=512) for order in ("native",)]
+    found = by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
+    assert set(found["resolution"]) == {256}
+    assert by_order(pd.DataFrame(ROWS), "delaunay").empty
+    assert by_order(pd.DataFrame(ROWS[:2]), "ear-clipping").empty
