@@ -17,9 +17,13 @@ from harness.study.calibrate import (
     read_coefficients,
     write,
 )
+from harness.study.models import Model
 from tests.measuring.test_run import inline
 
 TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
+
+
+MODEL = Model(("area", "half_perimeter"), {}, 0.9, -35.0, 0.01, 0.005, 0.015, 0.0)
 
 
 def designed(seed: int) -> tuple[np.ndarray, list[int]]:
@@ -95,6 +99,15 @@ def test_r2_within_polygons_is_blind_to_their_size():
     assert calibration.r_squared_within(sizes * choice, sizes, polygons) < 0.01
 
 
+def test_a_model_of_fewer_terms_gives_the_others_nothing(designed_draws_0):
+    design, sets = designed_draws_0
+    terms = ("triangles", "half_perimeter")
+    fit = calibration.fit(design, design @ TRUE, sets, resamples=3, terms=terms)
+    assert {name for name, value in fit.coefficients.items() if value > 0} <= {"draw", *terms}
+    assert fit.coefficients["half_perimeter"] > 0
+    assert fit.intervals["area"] == (0.0, 0.0)
+
+
 def test_a_calibration_is_written_and_read_back(tmp_path, designed_draws_0):
     design, sets = designed_draws_0
     fit = calibration.fit(design, design @ TRUE, sets, resamples=5)
@@ -122,13 +135,15 @@ def test_the_command_refuses_a_poor_fit(harness, block, tmp_path, monkeypatch, d
 
     def measured(backend, bench, *_):
         bench.open(backend)
-        return fit, Validation(0.9, -35.0, 24, 384)
+        return fit, Validation(0.9, -35.0, 24, 384), [MODEL]
 
     monkeypatch.setattr("harness.study.calibrate.calibrate", measured)
     file = tmp_path / "device.json"
     code, out, err = harness("calibrate", "--scene", str(block), "--out", str(file))
     assert code == INCONCLUSIVE
     assert "-35.0000 within" in out
+    assert "S + H" in out
+    assert "--terms S,H" in " ".join(out.split())
     assert "--budget 0.8" in " ".join(err.split())
     assert not file.exists()
 
