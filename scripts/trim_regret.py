@@ -2,7 +2,7 @@
 
     python scripts/trim_regret.py FOLDER
 
-Random triangulations and counters that nobody looks at are most of regret_by_polygon.csv.
+Random triangulations and other counters are most of its tables.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ MEASURES = ("quads", "helper_lanes", "time_work_0")
 def main() -> None:
     """Trim both tables of the folder named on the command line."""
     folder = Path(sys.argv[1])
+    for name in ("measured.csv", "extremes.csv"):
+        (folder / name).unlink(missing_ok=True)
     for name in ("regret.csv", "regret_by_polygon.csv"):
         table = pd.read_csv(folder / name)
         kept = table["measure"].isin(MEASURES) & ~table["name"].str.startswith("random")
