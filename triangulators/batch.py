@@ -198,11 +198,13 @@ def _on_device(
     large = lengths > SIZES[-1]
     if device is None:
         triples = float((lengths[wanted & large] ** 3 / 6.0).sum())
-        found = remembered.choose(np.count_nonzero(wanted & ~large), triples)
-        if found is None:
+        found = remembered.choose(int(np.count_nonzero(wanted & ~large)), triples)
+        if found is None or found.device in engine.given_up:
             return
         device = found.device
         wanted &= (large & found.large) | (~large & found.small)
+    if not wanted.any():
+        return
     most = min(limit, MOST)
     if not trusted:
         for index in np.flatnonzero(wanted & large & (lengths <= most)).tolist():

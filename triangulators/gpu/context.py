@@ -71,7 +71,7 @@ class Storage:
             if self._buffer is not None:
                 self._buffer.release()
             self._buffer = None
-            size = 1 << max(count - 1, 255).bit_length()
+            size = min(1 << max(count - 1, 255).bit_length(), max(count, self._owner.storage))
             self._buffer = self._owner.ctx.buffer(reserve=size, dynamic=True)
             self._owner.check(f"taking {size:,} bytes")
 
@@ -100,7 +100,7 @@ def open_context(name: str) -> Compute:
         import moderngl
     except ImportError as error:
         raise DeviceFailed(f"{name}: {error}") from error
-    passed, problems = 0, []
+    passed, problems = 0, list[str]()
     for backend in _contexts(problems):
         try:
             ctx = moderngl.create_context(context=backend, require=VERSION)

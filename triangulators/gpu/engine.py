@@ -56,20 +56,37 @@ class Engine:
         self.large = LargeRings(self.compute)
 
 
-def attempt(name: str, task: Task, threads: int) -> bool:
-    """Do what the device can, and mark it in `task.done`; False if the device failed.
+given_up: set[str] = set()
+"""Devices that failed since this process began: they are not used any more unless asked for."""
 
-    What is not done is for the CPU: one line says so where it is a failure.
+_said: set[str] = set()
+
+
+def attempt(name: str, task: Task, threads: int) -> None:
+    """Do what the device can, and mark it in `task.done`; what is not done is for the CPU.
+
+    One line is logged where that is a failure, or a ring has more than `task.most` corners.
     """
     try:
         doubtful = _owner().submit(_run, name, task, threads).result()
     except Exception as error:  # drivers and their bindings raise anything
-        reason = " ".join(f"{error or type(error).__name__}".split())
-        _LOG.warning("%s failed, and the CPU does the rest: %s", name, reason)
-        return False
+        reason = " ".join(str(error).split()) or type(error).__name__
+        _say(f"{name} failed, and the CPU does the rest: {reason}")
+        given_up.add(name)
+        return
     if doubtful:
-        _LOG.warning("%s: %d results are wrong, and the CPU does them", name, doubtful)
-    return not doubtful
+        _say(f"{name}: {doubtful:,} results are wrong, and the CPU does them")
+        given_up.add(name)
+    too_large = int(np.count_nonzero(task.wanted & (np.diff(task.begins) > task.most)))
+    if too_large:
+        _say(f"{name}: {too_large:,} polygons have over {task.most:,} vertices; the CPU does them")
+
+
+def _say(line: str) -> None:
+    """Log a line as a warning, once: a file's polygons come in many batches."""
+    if line not in _said:
+        _said.add(line)
+        _LOG.warning(line)
 
 
 def describe(name: str) -> tuple[str, str]:
@@ -81,8 +98,10 @@ def describe(name: str) -> tuple[str, str]:
 
 
 def close_all() -> None:
-    """Close all devices; the next batch opens its own anew."""
+    """Close all devices and forget their failures; the next batch opens its own anew."""
     _owner().submit(_close_all).result()
+    given_up.clear()
+    _said.clear()
 
 
 @cache
@@ -151,9 +170,7 @@ class _Run:
     def _small(self) -> None:
         task, rings = self.task, self.rings
         chunks = list(pairwise(chunk_bounds(task.begins)))
-        most = min(task.most, MOST)
-        given = (task.coordinates, task.wanted, most, *rings)
-        ready = [self.pool.submit(prepare, *chunk, *given) for chunk in chunks]
+        ready = [self.pool.submit(self._prepare, *chunk) for chunk in chunks]
         turn, before = 0, None
         for chunk, prepared in zip(chunks, ready, strict=True):
             prepared.result()
@@ -164,6 +181,11 @@ class _Run:
             turn, before = turn + 1, chunk
         if before is not None:
             self._take_down(turn - 1, *before)
+
+    def _prepare(self, first: int, last: int) -> None:
+        task = self.task
+        most = min(task.most, MOST)
+        prepare(first, last, task.coordinates, task.wanted, most, *self.rings)
 
     def _take_down(self, turn: int, first: int, last: int) -> None:
         begins, kind = self.rings.begins, self.rings.kind

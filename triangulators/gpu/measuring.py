@@ -2,16 +2,20 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from triangulators.batch import Ragged, Triangulations, triangulate_many
+from triangulators.batch import triangulate_many
 from triangulators.gpu.engine import describe
+from triangulators.gpu.names import CPU, check_name
 from triangulators.gpu.remembered import Measured, Pace, recall, remember
+from triangulators.ragged import Ragged
 
-FOOTPRINTS = 20_000
-LARGE_CORNERS, LARGE_COUNT = 512, 4
+FIRST_FOOTPRINTS, MOST_FOOTPRINTS = 2_000, 128_000
+LARGE_CORNERS, FIRST_LARGE, MOST_LARGE = 256, 2, 128
+ENOUGH_S = 0.05
+"""A batch that takes the device that long is large enough to tell its pace."""
+
 ROUNDS = 3
 
 
@@ -19,26 +23,26 @@ def measure_device(name: str, *, again: bool = False) -> Measured:
     """Return what a device is worth on this machine, measured once and then remembered.
 
     From then on `triangulate_many` uses it unasked where it was the faster one. again: measure even
-    if it was measured before. Takes a second or so. Raises `UnknownName`, and
+    if it was measured before. Takes some seconds. Raises `UnknownName`, and
     `gpu.context.DeviceFailed` if the device cannot be opened.
     """
+    check_name(name)
     renderer, version = describe(name)
     known = recall().get(name)
     if known is not None and not again and (known.renderer, known.version) == (renderer, version):
         return known
-    small = stars(np.random.default_rng(1).integers(4, 25, FOOTPRINTS))
-    large = stars(np.full(LARGE_COUNT, LARGE_CORNERS))
-    one, other = stars(np.array([8])), stars(np.array([80]))
-    mixed = stars(np.random.default_rng(2).integers(4, 300, 200))
-    equal = all(_equal(each, name) for each in (small, large, mixed))
-    triples = LARGE_COUNT * LARGE_CORNERS**3 / 6.0
-    found = Measured(
-        renderer,
-        version,
-        equal,
-        _pace(name, small, one, FOOTPRINTS),
-        _pace(name, large, other, triples),
-    )
+    random = np.random.default_rng(1)
+    equal = _equal(stars(random.integers(4, 140, 60)), name)
+
+    def footprints(count: int) -> Ragged:
+        return stars(random.integers(4, 25, count))
+
+    def rings(count: int) -> Ragged:
+        return stars(np.full(count, LARGE_CORNERS))
+
+    small = _pace(name, footprints, 1.0, FIRST_FOOTPRINTS, MOST_FOOTPRINTS)
+    large = _pace(name, rings, LARGE_CORNERS**3 / 6.0, FIRST_LARGE, MOST_LARGE)
+    found = Measured(renderer, version, equal, small, large)
     remember(name, found)
     return found
 
@@ -55,27 +59,31 @@ def stars(corners: np.ndarray) -> Ragged:
 
 
 def _equal(arrays: Ragged, name: str) -> bool:
-    found, expected = (triangulate_many(arrays, device=device) for device in (name, "cpu"))
+    found, expected = (triangulate_many(arrays, device=device) for device in (name, CPU))
     return np.array_equal(found.triangles, expected.triangles) and np.array_equal(
         found.starts, expected.starts
     )
 
 
-def _pace(name: str, many: Ragged, one: Ragged, units: float) -> Pace:
-    def on(device: str, arrays: Ragged) -> Callable[[], Triangulations]:
-        return lambda: triangulate_many(arrays, device=device)
+def _pace(name: str, make: Callable[[int], Ragged], units: float, count: int, most: int) -> Pace:
+    """Measure batches of `count` to `most` polygons that have so many `units` each."""
+    once = _least(name, make(1))
+    while True:
+        arrays = make(count)
+        whole = _least(name, arrays)
+        if whole - once >= ENOUGH_S or count >= most:
+            break
+        count = min(8 * count, most)
+    each = max(whole - once, 0.0) / (count * units)
+    return Pace(once, each, _least(CPU, arrays) / (count * units))
 
-    once = _least(on(name, one))
-    each = max(_least(on(name, many)) - once, 0.0) / units
-    return Pace(once, each, _least(on("cpu", many)) / units)
 
-
-def _least(call: Callable[[], Any]) -> float:
+def _least(device: str, arrays: Ragged) -> float:
     """Return the least seconds of some calls, after one that loads and compiles."""
-    call()
+    triangulate_many(arrays, device=device)
     times = []
     for _ in range(ROUNDS):
         start = time.perf_counter()
-        call()
+        triangulate_many(arrays, device=device)
         times.append(time.perf_counter() - start)
     return min(times)

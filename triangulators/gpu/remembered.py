@@ -124,7 +124,6 @@ def _read(place: Path, changed_ns: int) -> dict[str, Measured]:  # noqa: ARG001 
 
 
 def _measured(entry: dict[str, Any]) -> Measured:
-    paces = {
-        key: Pace(**{k: float(v) for k, v in entry[key].items()}) for key in ("small", "large")
-    }
-    return Measured(str(entry["renderer"]), str(entry["version"]), entry["equal"] is True, **paces)
+    small, large = (Pace(*map(float, entry[key])) for key in ("small", "large"))
+    equal = entry["equal"] is True
+    return Measured(str(entry["renderer"]), str(entry["version"]), equal, small, large)
