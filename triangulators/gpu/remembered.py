@@ -7,6 +7,7 @@ driver, another version of this project or of Numba, or another number of cores 
 import json
 import os
 import platform
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -76,12 +77,10 @@ def remember(device: str, found: Measured) -> None:
     entries = {name: each._asdict() for name, each in everything.items()}
     place = path()
     fresh = place.with_name(f"{place.name}.{os.getpid()}")
-    try:
+    with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
         fresh.write_text(json.dumps({"schema": _SCHEMA, **facts(), "devices": entries}, indent=1))
         fresh.replace(place)
-    except OSError:
-        fresh.unlink(missing_ok=True)
 
 
 def choose(small: int, triples: float) -> Choice | None:
