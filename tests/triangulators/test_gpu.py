@@ -1,6 +1,7 @@
 """The optimum in compute shaders: on llvmpipe it is the CPU's, triangle for triangle."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -24,7 +25,8 @@ from triangulators.edges import (
     weights_of_pairs,
 )
 from triangulators.gpu import engine
-from triangulators.gpu.large import batches
+from triangulators.gpu.context import open_context
+from triangulators.gpu.large import LargeRings, batches
 from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
 from triangulators.polygon import boundary
 from triangulators.ragged import ragged
@@ -306,6 +308,63 @@ def test_large_rings_are_split_into_batches_that_fit():
     assert len(found) == 2
     with pytest.raises(Exception, match="250 corners"):
         list(batches(rings, np.arange(5), 256**2 - 1))
+
+
+@pytest.fixture
+def at_once():
+    """A thread to open a context in: the tests' own stays without one."""
+    with ThreadPoolExecutor(1) as pool:
+        yield lambda function: pool.submit(function).result()
+
+
+def test_the_longest_chain_is_traced_to_its_end(at_once):
+    """llvmpipe ends loops after 65,535 rounds; 2,048 corners in a chain make the most of them."""
+    n = MOST
+    table = np.ones((n, n), np.int32)
+    table[0] = 0
+    table[np.arange(n - 1), np.arange(1, n)] = 0
+
+    def trace():
+        compute = open_context("llvmpipe")
+        rings = LargeRings(compute)
+        rings.corners.write(np.zeros((n, 2), np.int32))
+        rings.jobs.write(np.array([0, n, 0, 0, n, 0, 0, 0], np.int32))
+        rings.table.write(table)
+        rings.seen.write(np.zeros(n, np.uint32))
+        rings.bases.write(np.zeros(n, np.uint32))
+        rings.bind()
+        rings.trace(1)
+        bases = np.empty(n, np.uint32)
+        rings.bases.read_into(bases)
+        compute.close()
+        return bases
+
+    bases = at_once(trace)
+    apexes = np.arange(1, n - 1)
+    assert np.array_equal(bases[1:-1], (apexes + 1) << 16)
+
+
+@pytest.mark.parametrize("make", [comb, convex, star])
+def test_what_a_corner_of_the_largest_rings_sees(at_once, make):
+    polygon = on_grid(vertices(make(MOST)))
+    ring = cycle_of(boundary(polygon), "test")
+    rings = prepared([polygon])
+    assert rings.kind[0] >= LARGE
+    rows = 3
+
+    def look():
+        compute = open_context("llvmpipe")
+        device = LargeRings(compute)
+        device.upload(rings, np.array([0]))
+        device.look(rows, 1, wide=True, worst=False)
+        table = np.empty((rows, MOST), np.int32)
+        device.table.read_into(table)
+        compute.close()
+        return table
+
+    for i, row in enumerate(at_once(look)):
+        expected = ring.target[ring.start[i] : ring.start[i + 1]]
+        assert np.array_equal(np.flatnonzero(row < engine.NONE), expected), i
 
 
 def test_unknown_devices():

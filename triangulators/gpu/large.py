@@ -1,6 +1,7 @@
 """Rings of up to 2,048 corners on a device: tiles of a table in a buffer, diagonal by diagonal."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -17,51 +18,70 @@ TABLES = 1 << 26
 
 
 class LargeRings:
-    """Batches of large rings."""
+    """Batches of large rings: uploaded, looked over, filled, traced."""
 
     def __init__(self, compute: Compute) -> None:
         self._compute = compute
-        self._corners, self._jobs, self._bases, self._table, self._seen = (
+        self.corners, self.jobs, self.bases, self.table, self.seen = self._buffers = [
             Storage(compute, binding) for binding in range(5)
-        )
+        ]
 
     def run(self, rings: Rings, which: np.ndarray, worst: bool, bases: np.ndarray) -> None:
         """Do the rings `which`; fill their part of bases (n,) uint32, see `placing`."""
         for batch in batches(rings, which, min(TABLES, self._compute.storage // 4)):
-            self._do(rings, batch, worst, bases)
+            jobs = self.upload(rings, batch)
+            columns = int(jobs[:, 4].max())
+            wide = bool((rings.kind[batch] % 2).any())
+            self.look(columns, len(batch), wide=wide, worst=worst)
+            self.fill(columns, len(batch))
+            self.trace(len(batch))
+            found = np.empty(int(jobs[-1, :2].sum()), dtype=np.uint32)
+            self.bases.read_into(found)
+            self._compute.check("computing large rings")
+            for index, (first, size) in zip(batch.tolist(), jobs[:, :2].tolist(), strict=True):
+                begin = rings.begins[index]
+                bases[begin : begin + size] = found[first : first + size]
 
-    def _do(self, rings: Rings, which: np.ndarray, worst: bool, bases: np.ndarray) -> None:
+    def upload(self, rings: Rings, which: np.ndarray) -> np.ndarray:
+        """Bring rings to the device and make room for their tables; return their jobs (k, 8)."""
         begin, end = rings.begins[which], rings.begins[which + 1]
         jobs, pairs = jobs_of(rings, which)
         corners = [rings.corners[b:e] for b, e in zip(begin, end, strict=True)]
-        self._corners.write(np.concatenate(corners))
-        self._jobs.write(jobs)
         count = int((end - begin).sum())
-        self._seen.write(np.zeros(count, dtype=np.uint32))
-        self._bases.reserve(4 * count)
-        self._table.reserve(4 * pairs)
-        for buffer in (self._corners, self._jobs, self._bases, self._table, self._seen):
-            buffer.bind()
-        self._dispatch(jobs, bool((rings.kind[which] % 2).any()), worst)
-        found = np.empty(count, dtype=np.uint32)
-        self._bases.read_into(found)
-        self._compute.check("computing large rings")
-        for job, b, e in zip(jobs[:, 0], begin, end, strict=True):
-            bases[b:e] = found[job : job + e - b]
+        self.corners.write(np.concatenate(corners))
+        self.jobs.write(jobs)
+        self.seen.write(np.zeros(count, dtype=np.uint32))
+        self.bases.reserve(4 * count)
+        self.table.reserve(4 * pairs)
+        self.bind()
+        return jobs
 
-    def _dispatch(self, jobs: np.ndarray, wide: bool, worst: bool) -> None:
-        compute, columns = self._compute, int(jobs[:, 4].max())
+    def bind(self) -> None:
+        """Let shaders see the buffers."""
+        for buffer in self._buffers:
+            buffer.bind()
+
+    def look(self, rows: int, count: int, *, wide: bool, worst: bool) -> None:
+        """Find who sees whom in the first `rows` rows of `count` tables, and what it costs."""
         how = {"WIDE": 1} if wide else {}
-        names = ("exact.glsl", "rings.glsl")
-        visible = compute.program(*names, "visible.glsl", MOST=MOST, LANES=64, BLOCK=32, **how)
-        visible["worst"] = int(worst)
-        compute.run(visible, columns, len(jobs))
-        tiles = compute.program(*names, "tiles.glsl", TILE=TILE, LANES=TILE * TILE // 4)
-        for away in range(columns // TILE):
-            tiles["away"] = away
-            compute.run(tiles, columns // TILE - away, len(jobs))
-        trace = compute.program(*names, "trace.glsl", MOST=MOST, LANES=256, CREW=32)
-        compute.run(trace, len(jobs))
+        program = self._program("visible.glsl", MOST=MOST, LANES=256, BLOCK=32, **how)
+        program["worst"] = int(worst)
+        self._compute.run(program, rows, count)
+
+    def fill(self, columns: int, count: int) -> None:
+        """Fill `count` tables of up to so many columns, a diagonal of tiles at a time."""
+        program = self._program("tiles.glsl", TILE=TILE, LANES=TILE * TILE // 4)
+        tiles = columns // TILE
+        for away in range(tiles):
+            program["away"] = away
+            self._compute.run(program, tiles - away, count)
+
+    def trace(self, count: int) -> None:
+        """Find the triangles behind `count` tables."""
+        self._compute.run(self._program("trace.glsl", MOST=MOST, LANES=256, CREW=64), count)
+
+    def _program(self, name: str, **constants: int) -> Any:
+        return self._compute.program("exact.glsl", "rings.glsl", name, **constants)
 
 
 def batches(rings: Rings, which: np.ndarray, pairs: int) -> Iterator[np.ndarray]:

@@ -7,6 +7,10 @@
 // Ties. Up to SMALL corners the lowest apex wins, as in small_ring.py. Above, edges.py goes by its
 // table where corners see many others, and the lowest wins, or by lists of visible pairs, which
 // have apexes in descending order, and the highest wins. It decides by the sum of squares of `seen`.
+//
+// Rounds. llvmpipe ends all loops of an invocation, in silence, once they have made 65,535 rounds
+// together. Where the triangles are a chain, 2,048 pairs are traced one after the other, with at
+// most 2,048 / CREW rounds each and log2(CREW) to find the best of a crew's: some 50,000.
 const int CREWS = LANES / CREW;
 
 shared uint queue[MOST];
@@ -61,13 +65,17 @@ void main() {
         sums[lane] = best;
         apexes[lane] = apex;
         barrier();
-        if (part == 0 && mine < end) {
-            for (int l = lane + 1; l < lane + CREW; l++) {
-                if (sums[l] < NONE && before(sums[l], apexes[l], best, apex)) {
-                    best = sums[l];
-                    apex = apexes[l];
-                }
+        for (int others = CREW / 2; others > 0; others /= 2) {
+            int other = lane + others;
+            if (part < others && sums[other] < NONE &&
+                before(sums[other], apexes[other], sums[lane], apexes[lane])) {
+                sums[lane] = sums[other];
+                apexes[lane] = apexes[other];
             }
+            barrier();
+        }
+        apex = apexes[lane];
+        if (part == 0 && mine < end && apex > 0) {
             bases[first + apex] = uint(i) | uint(j) << 16;
             if (apex - i > 1) {
                 queue[atomicAdd(tail, 1)] = uint(i) | uint(apex) << 16;

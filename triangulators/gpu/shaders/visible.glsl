@@ -6,6 +6,8 @@
 // on one side of it, touching counted; where all four are on one line, where their boxes overlap.
 // Runs of BLOCK sides are passed over where their box is apart from the segment's, or on one side
 // of it.
+//
+// Rounds (see trace.glsl): 2,048 / LANES corners j a lane, 2,048 sides and 64 boxes each.
 uniform int worst;
 
 shared ivec2 at[MOST];
