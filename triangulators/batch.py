@@ -190,8 +190,8 @@ def _on_device(
 ) -> None:
     """Do what a device can; marks it in `work.done`.
 
-    trusted: whether the `sound` ones are known to be valid. For a small ring that does not matter,
-    but what sees what in a large one has a meaning only where it does not cross itself.
+    trusted: whether the `sound` ones are known to be valid. Otherwise those are tested here that
+    the CPU would test, too: rings of more than SMALL corners.
     """
     lengths = np.diff(work.begins)
     wanted = sound & (np.diff(work.owners) == 1) & (lengths >= 3)
@@ -207,7 +207,7 @@ def _on_device(
         return
     most = min(limit, MOST)
     if not trusted:
-        for index in np.flatnonzero(wanted & large & (lengths <= most)).tolist():
+        for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
             ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
             wanted[index] = shapely.Polygon(ring).is_valid
     arrays = (work.coordinates, work.begins, wanted, most, bool(cost.box[0] < 0.0))

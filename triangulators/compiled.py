@@ -8,7 +8,7 @@ import shapely
 
 
 def drop_stale() -> None:
-    """Delete compiled code in `__pycache__` folders that is older than any source file of the package.
+    """Delete compiled code in `__pycache__` that is older than any source file of the package.
 
     Numba notices a change in a function's own file, but not in those it calls and has built in.
     """
