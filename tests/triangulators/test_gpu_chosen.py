@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.triangulators.cases import star
-from triangulators import measure_device, triangulate_many, vertices
+from triangulators import UnknownName, measure_device, triangulate_many, vertices
 from triangulators.gpu import engine, measuring, remembered
 from triangulators.gpu.remembered import Choice, Measured, Pace, choose, recall, remember
 
@@ -162,6 +162,11 @@ def test_a_device_is_measured_once(monkeypatch):
     made = len(calls)
     assert measure_device("llvmpipe").version == found.version
     assert len(calls) > made
+
+
+def test_the_cpu_is_not_measured_against_itself():
+    with pytest.raises(UnknownName, match="measured against"):
+        measure_device("cpu")
 
 
 def test_a_device_whose_results_differ_is_never_chosen(monkeypatch):

@@ -1,5 +1,7 @@
 """A device that fails costs one line and its speed: the results are the CPU's."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 import shapely
@@ -188,6 +190,21 @@ def test_a_device_that_failed_is_opened_anew_when_it_is_named(monkeypatch, expec
     assert np.array_equal(found.triangles, expected.triangles)
     assert len(made) == 1
     assert len(caplog.records) == 1
+
+
+def forked(_):
+    found = triangulate_many(POLYGONS, device="llvmpipe")
+    return found.triangles, sorted(engine.given_up)
+
+
+def test_a_process_that_was_forked_does_without_its_parents_driver(expected, caplog):
+    triangulate_many(POLYGONS, device="llvmpipe")
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        ((triangles, given_up),) = pool.map_async(forked, [0]).get(timeout=60)
+    assert np.array_equal(triangles, expected.triangles)
+    assert given_up == ["llvmpipe"]
+    triangulate_many(POLYGONS, device="llvmpipe")
+    assert caplog.records == []
 
 
 def test_a_gpu_that_is_not_there(caplog):

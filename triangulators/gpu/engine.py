@@ -10,6 +10,7 @@ same time is its own matter; llvmpipe, which computes when it is told to, does n
 """
 
 import logging
+import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.gpu.context import Compute, open_context
+from triangulators.gpu.context import Compute, DeviceFailed, open_context
 from triangulators.gpu.large import LargeRings, large
 from triangulators.gpu.placing import place
 from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
@@ -110,12 +111,27 @@ def _owner() -> ThreadPoolExecutor:
 
 
 _open: dict[str, Engine] = {}  # touched by that thread alone
+_drivers: set[int] = set()
+"""Processes that have loaded a driver, this one or those that it was forked from."""
 
 
 def _opened(name: str) -> Engine:
+    if _drivers - {os.getpid()}:
+        raise DeviceFailed("its driver was loaded before this process was forked")
     if name not in _open:
+        _drivers.add(os.getpid())
         _open[name] = Engine(name)
     return _open[name]
+
+
+def _after_fork() -> None:
+    """Forget the thread, which a forked process has not; nor has it the driver's own threads."""
+    _owner.cache_clear()
+    _open.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def _describe(name: str) -> tuple[str, str]:

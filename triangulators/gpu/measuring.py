@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from triangulators.batch import triangulate_many
+from triangulators.errors import UnknownName
 from triangulators.gpu.engine import describe
 from triangulators.gpu.names import CPU, check_name
 from triangulators.gpu.remembered import Measured, Pace, recall, remember
@@ -26,8 +27,14 @@ def measure_device(name: str, *, again: bool = False) -> Measured:
     From then on `triangulate_many` uses it unasked where it was the faster one. again: measure even
     if it was measured before. Takes some seconds. Raises `UnknownName`, and
     `gpu.context.DeviceFailed` if the device cannot be opened.
+
+        >>> measure_device("abacus")
+        Traceback (most recent call last):
+        triangulators.errors.UnknownName: unknown device 'abacus' (known: gpu0, gpu1, llvmpipe, cpu)
     """
     check_name(name)
+    if name == CPU:
+        raise UnknownName(f"{CPU!r} is what devices are measured against")
     renderer, version = describe(name)
     known = recall().get(name)
     if known is not None and not again and (known.renderer, known.version) == (renderer, version):
