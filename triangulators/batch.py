@@ -1,9 +1,8 @@
 """Millions of small polygons at once, over ragged arrays and in parallel."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from triangulators.gpu import engine, remembered
 from triangulators.gpu.names import CPU, check_name
 from triangulators.gpu.rings import MOST, SIZES
 from triangulators.optimal import LIMIT
-from triangulators.ragged import Ragged, polygon_at, ragged
+from triangulators.ragged import Ragged, Triangulations, polygon_at, ragged
 from triangulators.refined import refine_many, take_many, test_of
 from triangulators.registry import parse, triangulate
 from triangulators.small_holes import MOST_HOLES
@@ -28,33 +27,6 @@ from triangulators.small_ring import SMALL
 _CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 _ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
 """Coefficients of half-perimeter, bounding-box area and edge length that devices know."""
-
-
-@dataclass(frozen=True)
-class Triangulations(Sequence[np.ndarray]):
-    """Triangulations of many polygons; `[i]` is that of polygon i, (m, 3) int32.
-
-    triangles: (M, 3), each polygon's as indices into its own vertices; starts: (p + 1,), where
-    each polygon's begin. `failed` says why, for each polygon that has none.
-    """
-
-    triangles: np.ndarray
-    starts: np.ndarray
-    failed: dict[int, str] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.starts) - 1
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"polygon {index} of {len(self)}")
-        index %= len(self)
-        return self.triangles[self.starts[index] : self.starts[index + 1]]
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return (self[index] for index in range(len(self)))
 
 
 class Attempt(NamedTuple):

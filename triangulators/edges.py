@@ -21,6 +21,7 @@ are exact. Off the grid, and for L2, the sums are float64. Weights that are to b
 weight is negative, which NONE relies on.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def most_squares(corners: int) -> float:
     """Return the sum, over corners, of the squared number of those below that see it, up to which
     lists of visible pairs are quicker than the table. Its result has other ties.
     """
-    return corners**3 / (3.0 * _SPARSE_TO_DENSE)
+    return corners**3 / (3.0 * _SPARSE_TO_DENSE) if _SPARSE_TO_DENSE > 0.0 else math.inf
 
 
 @njit(cache=True, nogil=True)

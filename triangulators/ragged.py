@@ -1,7 +1,8 @@
-"""Many polygons as arrays."""
+"""Many polygons, and their triangulations, as arrays."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -17,6 +18,33 @@ class Ragged(NamedTuple):
     coordinates: np.ndarray
     ring_ends: np.ndarray
     polygon_ends: np.ndarray
+
+
+@dataclass(frozen=True)
+class Triangulations(Sequence[np.ndarray]):
+    """Triangulations of many polygons; `[i]` is that of polygon i, (m, 3) int32.
+
+    triangles: (M, 3), each polygon's as indices into its own vertices; starts: (p + 1,), where
+    each polygon's begin. `failed` says why, for each polygon that has none.
+    """
+
+    triangles: np.ndarray
+    starts: np.ndarray
+    failed: dict[int, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"polygon {index} of {len(self)}")
+        index %= len(self)
+        return self.triangles[self.starts[index] : self.starts[index + 1]]
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return (self[index] for index in range(len(self)))
 
 
 def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:
