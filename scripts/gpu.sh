@@ -21,10 +21,11 @@ device=${DEVICE:-$("$python" -c \
 to=${1:-results/reference/$device}
 mkdir -p "$to"
 if [ "${QUICK:-}" = yes ]; then
-    scenes="city:buildings=40" sizes=256 budget=0.05 study=(--quick) footprints=1000
+    scenes="city:buildings=40" sizes=256 budget=0.05 study=(--quick)
+    compared=(1000 --footprints-only)
 else
     scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 study=(--budget 0.05)
-    footprints=100000
+    compared=(100000)
 fi
 peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
 peers+=,worst:half-perimeter
@@ -70,7 +71,7 @@ PY
 
 # Compares what the device's compute shaders find with what the CPU finds.
 optimum() {
-    "$python" scripts/gpu_equal.py "$footprints" --device "$device" | tee "$to/optimum.part"
+    "$python" scripts/gpu_equal.py "${compared[@]}" --device "$device" | tee "$to/optimum.part"
     local code=$?
     mv "$to/optimum.part" "$to/optimum-equality.txt"
     return $code

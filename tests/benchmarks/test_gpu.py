@@ -86,7 +86,7 @@ def both(benchmark: Any, arrays: Ragged, rounds: int) -> tuple[float, float]:
 
 def test_footprints(benchmark, footprints):
     count = len(footprints.polygon_ends)
-    device_s, cpu_s = both(benchmark, footprints, 5)
+    device_s, cpu_s = both(benchmark, footprints, 3)
     million = device_s * 1e6 / count
     benchmark.extra_info.update(
         polygons=count,
