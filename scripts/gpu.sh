@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What this machine's best device says, in about ten minutes: what works, whether its counters are
 # those of the exact reference, which criterion predicts, what the choice of a triangulator gains,
-# and what its time is made of.
+# what its time is made of, and how fast it finds the optimum itself.
 #
 #   scripts/gpu.sh [OUT]      OUT: a folder, by default results/reference/<device>
 #
@@ -22,8 +22,10 @@ to=${1:-results/reference/$device}
 mkdir -p "$to"
 if [ "${QUICK:-}" = yes ]; then
     scenes="city:buildings=40" sizes=256 budget=0.05 study=(--quick)
+    compared=(1000 --footprints-only)
 else
     scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 study=(--budget 0.05)
+    compared=(100000)
 fi
 peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
 peers+=,worst:half-perimeter
@@ -67,6 +69,14 @@ sys.exit(bool(wrong) or not names)
 PY
 }
 
+# Compares what the device's compute shaders find with what the CPU finds.
+optimum() {
+    "$python" scripts/gpu_equal.py "${compared[@]}" --device "$device" | tee "$to/optimum.part"
+    local code=$?
+    mv "$to/optimum.part" "$to/optimum-equality.txt"
+    return $code
+}
+
 step doctor "$to/doctor.txt" doctor
 for scene in $scenes; do
     step "equality $scene" "$to/equality-${scene%%:*}/summary.csv" equality "$scene"
@@ -82,6 +92,11 @@ step validate "$to/validate-city/correlations.csv" \
 step calibrate "$to/calibration.json" \
     "$python" -m harness calibrate --device "$device" --resolution 512 --budget $budget --quiet \
     --out "$to/calibration.json"
+# The optimum for H in compute shaders: whether it is the CPU's, and its polygons a second.
+step "optimum, equality" "$to/optimum-equality.txt" optimum
+step optimum "$to/optimum.json" \
+    env DEVICE="$device" "$python" -m pytest tests/benchmarks/test_gpu.py --benchmark-enable -s -q \
+    --benchmark-json="$to/optimum.json"
 # The same GPU through WebGPU, where wgpu is there: its counters and what they cost.
 if "$python" -c 'import wgpu' 2>/dev/null; then
     step webgpu "$to/webgpu-city/summary.csv" \

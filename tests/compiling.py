@@ -55,6 +55,7 @@ def compile_everything() -> None:
         polygons = load(scene).polygons
         triangulate_many(polygons)
         frame = make_frame(polygons, View(64))
+        triangulate_many(frame.polygons, device="llvmpipe")
         for name in known:
             found = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(found.parts))

@@ -30,6 +30,7 @@ from triangulators.errors import (
     Unavailable,
     UnknownName,
 )
+from triangulators.gpu.measuring import measure_device
 from triangulators.polygon import vertices
 from triangulators.registry import (
     find,
@@ -55,6 +56,7 @@ __all__ = [
     "criteria",
     "find",
     "full_name",
+    "measure_device",
     "names",
     "parse",
     "triangulate",

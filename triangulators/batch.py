@@ -1,9 +1,8 @@
 """Millions of small polygons at once, over ragged arrays and in parallel."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -15,64 +14,19 @@ from triangulators.batch_kernels import do_holes, do_rings
 from triangulators.cost import Cost, plain_cost
 from triangulators.criteria import find as find_criterion
 from triangulators.errors import Skipped, TriangulationError
+from triangulators.gpu import engine, remembered
+from triangulators.gpu.names import CPU, check_name
+from triangulators.gpu.rings import MOST, SIZES
 from triangulators.optimal import LIMIT
+from triangulators.ragged import Ragged, Triangulations, polygon_at, ragged
 from triangulators.refined import refine_many, take_many, test_of
 from triangulators.registry import parse, triangulate
 from triangulators.small_holes import MOST_HOLES
 from triangulators.small_ring import SMALL
 
 _CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
-
-
-class Ragged(NamedTuple):
-    """Polygons as arrays: coordinates (n, 2) float64, ring after ring and none closed.
-
-    `ring_ends` (r,): where in `coordinates` each ring ends; `polygon_ends` (p,): where in
-    `ring_ends` each polygon ends, its exterior first. Rings are taken to be valid.
-    """
-
-    coordinates: np.ndarray
-    ring_ends: np.ndarray
-    polygon_ends: np.ndarray
-
-
-@dataclass(frozen=True)
-class Triangulations(Sequence[np.ndarray]):
-    """Triangulations of many polygons; `[i]` is that of polygon i, (m, 3) int32.
-
-    triangles: (M, 3), each polygon's as indices into its own vertices; starts: (p + 1,), where
-    each polygon's begin. `failed` says why, for each polygon that has none.
-    """
-
-    triangles: np.ndarray
-    starts: np.ndarray
-    failed: dict[int, str] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.starts) - 1
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"polygon {index} of {len(self)}")
-        index %= len(self)
-        return self.triangles[self.starts[index] : self.starts[index + 1]]
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return (self[index] for index in range(len(self)))
-
-
-def ragged(polygons: Sequence[shapely.Polygon] | np.ndarray) -> Ragged:
-    """Return shapely polygons as `Ragged` arrays."""
-    array = np.asarray(polygons, dtype=object)
-    rings, owner = shapely.get_rings(array, return_index=True)
-    lengths = shapely.get_num_coordinates(rings)
-    coordinates = shapely.get_coordinates(rings)
-    keep = np.ones(len(coordinates), dtype=np.bool_)
-    keep[np.cumsum(lengths) - 1] = False
-    polygon_ends = np.cumsum(np.bincount(owner, minlength=len(array)))
-    return Ragged(coordinates[keep], np.cumsum(lengths - 1), polygon_ends)
+_ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
+"""Coefficients of half-perimeter, bounding-box area and edge length that devices know."""
 
 
 class Attempt(NamedTuple):
@@ -92,11 +46,11 @@ def attempt_many(
 ) -> Attempt:
     """Do the part of a batch that compiled code can; see `triangulate_many`, which does the rest.
 
-    Raises `UnknownName`.
+    On the CPU, whatever was measured to be faster. Raises `UnknownName`.
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    _attempt(polygons, name, check, threads or _cores(), parameters, work)
+    _attempt(polygons, name, check, threads or _cores(), CPU, parameters, work)
     return Attempt(Triangulations(work.triangles, work.starts), work.done)
 
 
@@ -106,6 +60,7 @@ def triangulate_many(
     *,
     check: bool = True,
     threads: int | None = None,
+    device: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
     """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
@@ -116,7 +71,12 @@ def triangulate_many(
     `ear-clipping`. What is left, and everything under other names, goes one at a time through
     `triangulate`. Either way a polygon's triangulation costs what that of `triangulate` does.
     check: test shapely polygons for validity first. threads: by default one for each core this
-    process may use. parameters: as for `triangulate`. Raises `UnknownName`.
+    process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
+    half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 2,000 vertices,
+    on a grid (1/256 px, whole metres, ...); the results are the same. The CPU does the others, and
+    all where the device fails, of which one line is logged. "cpu" is compiled code alone; None is
+    the device that `measure_device` found to be faster here, if there is one. parameters: as for
+    `triangulate`. Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed
@@ -124,7 +84,7 @@ def triangulate_many(
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    _attempt(polygons, name, check, threads or _cores(), parameters, work)
+    _attempt(polygons, name, check, threads or _cores(), device, parameters, work)
     if work.done.all():
         return Triangulations(work.triangles, work.starts)
     return _finish(arrays, polygons, name, parameters, work)
@@ -164,11 +124,14 @@ def _attempt(
     name: str,
     check: bool,
     threads: int,
+    device: str | None,
     parameters: dict[str, Any],
     work: _Work,
 ) -> None:
-    """Do what compiled code can; marks it in `work.done`."""
+    """Do what a device and compiled code can; marks it in `work.done`."""
     choice = parse(name)
+    if device is not None:
+        check_name(device)
     cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
     plain_ears = choice.entry.name == "ear-clipping" and not parameters
     if cost is None and not plain_ears:
@@ -181,14 +144,53 @@ def _attempt(
     elif choice.entry.name == "refined":
         _clipped(work, sound, threads, refine_many, test_of(cost), cost.weights, cost.function)
     else:
-        _compiled(work, cost, sound, threads, parameters.get("limit", LIMIT))
+        limit = parameters.get("limit", LIMIT)
+        if device != CPU and cost.box.tolist() in _ON_DEVICE:
+            trusted = check and not isinstance(polygons, Ragged)
+            _on_device(cost, sound, trusted, threads, device, limit, work)
+        _compiled(work, cost, sound, threads, limit)
+
+
+def _on_device(
+    cost: Cost,
+    sound: np.ndarray,
+    trusted: bool,
+    threads: int,
+    device: str | None,
+    limit: int,
+    work: _Work,
+) -> None:
+    """Do what a device can; marks it in `work.done`.
+
+    trusted: whether the `sound` ones are known to be valid. Otherwise those are tested here that
+    the CPU would test, too: rings of more than SMALL corners.
+    """
+    lengths = np.diff(work.begins)
+    wanted = sound & (np.diff(work.owners) == 1) & (lengths >= 3)
+    large = lengths > SIZES[-1]
+    if device is None:
+        triples = float((lengths[wanted & large] ** 3 / 6.0).sum())
+        found = remembered.choose(int(np.count_nonzero(wanted & ~large)), triples)
+        if found is None or found.device in engine.given_up:
+            return
+        device = found.device
+        wanted &= (large & found.large) | (~large & found.small)
+    if not wanted.any():
+        return
+    most = min(limit, MOST)
+    if not trusted:
+        for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
+            ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
+            wanted[index] = shapely.Polygon(ring).is_valid
+    arrays = (work.coordinates, work.begins, wanted, most, bool(cost.box[0] < 0.0))
+    engine.attempt(device, engine.Task(*arrays, work.starts, work.triangles, work.done), threads)
 
 
 def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
     """Do what compiled code can; marks it in `work.done`."""
     lengths, rings = np.diff(work.begins), np.diff(work.owners)
     sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
-    by_table = sound & (rings == 1)
+    by_table = sound & (rings == 1) & ~work.done
     with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
     out = (cost.box, work.starts, work.triangles, work.done)
     with ThreadPoolExecutor(threads) as pool:
@@ -261,15 +263,6 @@ def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) ->
     found = find_criterion(wanted, **steered)
     cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
     return cost if cost is not None and (cost.is_box or name == "refined") else None
-
-
-def polygon_at(arrays: Ragged, index: int) -> shapely.Polygon:
-    """Return one polygon of `Ragged` arrays."""
-    first = int(arrays.polygon_ends[index - 1]) if index else 0
-    ends = arrays.ring_ends[first : int(arrays.polygon_ends[index])]
-    start = int(arrays.ring_ends[first - 1]) if first else 0
-    rings = np.split(arrays.coordinates[start : int(ends[-1])], ends[:-1] - start)
-    return shapely.Polygon(rings[0], rings[1:])
 
 
 def _finish(

@@ -13,8 +13,8 @@ def drop_stale() -> None:
     Numba notices a change in a function's own file, but not in those it calls and has built in.
     """
     package = Path(__file__).parent
-    newest = max(source.stat().st_mtime for source in package.glob("*.py"))
-    for index in (package / "__pycache__").glob("*.nbi"):
+    newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
+    for index in package.rglob("__pycache__/*.nbi"):
         try:
             if index.stat().st_mtime < newest:
                 index.unlink()

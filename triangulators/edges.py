@@ -21,6 +21,7 @@ are exact. Off the grid, and for L2, the sums are float64. Weights that are to b
 weight is negative, which NONE relies on.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,13 @@ _LANES = 16
 def integer_type(corners: int, half_perimeter: float) -> type:
     """Return the integers that hold all sums of a ring's diagonals, in units of the grid."""
     return np.int32 if corners * half_perimeter < INT32_LIMIT else np.int64
+
+
+def most_squares(corners: int) -> float:
+    """Return the sum, over corners, of the squared number of those below that see it, up to which
+    lists of visible pairs are quicker than the table. Its result has other ties.
+    """
+    return corners**3 / (3.0 * _SPARSE_TO_DENSE) if _SPARSE_TO_DENSE > 0.0 else math.inf
 
 
 @njit(cache=True, nogil=True)
@@ -304,9 +312,8 @@ def edge_optimum(
     n = len(points)
     weight = weights_of_pairs(points, start, target, box)
     none = _NONE[weight.dtype]
-    seen_from_above = np.bincount(target, minlength=n).astype(np.float64)
-    tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
-    if tried * _SPARSE_TO_DENSE > n**3 / 6.0:
+    seen_from_below = np.bincount(target, minlength=n).astype(np.float64)
+    if float(np.dot(seen_from_below, seen_from_below)) > most_squares(n):
         table = _spread(n, start, target, weight, none)
         fill_table(table, none)
         return _trace_table(table, none)

@@ -39,7 +39,7 @@ from triangulators.predicates import FILTER, orient
 from triangulators.simd import FAST, LANES, fmin, push
 
 SMALL = 192  # corners up to which a ring is done here
-_SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
+SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
 _NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
 # Rows in the space of a ring, before those of its table.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
@@ -269,14 +269,10 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
     n = len(points)
     lanes = (n + LANES - 1) // LANES * LANES
     unit = grid_unit(points)
-    area = 0.0
-    for k in range(n):
-        after = points[k + 1] if k + 1 < n else points[0]
-        area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
-        area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
+    area = twice_area(points)
     low_x, low_y, w, h = box_of(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
-    if unit > 0.0 and edges_only and max(w, h) < _SPAN * unit:
+    if unit > 0.0 and edges_only and max(w, h) < SPAN * unit:
         space = np.empty((_TABLE + n, lanes), dtype=np.int32)
         for k in range(n):
             source = k if area > 0.0 else n - 1 - k
@@ -306,6 +302,17 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
             for e in range(3):
                 triangles[row, e] = n - 1 - triangles[row, e]
     return total
+
+
+@njit(cache=True, nogil=True)
+def twice_area(points: np.ndarray) -> float:
+    """Return twice the signed area of a ring (n, 2), positive if counter-clockwise."""
+    area = 0.0
+    for k in range(len(points)):
+        after = points[k + 1] if k + 1 < len(points) else points[0]
+        area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
+        area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
+    return area
 
 
 @njit(cache=True, nogil=True)

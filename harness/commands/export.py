@@ -61,10 +61,18 @@ def triangulate(
             "--certify", help="Say how far the triangulations are from the optimum, with proof."
         ),
     ] = False,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            help="Compute the optimum for the half-perimeter on gpu0, gpu1, ..., llvmpipe or cpu; "
+            "by default on what was measured to be the fastest here."
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Triangulate a file of polygons and write the triangles."""
     from harness.export.export import export_file
+    from harness.triangulating.device import get_ready
 
     reporter = Reporter(quiet=quiet)
     height: str | float | None = extrude
@@ -73,6 +81,7 @@ def triangulate(
             height = float(extrude)
         except ValueError:
             height = extrude
+    device = None if device is None else get_ready(device, reporter)
     database = ModelDatabase(say=reporter.warn) if cached else None
 
     def counted(polygons: int) -> None:
@@ -96,6 +105,7 @@ def triangulate(
                 database=database,
                 progress=counted,
                 certify=certify,
+                device=device,
             )
     finally:
         if database is not None:

@@ -114,6 +114,7 @@ def export_file(
     database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
     certify: bool = False,
+    device: str | None = None,
     chunk: int = CHUNK,
     **parameters: Any,
 ) -> Report:
@@ -125,7 +126,8 @@ def export_file(
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `database` is the model database to
     use, or None for none. `certify` has each triangulation's distance from the optimum of its
-    criterion (half-perimeter, if it has none) worked out. `progress` is called with the number of
+    criterion (half-perimeter, if it has none) worked out. `device` is that of
+    `triangulators.triangulate_many`. `progress` is called with the number of
     polygons done so far. `parameters` go to the triangulator. `out` appears when all is written; on
     an error it stays as it was.
 
@@ -149,7 +151,7 @@ def export_file(
                     continue
                 if writer is None:
                     writer = make(output, About(triangulator=name, **part.about))
-                mesh = _triangulated(part, name, parameters, extrude, database, report)
+                mesh = _triangulated(part, name, parameters, extrude, database, device, report)
                 writer.add(mesh)
                 _count(report, mesh)
                 if progress is not None:
@@ -267,10 +269,11 @@ def _triangulated(
     parameters: dict[str, Any],
     extrude: str | float | None,
     database: ModelDatabase | None,
+    device: str | None,
     report: Report,
 ) -> meshes.Mesh:
     begun = time.perf_counter()
-    batch = triangulate_batch(part.polygons, name, parameters, database)
+    batch = triangulate_batch(part.polygons, name, parameters, database, device)
     report.triangulate_s += time.perf_counter() - begun
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]

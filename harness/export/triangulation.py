@@ -42,8 +42,11 @@ def triangulate_batch(
     name: str,
     parameters: dict[str, Any],
     database: model.ModelDatabase | None = None,
+    device: str | None = None,
 ) -> Batch:
     """Triangulate valid polygons; what fails is named in `failed` and has no triangles.
+
+    device : as for `triangulators.triangulate_many`; the triangles are the same on all.
 
     Raises `triangulators.UnknownName` for an unknown triangulator or criterion.
     """
@@ -51,7 +54,7 @@ def triangulate_batch(
     arrays = ragged(polygons)
     keys = {} if database is None else _keys(arrays, name, parameters)
     if database is None or not keys:
-        computed = triangulate_many(arrays, name, **parameters)
+        computed = triangulate_many(arrays, name, device=device, **parameters)
         starts = np.asarray(computed.starts, dtype=np.int64)
         return Batch(arrays, computed.triangles, starts, dict(computed.failed))
     found = database.get_many(list(keys.values()))
@@ -61,7 +64,9 @@ def triangulate_batch(
     missing = [number for number, piece in enumerate(pieces) if piece is None]
     failed: dict[int, str] = {}
     if missing:
-        computed = triangulate_many(polygons[missing], name, check=False, **parameters)
+        computed = triangulate_many(
+            polygons[missing], name, check=False, device=device, **parameters
+        )
         failed = {missing[k]: reason for k, reason in computed.failed.items()}
         for k, number in enumerate(missing):
             pieces[number] = computed[k]

@@ -13,23 +13,17 @@ from typing import Any
 
 from harness.rasterisers import probing
 from harness.rasterisers.base import Device
+from triangulators.gpu.names import is_software
 
 PROBE = Path(__file__).with_name("probe.py")
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 INSTALL_VULKAN = "apt-get install -y libvulkan1 mesa-vulkan-drivers"
-
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software")
 
 SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
 LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
 """What makes Mesa draw on the CPU, in the thread that asks for it."""
 
 ICD_FOLDERS = ("/usr/local/share", "/etc", "/usr/share")
-
-
-def is_software(renderer: str) -> bool:
-    """Whether GL_RENDERER names a rasteriser that runs on a CPU."""
-    return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
 def matches(name: str, renderer: str) -> bool:

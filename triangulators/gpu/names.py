@@ -1,0 +1,26 @@
+"""Names of the devices that OpenGL may offer."""
+
+from triangulators.errors import UnknownName
+
+CPU = "cpu"
+"""No device: compiled code."""
+
+LLVMPIPE = "llvmpipe"
+KNOWN = ("gpu0", "gpu1", LLVMPIPE, CPU)
+"""As given to device=; gpu2, gpu3, ... are known too."""
+
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software")
+
+
+def is_software(renderer: str) -> bool:
+    """Whether GL_RENDERER names one that runs on a CPU."""
+    return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
+
+
+def check_name(name: str) -> None:
+    """Raise `UnknownName` unless `name` is that of a device on some machine.
+
+    >>> check_name("gpu1")
+    """
+    if name not in (CPU, LLVMPIPE) and not (name.startswith("gpu") and name[3:].isdigit()):
+        raise UnknownName(f"unknown device {name!r} (known: {', '.join(KNOWN)})")
