@@ -99,6 +99,8 @@ def _areal_parts(
     given: NDArray[Any], usable: NDArray[np.int64], label: Any, dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Single polygons of the usable geometries, and the index of each one's geometry."""
+    if (shapely.get_type_id(given[usable]) == _POLYGON).all():  # the usual case, at no cost
+        return given[usable], usable
     parts, at = shapely.get_parts(given[usable], return_index=True)
     # collections may hold multi-polygons (and collections), so explode until nothing changes
     while not np.isin(shapely.get_type_id(parts), range(4)).all():

@@ -8,6 +8,7 @@ multi-polygon to do; programs read and draw them all the same, and no other type
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -105,10 +106,12 @@ class GeoParquetWriter:
         # a column may look different in each batch: all missing in one, text in the next
         self._writer.write_table(_fitted(table, self._schema, pa))
 
-    def finish(self) -> None:
-        """Write the footer."""
+    def finish(self, told: Mapping[str, str] | None = None) -> None:
+        """Write the footer; `told` is what it says beside the rest, by name."""
         if self._writer is None:
             raise UsageError("there is no polygon to write")
+        if told:
+            self._writer.add_key_value_metadata(dict(told))
         self._writer.close()
 
     def _say(self) -> str:

@@ -1,0 +1,239 @@
+"""A data set of many files triangulated into a folder: what is there, what is missing, what failed.
+
+The folder alone says what is done: a part's file has its name only once it is whole and on the
+disk. `manifest.json` is made of the files, and can be thrown away.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from harness import environment
+from harness.errors import UsageError
+from harness.export.writer import BEGUN
+from harness.progress import Reporter
+from harness.scaling.parts import Cut, Part, cut_all, files
+from harness.scaling.triangulated import Done, Options, do_part, read_done
+from harness.scaling.working import Alone, Crew, work_through
+from harness.stored import whole
+from harness.stored.folder import clear_errors
+
+MANIFEST = "manifest.json"
+VERSION = 1
+
+
+@dataclass
+class Summary:
+    """What is in the folder of what was asked for.
+
+    parts, parts_done : all, and those that are there
+    fresh : parts that were made now
+    counts : (kind, reason) to polygons dropped, repaired or failed
+    set_aside : file or rows of a file to the reason why there is no result
+    pruned : rows left out because their row group's statistics exclude the condition
+    seconds : wall time of this command; worker_seconds : of the parts whose time is known
+    timed, timed_polygons : how many these are, and what they hold
+    peak_bytes : the most memory that a process had which made a part now
+    """
+
+    parts: int = 0
+    parts_done: int = 0
+    fresh: int = 0
+    polygons: int = 0
+    vertices: int = 0
+    triangles: int = 0
+    proven: int = 0
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    set_aside: dict[str, str] = field(default_factory=dict)
+    pruned: int = 0
+    seconds: float = 0.0
+    worker_seconds: float = 0.0
+    timed: int = 0
+    timed_polygons: int = 0
+    peak_bytes: int = 0
+    certified: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, done: Done) -> None:
+        """Add a part that is there."""
+        self.parts_done += 1
+        self.polygons += done.polygons
+        self.vertices += done.vertices
+        self.triangles += done.triangles
+        self.proven += done.proven
+        self.counts += done.counted()
+        self.peak_bytes = max(self.peak_bytes, done.peak_bytes or 0)
+        if done.seconds is not None:
+            self.worker_seconds += done.seconds
+            self.timed += 1
+            self.timed_polygons += done.polygons
+        if done.certified is not None:
+            self.certified.append(done.certified)
+
+    @property
+    def worker_rate(self) -> float:
+        """Polygons that a worker does in a second, by the parts whose time is known; 0 if none."""
+        return self.timed_polygons / self.worker_seconds if self.worker_seconds else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON-ready values, without what only this command knows."""
+        left_out = ("seconds", "peak_bytes", "fresh", "certified", "notes")
+        values = {name: value for name, value in asdict(self).items() if name not in left_out}
+        values["counts"] = [[*which, count] for which, count in sorted(self.counts.items())]
+        return values
+
+
+class Dataset:
+    """The files, cut into parts, and the folder for their triangles.
+
+    pattern : a file, a folder of files, or a pattern
+
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder cannot be written or holds other results
+    """
+
+    def __init__(self, pattern: str, out: Path, options: Options) -> None:
+        self.out = out.absolute()
+        self.options = options
+        self.code = environment.code_version()
+        found = files(pattern)
+        with clear_errors(self.out, "give the same command again"):
+            self.out.mkdir(parents=True, exist_ok=True)
+        self.cut: Cut = cut_all(found, asdict(options), self.code)
+        if not self.cut.parts and self.cut.unreadable:
+            raise UsageError(next(iter(self.cut.unreadable.values())))
+        self.done: dict[str, Done] = {}
+        self._seconds = self._known_seconds()
+        self._look({part.key for part in self.cut.parts})
+
+    @property
+    def missing(self) -> list[Part]:
+        """Parts that have no file yet."""
+        return [part for part in self.cut.parts if part.key not in self.done]
+
+    def complete(self, crew: Crew, reporter: Reporter) -> Summary:
+        """Make what is missing, write the manifest, and say what is there.
+
+        A part that fails time and again is set aside; the others go on. The manifest is written
+        whatever happens.
+        """
+        begun = time.perf_counter()
+        missing = self.missing
+        threads = None if isinstance(crew, Alone) else 1
+        out = str(self.out)
+        tasks = {
+            part.key: (do_part, (part, self.options, out, self.code, threads)) for part in missing
+        }
+        sizes = {part.key: part.size or 1 for part in missing}
+        unit = "footprints" if all(part.size for part in missing) else "parts"
+        aside: dict[str, str] = {}
+        fresh = 0
+        amount = 0.0
+        try:
+            with reporter.parts("triangulating", len(missing), sum(sizes.values()), unit) as show:
+
+                def ended(key: str, done: Done) -> None:
+                    nonlocal fresh, amount
+                    self.done[key] = done
+                    fresh, amount = fresh + 1, amount + sizes[key]
+                    for note in done.notes:
+                        reporter.once(note)
+                    show(fresh, amount)
+
+                aside = work_through(tasks, crew, ended)
+        finally:
+            summary = self._summary(aside)
+            summary.fresh = fresh
+            summary.seconds = time.perf_counter() - begun
+            self._write_manifest(summary)
+        if not aside:
+            self._tidy()
+        return summary
+
+    def _look(self, wanted: set[str]) -> None:
+        """Find what is there; refuse a folder in which there is something else."""
+        identities: dict[str, set[str]] = {}
+        for part in self.cut.parts:
+            identities.setdefault(part.source, set()).add(part.identity)
+        for file in sorted(self.out.glob("*.parquet")):
+            done = read_done(file)
+            if done is None and file.stem in wanted:
+                continue  # damaged: it is made again
+            if done is None:
+                raise UsageError(f"{file} is not of this command: give a folder of its own with -o")
+            key, told = str(done.about["key"]), done.about
+            if told["options"] != asdict(self.options) or told["code"] != self.code:
+                what = "options" if told["code"] == self.code else "code"
+                raise UsageError(
+                    f"{self.out} holds parts that were made with other {what}: give another -o"
+                )
+            known = identities.get(told["source"])
+            if known is not None and told["identity"] not in known:
+                raise UsageError(
+                    f"{self.out} holds parts of {told['source']} as it was before it changed: "
+                    "give another -o"
+                )
+            if key in wanted:
+                self.done[key] = Done(**{**asdict(done), "seconds": self._seconds.get(key)})
+
+    def _summary(self, aside: dict[str, str]) -> Summary:
+        summary = Summary(parts=len(self.cut.parts), pruned=self.cut.pruned)
+        labels = {part.key: part.label for part in self.cut.parts}
+        for part in self.cut.parts:
+            if part.key in self.done:
+                summary.add(self.done[part.key])
+        summary.set_aside = {
+            **self.cut.unreadable,
+            **{labels[key]: why for key, why in aside.items()},
+        }
+        return summary
+
+    def _known_seconds(self) -> dict[str, float]:
+        """What an earlier manifest says of how long parts took."""
+        try:
+            told = json.loads((self.out / MANIFEST).read_text())["parts"]
+            return {part["key"]: part["seconds"] for part in told if part["seconds"] is not None}
+        except (OSError, ValueError, KeyError, TypeError):
+            return {}
+
+    def _write_manifest(self, summary: Summary) -> None:
+        content = {
+            "schema_version": VERSION,
+            "options": asdict(self.options),
+            "code": self.code,
+            "parts": list(self._told()),
+            "summary": summary.to_json(),
+        }
+        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        with clear_errors(self.out, "give the same command again"):
+            whole.write(self.out / MANIFEST, text.encode(), forced=True)
+
+    def _told(self) -> Iterable[dict[str, Any]]:
+        for part in self.cut.parts:
+            done = self.done.get(part.key)
+            if done is not None:
+                yield {
+                    "file": f"{part.key}.parquet",
+                    "key": part.key,
+                    "source": part.source,
+                    "rows": done.about["rows"],
+                    "polygons": done.polygons,
+                    "triangles": done.triangles,
+                    "proven": done.proven,
+                    "counts": done.counts,
+                    "seconds": done.seconds,
+                }
+
+    def _tidy(self) -> None:
+        """Remove what processes that were killed have left: all that they made is there."""
+        for folder in self.out.glob(f"{BEGUN}*"):
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,41 @@
+"""What happens inside a Dask worker: each of its threads has a process of its own for the tasks.
+
+A task that crashes costs that process, not the worker, so that it is known which one it was.
+Killing the worker kills the process, too (on Linux), and says nothing about the task.
+"""
+
+from __future__ import annotations
+
+import atexit
+import multiprocessing
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from harness.errors import HarnessError
+from harness.measuring.worker import Worker
+from harness.scaling.working import Answer
+
+LONGEST_S = 3600.0
+"""Seconds after which a task is stopped, and counts as failed."""
+
+_own = threading.local()
+
+
+def carry_out(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Answer:
+    """Carry out a task in this thread's process; its failure is an answer, not an exception."""
+    try:
+        return Answer(_process().call(function, *arguments, timeout_s=LONGEST_S))
+    except HarnessError as error:
+        return Answer(failed=str(error))
+
+
+def _process() -> Worker:
+    worker: Worker | None = getattr(_own, "worker", None)
+    if worker is None:
+        # Dask's nanny starts its workers as daemons, which may not have processes of their own;
+        # there is no public way to say that these end with their parent.
+        multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+        worker = _own.worker = Worker("the part's process")
+        atexit.register(worker.close, at_once=True)
+    return worker

@@ -1,0 +1,190 @@
+"""One part triangulated into one GeoParquet file, and what such a file says of itself."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from harness import environment
+from harness.errors import UsageError, of_system
+from harness.export.certified import Certified
+from harness.export.export import Report, add_parts
+from harness.export.geo import GeoParquetWriter
+from harness.export.sources import of_file
+from harness.export.writer import Output
+from harness.scaling.parts import Part
+from scenes import SceneError
+from scenes.slices import MOST
+
+FOOTER = "raster_harness_part"
+"""Name under which a part's file holds what it says of itself, as JSON."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the triangles depend on, beside the polygons.
+
+    extrude : a height, or the attribute that holds it
+    """
+
+    triangulator: str
+    extrude: str | float | None = None
+    layer: str | None = None
+    where: str | None = None
+    certify: bool = False
+
+
+@dataclass(frozen=True)
+class Done:
+    """A part that is in the folder.
+
+    counts : [kind, reason, polygons] of what was dropped, repaired or failed
+    proven : polygons whose optimum is proven
+    certified : fields of `Certified`, where that was asked for
+    about : the part's key, input and options, and the code's version
+    seconds, peak_bytes : what it took and the most memory its process had; None where the file was
+        there already
+    notes : what was done to the file as a whole
+    """
+
+    polygons: int
+    vertices: int
+    triangles: int
+    proven: int
+    counts: list[list[Any]]
+    certified: dict[str, Any] | None
+    about: dict[str, Any]
+    seconds: float | None = None
+    peak_bytes: int | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def counted(self) -> Counter[tuple[str, str]]:
+        """Return `counts` by kind and reason."""
+        return Counter({(kind, reason): count for kind, reason, count in self.counts})
+
+
+def about(part: Part, options: Mapping[str, Any], code: str) -> dict[str, Any]:
+    """Return what a part's file says of where it comes from."""
+    rows = None if part.rows is None else list(part.rows)
+    return {
+        "key": part.key,
+        "source": part.source,
+        "identity": part.identity,
+        "rows": rows,
+        "options": dict(options),
+        "code": code,
+    }
+
+
+def read_done(file: Path) -> Done | None:
+    """Return what a part's file says of itself; None where it is no such file, or is damaged."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        metadata = parquet.read_metadata(file).metadata or {}
+        return Done(**json.loads(metadata[FOOTER.encode()]))
+    except (OSError, KeyError, TypeError, ValueError, pa.ArrowException):
+        return None
+
+
+def do_part(part: Part, options: Options, out: str, code: str, threads: int | None = 1) -> Done:
+    """Triangulate a part and put its file into the folder `out`, unless it is there.
+
+    threads : one for each core if None
+
+    Raises
+    ------
+    UsageError
+        if the part cannot be read or the file cannot be written, or this process has other code
+    """
+    begun = time.perf_counter()
+    require_code(code)
+    place = Path(out) / f"{part.key}.parquet"
+    if (done := read_done(place)) is not None:
+        return done
+    report = Report(certified=Certified.of(options.triangulator) if options.certify else None)
+    try:
+        with Output(place, forced=True) as output:
+            writer = add_parts(
+                of_file(part.path, _reading(part, options), MOST),
+                lambda known: GeoParquetWriter(output, known),
+                options.triangulator,
+                report,
+                parameters={"threads": threads},
+                extrude=options.extrude,
+                empty=True,
+            )
+            done = _done(part, options, code, report)
+            told = {FOOTER: json.dumps(_lasting(done), sort_keys=True)}
+            if writer is None:
+                raise UsageError(f"{part.label}: the file ends before these rows")
+            assert isinstance(writer, GeoParquetWriter)
+            writer.finish(told)
+            output.publish()
+    except SceneError as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        raise UsageError(of_system(error)) from error
+    return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": _peak()})
+
+
+def require_code(code: str) -> None:
+    """Raise UsageError if this process has other code than whoever gave the task."""
+    own = _code()
+    if own != code:
+        raise UsageError(
+            f"this worker has another version of raster-harness ({own}, not {code}): "
+            "install the same on all machines"
+        )
+
+
+@cache
+def _code() -> str:
+    return environment.code_version()
+
+
+def _peak() -> int:
+    """The most memory in bytes that this process ever had."""
+    used = psutil.Process().memory_info()
+    try:
+        import resource
+    except ImportError:  # Windows
+        return int(getattr(used, "peak_wset", used.rss))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def _reading(part: Part, options: Options) -> dict[str, Any]:
+    wanted = {"layer": options.layer, "where": options.where, "rows": part.rows}
+    return {name: value for name, value in wanted.items() if value is not None}
+
+
+def _done(part: Part, options: Options, code: str, report: Report) -> Done:
+    certified = report.certified
+    counts = [[kind, reason, count] for (kind, reason), count in sorted(report.counts.items())]
+    if report.flat:
+        counts.append(["left flat", f"no usable height in {options.extrude}", report.flat])
+    return Done(
+        polygons=report.polygons,
+        vertices=report.vertices,
+        triangles=report.triangles,
+        proven=report.proven if certified is None else certified.proven,
+        counts=counts,
+        certified=None if certified is None else asdict(certified),
+        about=about(part, asdict(options), code),
+        notes=report.notes,
+    )
+
+
+def _lasting(done: Done) -> dict[str, Any]:
+    """What the file says: nothing that differs from one execution to the next."""
+    fields = asdict(done)
+    return {name: value for name, value in fields.items() if name not in ("seconds", "peak_bytes")}
