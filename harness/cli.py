@@ -28,6 +28,7 @@ from harness.commands import (
     gains,
     history,
     inspect,
+    merge,
     page,
     pareto,
     repeat,
@@ -76,6 +77,7 @@ for command in (
     repeat,
     study,
     page,
+    merge,
     doctor,
     catalogue,
 ):

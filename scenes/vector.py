@@ -53,8 +53,7 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
         layer=layer,
         where=source.where,
         skip_features=first,
-        max_features=None if last is None else last - first,
-        batch_size=size,
+        batch_size=size if last is None else min(size, last - first),
         use_pyarrow=True,
         return_fids=True,
     )
@@ -62,12 +61,17 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
         if meta["geometry_type"] is None:
             raise SceneError(_no_geometry(source, layer))
         for batch in batches:
+            if last is not None:  # Arrow has no way to ask for an end
+                batch = batch.slice(0, last - first)
+                first += batch.num_rows
             # the feature's number, its attributes, its geometry
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
             columns = batch.select(range(1, batch.num_columns - 1))
             table, notes = to_pandas(columns, exact=source.rows is not None)
             raw = _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
+            if first == last:
+                return
 
 
 def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:

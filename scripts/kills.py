@@ -147,7 +147,7 @@ def disturbed(
                 code = running.returncode
                 if code == 0:
                     return killed, given
-                assert code in (-9, 5, 2), f"exit code {code}; see {log}"
+                assert code in (-9, 5), f"exit code {code}; see {log}"
         finally:
             cast.end()
 

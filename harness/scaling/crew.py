@@ -8,9 +8,10 @@ import queue
 import re
 import time
 import warnings
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from harness.errors import HarnessError, UsageError
+from harness.errors import INCONCLUSIVE, HarnessError, UsageError
 from harness.progress import Reporter
 from harness.scaling import inside
 from harness.scaling.working import Answer, SchedulerLost, Task
@@ -30,6 +31,9 @@ SETTINGS = {
 WAITING = 2
 """Tasks that wait at each worker thread while it is busy; more would only be forgotten with it."""
 
+MANY = 100_000
+"""Tasks that a scheduler may have at a time where each has its place."""
+
 CONNECT_S = 60.0
 """Seconds that a scheduler is waited for, at first and after it was lost."""
 
@@ -43,6 +47,8 @@ QUIET_S = 60.0
 class Gone(HarnessError):  # noqa: N818 - says what happened
     """The scheduler cannot be reached."""
 
+    exit_code = INCONCLUSIVE
+
 
 def cores() -> int:
     """Return how many cores this process may use."""
@@ -55,6 +61,8 @@ class DaskCrew:
     """Futures on Dask's distributed scheduler.
 
     where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
+    place : for tasks that start processes of their own: what `Client.submit` is told of where a
+        task of this name may be carried out; all tasks are given to the scheduler at once then
 
     Raises
     ------
@@ -64,7 +72,12 @@ class DaskCrew:
         if no scheduler answers there
     """
 
-    def __init__(self, where: str, reporter: Reporter) -> None:
+    def __init__(
+        self,
+        where: str,
+        reporter: Reporter,
+        place: Callable[[str], Mapping[str, Any]] | None = None,
+    ) -> None:
         try:
             import dask
             import distributed
@@ -72,6 +85,7 @@ class DaskCrew:
             raise UsageError(f"--dask needs Dask: {INSTALL}") from error
         self._distributed = distributed
         self._reporter = reporter
+        self._place = place
         self._ended: queue.Queue[Any] = queue.Queue()
         self._names: dict[str, tuple[str, Any]] = {}
         self._number = 0
@@ -115,10 +129,19 @@ class DaskCrew:
                 self._reporter.once(f"no worker is connected to {self._where}; waiting for one")
         return self._threads
 
+    def offers(self) -> dict[str, list[str]]:
+        """Return by the workers' addresses what each offers as a resource."""
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        return {
+            address: sorted(name for name, amount in worker["resources"].items() if amount >= 1)
+            for address, worker in sorted(workers.items())
+        }
+
     @property
     def room(self) -> int:
         """How many tasks it may have at a time."""
-        return (1 + WAITING) * max(1, self.threads)
+        threads = max(1, self.threads)
+        return MANY if self._place else (1 + WAITING) * threads
 
     def start(self, name: str, task: Task) -> None:
         """Send a task to the scheduler."""
@@ -126,7 +149,11 @@ class DaskCrew:
         key = f"{name}-{os.getpid()}-{self._number}"
         function, arguments = task
         try:
-            future = self._client.submit(inside.carry_out, function, arguments, key=key, pure=False)
+            where = self._place(name) if self._place else {}
+            carry_out = inside.carry_out_here if self._place else inside.carry_out
+            future = self._client.submit(
+                carry_out, function, arguments, key=key, pure=False, **where
+            )
         except (OSError, RuntimeError, ValueError) as error:
             raise SchedulerLost from error
         self._names[key] = (name, future)

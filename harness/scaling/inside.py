@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from harness.errors import HarnessError
+from harness.measuring.serving import one_line
 from harness.measuring.worker import Worker
 from harness.scaling.working import Answer
 
@@ -30,12 +31,28 @@ def carry_out(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Answe
         return Answer(failed=str(error))
 
 
+def carry_out_here(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Answer:
+    """Carry out a task in this very thread, because it has processes of its own."""
+    allow_children()
+    try:
+        return Answer(function(*arguments))
+    except Exception as error:
+        return Answer(failed=str(error) if isinstance(error, HarnessError) else one_line(error))
+
+
+def allow_children() -> None:
+    """Let this process have processes of its own.
+
+    Dask's nanny starts its workers as daemons, which may not; there is no public way to say that
+    these end with their parent.
+    """
+    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+
+
 def _process() -> Worker:
     worker: Worker | None = getattr(_own, "worker", None)
     if worker is None:
-        # Dask's nanny starts its workers as daemons, which may not have processes of their own;
-        # there is no public way to say that these end with their parent.
-        multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+        allow_children()
         worker = _own.worker = Worker("the part's process")
         atexit.register(worker.close, at_once=True)
     return worker

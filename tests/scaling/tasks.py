@@ -1,0 +1,32 @@
+"""Tasks for crews: some fail, some end their process."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+from harness.errors import UsageError
+
+
+def note(folder: str, name: str, seconds: float = 0.0) -> int:
+    """Note that this was carried out; returns the process's number."""
+    time.sleep(seconds)
+    with (Path(folder) / name).open("a") as file:
+        file.write("x")
+    return os.getpid()
+
+
+def fail(folder: str, name: str) -> None:
+    note(folder, name)
+    raise UsageError("not this one")
+
+
+def crash(folder: str, name: str) -> None:
+    note(folder, name)
+    os.abort()
+
+
+def times(folder: Path) -> dict[str, int]:
+    """How often each task was carried out."""
+    return {file.name: len(file.read_text()) for file in folder.iterdir()}
