@@ -34,6 +34,7 @@ from harness.commands import (
     repeat,
     report,
     run,
+    scaling,
     study,
     validate,
 )
@@ -78,6 +79,7 @@ for command in (
     study,
     page,
     merge,
+    scaling,
     doctor,
     catalogue,
 ):

@@ -18,9 +18,10 @@ import numpy as np
 import pyogrio
 
 from scenes import damage
-from scenes.files import existing
+from scenes.files import existing, read_chunks
 from scenes.geoparquet import geometry_column, pyarrow_parquet
 from scenes.reader import Source, reader_of
+from scenes.scene import SceneError
 from scenes.vector import layer_of
 
 LEAST, MOST = 20_000, 50_000
@@ -114,6 +115,18 @@ def _joined(before: tuple[int, int], more: int) -> bool:
     """Whether a row group of `more` rows becomes a part of the slice before it."""
     size = before[1] - before[0]
     return min(size, more) < LEAST and size + more <= MOST
+
+
+def in_degrees(file: Path) -> bool:
+    """Whether a file's coordinates are longitude and latitude, by its first features.
+
+    False where it cannot be read, which whoever reads all of it says.
+    """
+    try:
+        first = next(read_chunks(str(file), size=1))
+    except (SceneError, StopIteration):
+        return False
+    return first.projection is not None
 
 
 def comparisons(where: str | None) -> list[tuple[str, str, float]]:

@@ -6,18 +6,31 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from harness.commands.options import Quiet, split_names
 from harness.errors import INTERRUPTED, Inconclusive, UsageError
 from harness.export.certified import Certified
-from harness.export.export import FORMATS
+from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
 from harness.scaling.crew import DaskCrew
 from harness.scaling.dataset import Dataset, Summary
+from harness.scaling.parts import files
 from harness.scaling.triangulated import Options
 from harness.scaling.working import Alone, Crew
+from harness.stored.folder import clear_errors
+from scenes.slices import in_degrees
+
+CENSUS = (
+    "ear-clipping",
+    "refined:half-perimeter",
+    "optimal:overdraw",
+    "optimal:half-perimeter",
+)
+"""Triangulators of a census; compiled code does all of them."""
 
 NAMED = 10
 """Parts set aside that are named one by one."""
@@ -51,16 +64,89 @@ def triangulate_many_files(
     """
     if out.suffix.lower() in FORMATS and not out.is_dir():
         raise UsageError(f"-o {out}: give a folder, for a file of each part")
-    dataset = Dataset(pattern, out, options)
+    summary = _complete(Dataset(pattern, out, options), out, where, reporter)
+    _say(out, summary, reporter)
+    _refuse_set_aside(out, summary)
+
+
+def census(
+    file: Annotated[
+        str, typer.Argument(help="A file of footprints, or many: 'parts/*.parquet', a folder.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    triangulators: Annotated[
+        str, typer.Option(help="Comma-separated; the others are compared with the first.")
+    ] = ",".join(CENSUS),
+    units_per_pixel: Annotated[
+        float,
+        typer.Option(min=1e-6, help="Scale of the map: metres a pixel, if the file is in degrees."),
+    ] = 0.25,
+    cell: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="Edge of a cell of the picture's map, in the file's units; by default 1000, or "
+            "0.01 where the first file is in degrees.",
+        ),
+    ] = 0.0,
+    layer: Annotated[str | None, typer.Option(help="Layer of the files.")] = None,
+    where: Annotated[
+        str | None, typer.Option(help="Which footprints to read, as in SQL: height > 10.")
+    ] = None,
+    dask: Annotated[
+        str,
+        typer.Option(
+            help="Spread the work: local for a process on each core, local:N for N of them, or "
+            "the address of a Dask scheduler."
+        ),
+    ] = "",
+    quiet: Quiet = False,
+) -> None:
+    """Say what each triangulator gains on every footprint of a data set, by exact counting.
+
+    Footprints are drawn on the pixel grid of a map, each by itself, and counted by the CPU
+    reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. The same
+    command, given again, does what is missing.
+    """
+    from harness.scaling import gained
+    from harness.scaling.census import COUNTING, total
+    from harness.scaling.census import Options as Counting
+
+    reporter = Reporter(quiet=quiet)
+    names = tuple(chosen(name, None) for name in split_names(triangulators))
+    if len(set(names)) < 2:
+        raise UsageError(f"--triangulators {triangulators}: give two or more to compare")
+    size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
+    options = Counting(names, units_per_pixel, size, layer, where)
+    dataset = Dataset(file, out / "parts", options, COUNTING)
+    summary = _complete(dataset, out, dask, reporter)
+    sums = total(
+        dataset.out,
+        [part.key for part in dataset.cut.parts if part.key in dataset.done],
+        len(names),
+    )
+    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
+        gained.write(out, sums, options)
+    _warn(summary, reporter)
+    console = Console(highlight=False)
+    console.print(gained.table(sums, names))
+    console.print(
+        f"{os.path.relpath(out)}: {sums.footprints:,} footprints in {summary.seconds:.1f} s: "
+        "census.csv, cells.csv, plots/",
+        markup=False,
+        soft_wrap=True,
+    )
+    _refuse_set_aside(out, summary)
+
+
+def _complete(dataset: Dataset, out: Path, where: str, reporter: Reporter) -> Summary:
+    """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
     there = len(dataset.done)
     if there:
         reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")
     try:
-        if dataset.missing:
-            with crew_of(where, reporter) as crew:
-                summary = dataset.complete(crew, reporter)
-        else:
-            summary = dataset.complete(Alone(), reporter)
+        with crew_of(where if dataset.missing else "", reporter) as crew:
+            return dataset.complete(crew, reporter)
     except KeyboardInterrupt:
         typer.echo(
             f"stopped; {len(dataset.done):,} of {len(dataset.cut.parts):,} parts are in {out}; "
@@ -68,7 +154,10 @@ def triangulate_many_files(
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
-    _say(out, summary, reporter)
+
+
+def _refuse_set_aside(out: Path, summary: Summary) -> None:
+    """Raise Inconclusive if parts were set aside."""
     if summary.set_aside:
         number = len(summary.set_aside)
         raise Inconclusive(
@@ -77,7 +166,8 @@ def triangulate_many_files(
         )
 
 
-def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
+def _warn(summary: Summary, reporter: Reporter) -> None:
+    """Say what was left out, and why."""
     for (kind, reason), count in sorted(summary.counts.items()):
         reporter.warn(f"{kind} {count:,}: {reason}")
     if summary.pruned:
@@ -87,6 +177,10 @@ def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
             reporter.warn(f"and {len(summary.set_aside) - NAMED:,} more parts, all in the manifest")
             break
         reporter.warn(f"set aside {which}: {reason}")
+
+
+def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
+    _warn(summary, reporter)
     rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
     console = Console(highlight=False)
     console.print(
@@ -98,3 +192,8 @@ def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
     )
     if summary.certified:
         console.print(f"{out}: {Certified.total(summary.certified)}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(census)

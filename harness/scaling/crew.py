@@ -58,7 +58,7 @@ def cores() -> int:
 
 
 class DaskCrew:
-    """Futures on Dask's distributed scheduler.
+    """Futures on Dask's distributed scheduler; a worker has one thread for each core it is given.
 
     where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
     place : for tasks that start processes of their own: what `Client.submit` is told of where a
@@ -71,6 +71,8 @@ class DaskCrew:
     Gone
         if no scheduler answers there
     """
+
+    threads_each: int | None = 1
 
     def __init__(
         self,

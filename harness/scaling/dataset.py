@@ -10,7 +10,7 @@ import json
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from harness import environment
 from harness.errors import UsageError
 from harness.export.writer import BEGUN
 from harness.progress import Reporter
+from harness.scaling.done import Done
 from harness.scaling.parts import Cut, Part, cut_all, files
-from harness.scaling.triangulated import Done, Options, do_part, read_done
-from harness.scaling.working import Alone, Crew, work_through
+from harness.scaling.triangulated import do_part, read_done
+from harness.scaling.working import Crew, work_through
 from harness.stored import whole
 from harness.stored.folder import clear_errors
 
@@ -90,10 +91,30 @@ class Summary:
         return values
 
 
+@dataclass(frozen=True)
+class Kind:
+    """What is made of a part.
+
+    title : of what goes on, for people
+    suffix : of a part's file
+    do : makes it: (part, options, folder, code, threads) -> Done
+    read : what a file says of itself; None where it is no such file, or is damaged
+    """
+
+    title: str
+    suffix: str
+    do: Callable[..., Done]
+    read: Callable[[Path], Done | None]
+
+
+TRIANGLES = Kind("triangulating", ".parquet", do_part, read_done)
+
+
 class Dataset:
-    """The files, cut into parts, and the folder for their triangles.
+    """The files, cut into parts, and the folder for what is made of them.
 
     pattern : a file, a folder of files, or a pattern
+    options : what the results depend on beside the input, a dataclass with `layer` and `where`
 
     Raises
     ------
@@ -101,14 +122,16 @@ class Dataset:
         if there is no file, or the folder cannot be written or holds other results
     """
 
-    def __init__(self, pattern: str, out: Path, options: Options) -> None:
+    def __init__(self, pattern: str, out: Path, options: Any, kind: Kind = TRIANGLES) -> None:
         self.out = out.absolute()
         self.options = options
+        self.kind = kind
+        self._told_options = json.loads(json.dumps(asdict(options)))
         self.code = environment.code_version()
         found = files(pattern)
         with clear_errors(self.out, "give the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
-        self.cut: Cut = cut_all(found, asdict(options), self.code)
+        self.cut: Cut = cut_all(found, self._told_options, self.code)
         if not self.cut.parts and self.cut.unreadable:
             raise UsageError(next(iter(self.cut.unreadable.values())))
         self.done: dict[str, Done] = {}
@@ -128,10 +151,11 @@ class Dataset:
         """
         begun = time.perf_counter()
         missing = self.missing
-        threads = None if isinstance(crew, Alone) else 1
+        threads = crew.threads_each
         out = str(self.out)
         tasks = {
-            part.key: (do_part, (part, self.options, out, self.code, threads)) for part in missing
+            part.key: (self.kind.do, (part, self.options, out, self.code, threads))
+            for part in missing
         }
         sizes = {part.key: part.size or 1 for part in missing}
         unit = "footprints" if all(part.size for part in missing) else "parts"
@@ -139,7 +163,7 @@ class Dataset:
         fresh = 0
         amount = 0.0
         try:
-            with reporter.parts("triangulating", len(missing), sum(sizes.values()), unit) as show:
+            with reporter.parts(self.kind.title, len(missing), sum(sizes.values()), unit) as show:
 
                 def ended(key: str, done: Done) -> None:
                     nonlocal fresh, amount
@@ -164,14 +188,14 @@ class Dataset:
         identities: dict[str, set[str]] = {}
         for part in self.cut.parts:
             identities.setdefault(part.source, set()).add(part.identity)
-        for file in sorted(self.out.glob("*.parquet")):
-            done = read_done(file)
+        for file in sorted(self.out.glob(f"*{self.kind.suffix}")):
+            done = self.kind.read(file)
             if done is None and file.stem in wanted:
                 continue  # damaged: it is made again
             if done is None:
                 raise UsageError(f"{file} is not of this command: give a folder of its own with -o")
             key, told = str(done.about["key"]), done.about
-            if told["options"] != asdict(self.options) or told["code"] != self.code:
+            if told["options"] != self._told_options or told["code"] != self.code:
                 what = "options" if told["code"] == self.code else "code"
                 raise UsageError(
                     f"{self.out} holds parts that were made with other {what}: give another -o"
@@ -208,7 +232,7 @@ class Dataset:
     def _write_manifest(self, summary: Summary) -> None:
         content = {
             "schema_version": VERSION,
-            "options": asdict(self.options),
+            "options": self._told_options,
             "code": self.code,
             "parts": list(self._told()),
             "summary": summary.to_json(),
@@ -222,7 +246,7 @@ class Dataset:
             done = self.done.get(part.key)
             if done is not None:
                 yield {
-                    "file": f"{part.key}.parquet",
+                    "file": f"{part.key}{self.kind.suffix}",
                     "key": part.key,
                     "source": part.source,
                     "rows": done.about["rows"],

@@ -1,8 +1,8 @@
-"""One plan on many devices of many hosts: each device measures all of it, and a run is made of all.
+"""One plan on many devices of many hosts: each device measures all of it; one run is made of that.
 
-A worker offers devices as Dask's resources: `dask worker ADDRESS --resources "llvmpipe=1"`. A task is
-one device and a group of cases that are timed together. It makes a run folder of its own, with the
-usual resuming; the folders are merged.
+A worker offers devices as Dask's resources: `dask worker ADDRESS --resources "llvmpipe=1"`. A task
+is one device and a group of cases that are timed together. It makes a run folder of its own, with
+the usual resuming; the folders are merged.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Group:
 
 
 def measure(
-    plan: Plan, out: Path, where: str, reporter: Reporter, database: Path | None = None
+    plan: Plan, out: Path, where: str, reporter: Reporter
 ) -> tuple[RunResult, dict[str, str]]:
     """Measure a plan on all devices that the workers at `where` offer, and merge what they found.
 

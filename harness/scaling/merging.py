@@ -107,7 +107,7 @@ def _by_key(runs: Iterable[Run]) -> list[_Found]:
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
             plain = {name: value for name, value in record.items() if name != "_key"}
-            new = _Found(plain, run, record.get("_key", record["key"]))
+            new = _Found(plain, run, str(record.get("_key", record["key"])))
             old = chosen.get(plain["key"])
             if old is None or _rank(new) < _rank(old):
                 chosen[plain["key"]] = new

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from functools import cache
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import psutil
-
-from harness import environment
 from harness.errors import UsageError, of_system
 from harness.export.certified import Certified
 from harness.export.export import Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.sources import of_file
 from harness.export.writer import Output
+from harness.scaling.done import Done, about, lasting, peak, require_code
 from harness.scaling.parts import Part
 from scenes import SceneError
 from scenes.slices import MOST
@@ -40,48 +35,6 @@ class Options:
     layer: str | None = None
     where: str | None = None
     certify: bool = False
-
-
-@dataclass(frozen=True)
-class Done:
-    """A part that is in the folder.
-
-    counts : [kind, reason, polygons] of what was dropped, repaired or failed
-    proven : polygons whose optimum is proven
-    certified : fields of `Certified`, where that was asked for
-    about : the part's key, input and options, and the code's version
-    seconds, peak_bytes : what it took and the most memory its process had; None where the file was
-        there already
-    notes : what was done to the file as a whole
-    """
-
-    polygons: int
-    vertices: int
-    triangles: int
-    proven: int
-    counts: list[list[Any]]
-    certified: dict[str, Any] | None
-    about: dict[str, Any]
-    seconds: float | None = None
-    peak_bytes: int | None = None
-    notes: list[str] = field(default_factory=list)
-
-    def counted(self) -> Counter[tuple[str, str]]:
-        """Return `counts` by kind and reason."""
-        return Counter({(kind, reason): count for kind, reason, count in self.counts})
-
-
-def about(part: Part, options: Mapping[str, Any], code: str) -> dict[str, Any]:
-    """Return what a part's file says of where it comes from."""
-    rows = None if part.rows is None else list(part.rows)
-    return {
-        "key": part.key,
-        "source": part.source,
-        "identity": part.identity,
-        "rows": rows,
-        "options": dict(options),
-        "code": code,
-    }
 
 
 def read_done(file: Path) -> Done | None:
@@ -124,7 +77,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
                 empty=True,
             )
             done = _done(part, options, code, report)
-            told = {FOOTER: json.dumps(_lasting(done), sort_keys=True)}
+            told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
             if writer is None:
                 raise UsageError(f"{part.label}: the file ends before these rows")
             assert isinstance(writer, GeoParquetWriter)
@@ -134,32 +87,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
         raise UsageError(str(error)) from error
     except OSError as error:
         raise UsageError(of_system(error)) from error
-    return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": _peak()})
-
-
-def require_code(code: str) -> None:
-    """Raise UsageError if this process has other code than whoever gave the task."""
-    own = _code()
-    if own != code:
-        raise UsageError(
-            f"this worker has another version of raster-harness ({own}, not {code}): "
-            "install the same on all machines"
-        )
-
-
-@cache
-def _code() -> str:
-    return environment.code_version()
-
-
-def _peak() -> int:
-    """The most memory in bytes that this process ever had."""
-    used = psutil.Process().memory_info()
-    try:
-        import resource
-    except ImportError:  # Windows
-        return int(getattr(used, "peak_wset", used.rss))
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": peak()})
 
 
 def _reading(part: Part, options: Options) -> dict[str, Any]:
@@ -182,9 +110,3 @@ def _done(part: Part, options: Options, code: str, report: Report) -> Done:
         about=about(part, asdict(options), code),
         notes=report.notes,
     )
-
-
-def _lasting(done: Done) -> dict[str, Any]:
-    """What the file says: nothing that differs from one execution to the next."""
-    fields = asdict(done)
-    return {name: value for name, value in fields.items() if name not in ("seconds", "peak_bytes")}

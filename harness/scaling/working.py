@@ -46,7 +46,12 @@ class Answer:
 
 
 class Crew(Protocol):
-    """Carries out tasks somewhere."""
+    """Carries out tasks somewhere.
+
+    threads_each : threads that a task may use; one for each core if None
+    """
+
+    threads_each: int | None
 
     @property
     def room(self) -> int:
@@ -80,6 +85,7 @@ class Alone:
     """Carries out tasks in this very process, one after another."""
 
     room = 1
+    threads_each: int | None = None
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Task]] = deque()

@@ -25,6 +25,7 @@ class Scripted:
     """Answers as it is told to; notes how many tasks it ever had at a time."""
 
     room = 4
+    threads_each = 1
 
     def __init__(self, answer: Callable[[str, int], Answer | None]) -> None:
         self._answer = answer
