@@ -58,7 +58,7 @@ docs-full: setup  ## run every command of README and docs, the slow ones too
 	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
-	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra webgpu --extra studies --extra dev \
+	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra webgpu --extra dask --extra studies --extra dev \
 	    --override overrides.txt $(LOCK) -o requirements.lock
 	uv pip compile requirements-data.in --no-deps $(LOCK) -o requirements-data.lock
 

@@ -2,8 +2,8 @@
 
     PYTHONPATH=. .venv/bin/python scripts/scale.py FOLDER --footprints 10000000 --workers 2
 
-Makes the footprints in FOLDER/data, which is kept, and prints one JSON object a line. The overhead is
-a ratio of times measured in turns, so that a machine that others use, too, slows both.
+Makes the footprints in FOLDER/data, which is kept, and prints one JSON object a line. The overhead
+is a ratio of times measured in turns, so that a machine that others use, too, slows both.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from scripts.footprints import CITY, write
 
 ROOT = Path(__file__).resolve().parent.parent
 OPTIONS = Options("optimal:half-perimeter")
-EMPTY = 10_000
+EMPTY, APART = 10_000, 500
+"""Empty tasks: futures alone, and such as are carried out in the process that parts have."""
 PLANNED = 100_000_000
 LEFT = re.compile(r"(\d+):(\d\d):(\d\d) left")
 FAR_S = 15.0
@@ -77,13 +78,16 @@ def empty_tasks() -> dict[str, object]:
         begun = time.perf_counter()
         client.gather(client.map(int, range(EMPTY), pure=False))
         bare = time.perf_counter() - begun
-        tasks = {f"task {number}": (nothing, ()) for number in range(EMPTY)}
+        tasks = {f"task {number}": (nothing, ()) for number in range(APART)}
         begun = time.perf_counter()
         work_through(tasks, crew, lambda *_: None)
         all_s = time.perf_counter() - begun
     finally:
         crew.close()
-    return {"futures_per_s": round(EMPTY / bare), "tasks_per_s": round(EMPTY / all_s)}
+    return {
+        "futures_per_s": round(EMPTY / bare),
+        "in_the_parts_process_per_s": round(APART / all_s),
+    }
 
 
 def overhead(data: Path, folder: Path, rounds: int) -> dict[str, object]:
@@ -124,7 +128,7 @@ def timed(pattern: str, out: Path, crew: Crew) -> float:
 
 
 def whole_command(data: Path, out: Path, workers: int) -> tuple[dict[str, object], np.ndarray]:
-    """Run the command and watch it; returns figures, and (n, 2) polygons and seconds of its parts."""
+    """Run and watch the command; returns figures, and (n, 2) polygons and seconds of its parts."""
     command = [sys.executable, "-m", "harness", "triangulate", str(data / "*.parquet")]
     begun = time.monotonic()
     process = subprocess.Popen(

@@ -115,6 +115,7 @@ class Dataset:
 
     pattern : a file, a folder of files, or a pattern
     options : what the results depend on beside the input, a dataclass with `layer` and `where`
+    kind : what is made; triangles by default
 
     Raises
     ------
@@ -122,10 +123,10 @@ class Dataset:
         if there is no file, or the folder cannot be written or holds other results
     """
 
-    def __init__(self, pattern: str, out: Path, options: Any, kind: Kind = TRIANGLES) -> None:
+    def __init__(self, pattern: str, out: Path, options: Any, kind: Kind | None = None) -> None:
         self.out = out.absolute()
         self.options = options
-        self.kind = kind
+        self.kind = kind or TRIANGLES
         self._told_options = json.loads(json.dumps(asdict(options)))
         self.code = environment.code_version()
         found = files(pattern)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -194,7 +195,7 @@ def test_certificates_are_summed_over_parts(parts, tmp_path):
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_path, monkeypatch):
     from harness.scaling import dataset
 
-    done = dataset.do_part
+    done = dataset.TRIANGLES.do
     calls = []
 
     def stopping(*arguments):
@@ -203,7 +204,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
             raise KeyboardInterrupt
         return done(*arguments)
 
-    monkeypatch.setattr(dataset, "do_part", stopping)
+    monkeypatch.setattr(dataset, "TRIANGLES", replace(dataset.TRIANGLES, do=stopping))
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 130
     assert "stopped; 3 of 6 parts are in out; to go on, give the same command again" in error
