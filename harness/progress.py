@@ -101,7 +101,8 @@ class Rate:
             return line
         minutes, seconds = divmod(round(left), 60)
         hours, minutes = divmod(minutes, 60)
-        return f"{line}, {rate:,.0f} {unit}/s, {hours}:{minutes:02}:{seconds:02} left"
+        speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
+        return f"{line}, {speed} {unit}/s, {hours}:{minutes:02}:{seconds:02} left"
 
 
 class Reporter:

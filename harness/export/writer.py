@@ -19,7 +19,7 @@ from harness.export.mesh import Mesh
 from harness.stored import whole
 
 BEGUN = ".raster-harness-"
-"""What the names of folders begin with in which an output is being made."""
+"""What the names of folders begin with in which an output is being made; its name follows."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ class Output:
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)
-            folder = tempfile.TemporaryDirectory(dir=parent, prefix=BEGUN)
+            prefix = f"{BEGUN}{self.target.stem[:40]}-"
+            folder = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
         except OSError as error:
             reason = error.strerror or error
             raise UsageError(

@@ -103,6 +103,8 @@ def count_part(part: Part, options: Options, out: str, code: str, threads: int |
     except SceneError as error:
         raise UsageError(str(error)) from error
     except OSError as error:
+        if (done := read_counted(place)) is not None:  # somebody else has made it meanwhile
+            return done
         raise UsageError(of_system(error)) from error
     return replace(done, seconds=time.perf_counter() - begun, peak_bytes=peak())
 

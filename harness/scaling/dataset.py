@@ -180,8 +180,7 @@ class Dataset:
             summary.fresh = fresh
             summary.seconds = time.perf_counter() - begun
             self._write_manifest(summary)
-        if not aside:
-            self._tidy()
+        self._tidy()
         return summary
 
     def _look(self, wanted: set[str]) -> None:
@@ -259,6 +258,10 @@ class Dataset:
                 }
 
     def _tidy(self) -> None:
-        """Remove what processes that were killed have left: all that they made is there."""
+        """Remove what processes that were killed have left of parts that are there by now.
+
+        What is left of others may be another command's, which is still at it.
+        """
         for folder in self.out.glob(f"{BEGUN}*"):
-            shutil.rmtree(folder, ignore_errors=True)
+            if folder.name.removeprefix(BEGUN).partition("-")[0] in self.done:
+                shutil.rmtree(folder, ignore_errors=True)

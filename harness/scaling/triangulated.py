@@ -86,6 +86,8 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
     except SceneError as error:
         raise UsageError(str(error)) from error
     except OSError as error:
+        if (done := read_done(place)) is not None:  # somebody else has made it meanwhile
+            return done
         raise UsageError(of_system(error)) from error
     return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": peak()})
 

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
 from pathlib import Path
+from typing import Any
+
+import shapely
+from numpy.typing import NDArray
 
 from harness.errors import UsageError
+from harness.export import export
+from harness.scaling.done import Done
+from harness.scaling.parts import Part
+from harness.scaling.triangulated import Options, do_part
+
+FAR = 100_000.0
 
 
 def note(folder: str, name: str, seconds: float = 0.0) -> int:
@@ -25,6 +36,22 @@ def fail(folder: str, name: str) -> None:
 def crash(folder: str, name: str) -> None:
     note(folder, name)
     os.abort()
+
+
+def crash_on_far(part: Part, options: Options, out: str, code: str, threads: int) -> Done:
+    """Triangulate a part; a footprint east of `FAR` ends the process as a fault in C would."""
+    triangulate = export.triangulate_batch
+
+    def triangulate_or_crash(polygons: NDArray[Any], *more: Any) -> Any:
+        if (shapely.bounds(polygons)[:, 0] > FAR).any():
+            ctypes.string_at(0)
+        return triangulate(polygons, *more)
+
+    export.triangulate_batch = triangulate_or_crash
+    try:
+        return do_part(part, options, out, code, threads)
+    finally:
+        export.triangulate_batch = triangulate
 
 
 def times(folder: Path) -> dict[str, int]:

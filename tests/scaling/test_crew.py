@@ -6,15 +6,17 @@ import os
 import signal
 import sys
 from collections import Counter
+from dataclasses import replace
 
 import pytest
+import shapely
 
 from harness.progress import Reporter
-from harness.scaling.dataset import Dataset
+from harness.scaling.dataset import TRIANGLES, Dataset
 from harness.scaling.triangulated import Options
 from harness.scaling.working import ATTEMPTS, Alone, work_through
 from tests.scaling import tasks
-from tests.scaling.conftest import contents
+from tests.scaling.conftest import EVERY, contents, ids, write_parquet
 
 NAMES = [f"t{number}" for number in range(12)]
 OPTIONS = Options("optimal:half-perimeter")
@@ -60,6 +62,19 @@ def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, 
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
     assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
+
+
+def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints, tmp_path):
+    odd = footprints[:120].copy()
+    odd[57] = shapely.box(2 * tasks.FAR, 0, 2 * tasks.FAR + 9, 9)
+    write_parquet(parts / "0.parquet", odd, 0)
+    kind = replace(TRIANGLES, do=tasks.crash_on_far)
+    dataset = Dataset(str(parts), tmp_path / "out", OPTIONS, kind)
+    summary = dataset.complete(two_workers, quiet())
+    ((which, why),) = summary.set_aside.items()
+    assert which.endswith("0.parquet, rows 40 to 79")
+    assert "died: SIGSEGV" in why
+    assert ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
 
 
 def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path):
