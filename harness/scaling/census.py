@@ -22,13 +22,12 @@ from harness.errors import UsageError, of_system
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
-from harness.scaling.done import Done, about, lasting, peak, require_code
+from harness.scaling.done import Done, about, lasting, peak, release, require_code
 from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
 from scenes import SceneError
 from scenes.files import Chunk, read_chunks
-from scenes.slices import MOST
 from triangulators import triangulate_many
 from triangulators.batch import Ragged, ragged
 
@@ -39,6 +38,9 @@ MEASURES = (*COUNTED, *PREDICTED)
 
 GAINED = ("quads", "helper_lanes", "blocks", "bbox_tests", *PREDICTED)
 """Measures that a choice of triangulation changes."""
+
+AT_A_TIME = 12_500
+"""Rows that are in memory at a time."""
 
 BINS = 400
 """Bins of a gain, 0.5 % each, from -100 % to 100 %; what is beyond is in the first."""
@@ -78,7 +80,7 @@ def count_part(part: Part, options: Options, out: str, code: str, threads: int |
     notes: list[str] = []
     try:
         for chunk in read_chunks(
-            part.path, layer=options.layer, where=options.where, size=MOST, rows=part.rows
+            part.path, layer=options.layer, where=options.where, size=AT_A_TIME, rows=part.rows
         ):
             _note(counts, "dropped", chunk.cleaned.dropped)
             _note(counts, "repaired", chunk.cleaned.repaired)
@@ -106,6 +108,7 @@ def count_part(part: Part, options: Options, out: str, code: str, threads: int |
         if (done := read_counted(place)) is not None:  # somebody else has made it meanwhile
             return done
         raise UsageError(of_system(error)) from error
+    release()
     return replace(done, seconds=time.perf_counter() - begun, peak_bytes=peak())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import queue
 import re
 import time
@@ -152,10 +153,11 @@ class DaskCrew:
         function, arguments = task
         try:
             where = self._place(name) if self._place else {}
-            carry_out = inside.carry_out_here if self._place else inside.carry_out
-            future = self._client.submit(
-                carry_out, function, arguments, key=key, pure=False, **where
-            )
+            if self._place:
+                what: tuple[Any, ...] = (inside.carry_out_here, function, arguments)
+            else:
+                what = (inside.carry_out, pickle.dumps(task))
+            future = self._client.submit(*what, key=key, pure=False, **where)
         except (OSError, RuntimeError, ValueError) as error:
             raise SchedulerLost from error
         self._names[key] = (name, future)
@@ -191,6 +193,8 @@ class DaskCrew:
         except Exception as error:  # Dask's own: it cannot be sent, or the worker lacks our code
             text = " ".join(str(error).split())
             return Answer(failed=f"{type(error).__name__}: {text}")
+        if isinstance(answer.value, bytes) and not self._place:
+            return Answer(pickle.loads(answer.value))
         return answer
 
     def reconnect(self) -> None:

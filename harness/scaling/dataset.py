@@ -179,7 +179,10 @@ class Dataset:
             summary = self._summary(aside)
             summary.fresh = fresh
             summary.seconds = time.perf_counter() - begun
-            self._write_manifest(summary)
+            try:
+                self._write_manifest(summary)
+            except UsageError as error:  # the parts are there all the same
+                summary.set_aside[str(self.out / MANIFEST)] = str(error)
         self._tidy()
         return summary
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -76,6 +78,16 @@ def require_code(code: str) -> None:
 @cache
 def _code() -> str:
     return environment.code_version()
+
+
+def release() -> None:
+    """Give memory back to the system that libraries keep for later."""
+    with contextlib.suppress(ImportError):
+        import pyarrow as pa
+
+        pa.default_memory_pool().release_unused()
+    with contextlib.suppress(OSError, AttributeError):  # glibc alone has it
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def peak() -> int:

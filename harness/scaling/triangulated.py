@@ -14,10 +14,12 @@ from harness.export.export import Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.sources import of_file
 from harness.export.writer import Output
-from harness.scaling.done import Done, about, lasting, peak, require_code
+from harness.scaling.done import Done, about, lasting, peak, release, require_code
 from harness.scaling.parts import Part
 from scenes import SceneError
-from scenes.slices import MOST
+
+AT_A_TIME = 12_500
+"""Rows that are in memory at a time; a process has 450 MB with them."""
 
 FOOTER = "raster_harness_part"
 """Name under which a part's file holds what it says of itself, as JSON."""
@@ -68,7 +70,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
     try:
         with Output(place, forced=True) as output:
             writer = add_parts(
-                of_file(part.path, _reading(part, options), MOST),
+                of_file(part.path, _reading(part, options), AT_A_TIME),
                 lambda known: GeoParquetWriter(output, known),
                 options.triangulator,
                 report,
@@ -89,6 +91,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
         if (done := read_done(place)) is not None:  # somebody else has made it meanwhile
             return done
         raise UsageError(of_system(error)) from error
+    release()
     return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": peak()})
 
 
