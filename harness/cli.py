@@ -20,6 +20,7 @@ from harness import __version__, system
 from harness.commands import (
     calibrate,
     catalogue,
+    census,
     compare,
     doctor,
     enumeration,
@@ -34,7 +35,6 @@ from harness.commands import (
     repeat,
     report,
     run,
-    scaling,
     study,
     validate,
 )
@@ -78,8 +78,8 @@ for command in (
     repeat,
     study,
     page,
+    census,
     merge,
-    scaling,
     doctor,
     catalogue,
 ):

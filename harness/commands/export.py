@@ -93,7 +93,7 @@ def triangulate(
     if dask or any(sign in file for sign in "*?[") or (Path(file).is_dir() and not out.suffix):
         if limit is not None:
             raise UsageError("--limit is for one file; of many parts, choose by --where")
-        from harness.commands.scaling import triangulate_many_files
+        from harness.commands.many import triangulate_many_files
         from harness.export.export import chosen
         from harness.scaling.triangulated import Options
 

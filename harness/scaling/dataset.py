@@ -144,8 +144,12 @@ class Dataset:
         """Parts that have no file yet."""
         return [part for part in self.cut.parts if part.key not in self.done]
 
-    def complete(self, crew: Crew, reporter: Reporter) -> Summary:
+    def complete(
+        self, crew: Crew, reporter: Reporter, begun_well: Callable[[], None] = lambda: None
+    ) -> Summary:
         """Make what is missing, write the manifest, and say what is there.
+
+        begun_well : told when a part has ended well
 
         A part that fails time and again is set aside; the others go on. The manifest is written
         whatever happens.
@@ -168,6 +172,7 @@ class Dataset:
 
                 def ended(key: str, done: Done) -> None:
                     nonlocal fresh, amount
+                    begun_well()
                     self.done[key] = done
                     fresh, amount = fresh + 1, amount + sizes[key]
                     for note in done.notes:

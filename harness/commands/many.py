@@ -1,21 +1,22 @@
-"""Commands over data sets of many files: what they say, and how they end."""
+"""What commands over data sets of many files say, and how they end."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from harness.commands.options import Quiet, split_names
 from harness.errors import INTERRUPTED, Inconclusive, UsageError
 from harness.export.certified import Certified
 from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
+from harness.scaling import gained
+from harness.scaling.census import COUNTING, total
+from harness.scaling.census import Options as CensusOptions
 from harness.scaling.crew import DaskCrew
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.parts import files
@@ -24,13 +25,8 @@ from harness.scaling.working import Alone, Crew
 from harness.stored.folder import clear_errors
 from scenes.slices import in_degrees
 
-CENSUS = (
-    "ear-clipping",
-    "refined:half-perimeter",
-    "optimal:overdraw",
-    "optimal:half-perimeter",
-)
-"""Triangulators of a census; compiled code does all of them."""
+SAID_AFTER_S = 20.0
+COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
 
 NAMED = 10
 """Parts set aside that are named one by one."""
@@ -69,62 +65,27 @@ def triangulate_many_files(
     _refuse_set_aside(out, summary)
 
 
-def census(
-    file: Annotated[
-        str, typer.Argument(help="A file of footprints, or many: 'parts/*.parquet', a folder.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
-    triangulators: Annotated[
-        str, typer.Option(help="Comma-separated; the others are compared with the first.")
-    ] = ",".join(CENSUS),
-    units_per_pixel: Annotated[
-        float,
-        typer.Option(min=1e-6, help="Scale of the map: metres a pixel, if the file is in degrees."),
-    ] = 0.25,
-    cell: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            help="Edge of a cell of the picture's map, in the file's units; by default 1000, or "
-            "0.01 where the first file is in degrees.",
-        ),
-    ] = 0.0,
-    layer: Annotated[str | None, typer.Option(help="Layer of the files.")] = None,
-    where: Annotated[
-        str | None, typer.Option(help="Which footprints to read, as in SQL: height > 10.")
-    ] = None,
-    dask: Annotated[
-        str,
-        typer.Option(
-            help="Spread the work: local for a process on each core, local:N for N of them, or "
-            "the address of a Dask scheduler."
-        ),
-    ] = "",
-    quiet: Quiet = False,
+def count_many_files(
+    pattern: str,
+    out: Path,
+    options: CensusOptions,
+    where: str,
+    reporter: Reporter,
 ) -> None:
-    """Say what each triangulator gains on every footprint of a data set, by exact counting.
+    """Count the footprints of many files, write what came out, and show a table.
 
-    Footprints are drawn on the pixel grid of a map, each by itself, and counted by the CPU
-    reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. The same
-    command, given again, does what is missing.
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder is not for that
+    Inconclusive
+        if parts were set aside
     """
-    from harness.scaling import gained
-    from harness.scaling.census import COUNTING, total
-    from harness.scaling.census import Options as Counting
-
-    reporter = Reporter(quiet=quiet)
-    names = tuple(chosen(name, None) for name in split_names(triangulators))
-    if len(set(names)) < 2:
-        raise UsageError(f"--triangulators {triangulators}: give two or more to compare")
-    size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
-    options = Counting(names, units_per_pixel, size, layer, where)
-    dataset = Dataset(file, out / "parts", options, COUNTING)
-    summary = _complete(dataset, out, dask, reporter)
-    sums = total(
-        dataset.out,
-        [part.key for part in dataset.cut.parts if part.key in dataset.done],
-        len(names),
-    )
+    names = options.triangulators
+    dataset = Dataset(pattern, out / "parts", options, COUNTING)
+    summary = _complete(dataset, out, where, reporter)
+    done = [part.key for part in dataset.cut.parts if part.key in dataset.done]
+    sums = total(dataset.out, done, len(names))
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         gained.write(out, sums, options)
     _warn(summary, reporter)
@@ -139,14 +100,36 @@ def census(
     _refuse_set_aside(out, summary)
 
 
+def census_options(
+    pattern: str,
+    triangulators: Sequence[str],
+    units_per_pixel: float,
+    cell: float,
+    layer: str | None,
+    where: str | None,
+) -> CensusOptions:
+    """Return what a census counts; raises UsageError for fewer than two triangulators.
+
+    cell : 0 for a thousand units, or a hundredth of a degree
+    """
+    names = tuple(chosen(name, None) for name in triangulators)
+    if len(set(names)) < 2:
+        raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
+    size = cell or (0.01 if in_degrees(files(pattern)[0]) else 1000.0)
+    return CensusOptions(names, units_per_pixel, size, layer, where)
+
+
 def _complete(dataset: Dataset, out: Path, where: str, reporter: Reporter) -> Summary:
     """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
     there = len(dataset.done)
     if there:
         reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")
     try:
-        with crew_of(where if dataset.missing else "", reporter) as crew:
-            return dataset.complete(crew, reporter)
+        with (
+            crew_of(where if dataset.missing else "", reporter) as crew,
+            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+        ):
+            return dataset.complete(crew, reporter, needless)
     except KeyboardInterrupt:
         typer.echo(
             f"stopped; {len(dataset.done):,} of {len(dataset.cut.parts):,} parts are in {out}; "
@@ -192,8 +175,3 @@ def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
     )
     if summary.certified:
         console.print(f"{out}: {Certified.total(summary.certified)}", markup=False, soft_wrap=True)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(census)
