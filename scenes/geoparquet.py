@@ -142,7 +142,7 @@ def _raw(
     broken = [
         i
         for i, (value, made) in enumerate(zip(values, geometries, strict=True))
-        if value and not made
+        if value and made is None
     ]
     dropped: list[Note] = [(labels[i], "geometry cannot be parsed as WKB") for i in broken]
     keep = np.setdiff1d(np.arange(batch.num_rows), broken)

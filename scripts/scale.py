@@ -9,6 +9,7 @@ is a ratio of times measured in turns, so that a machine that others use, too, s
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -30,6 +31,7 @@ from harness.scaling.working import Alone, Crew, work_through
 from scripts.footprints import CITY, write
 
 ROOT = Path(__file__).resolve().parent.parent
+COLUMNS = ("polygons", "seconds", "cpu_seconds")
 OPTIONS = Options("optimal:half-perimeter")
 EMPTY, APART = 10_000, 500
 """Empty tasks: futures alone, and such as are carried out in the process that parts have."""
@@ -88,7 +90,7 @@ def empty_tasks() -> dict[str, object]:
 
 
 def overhead(data: Path, folder: Path, rounds: int) -> dict[str, object]:
-    """The time of a city's parts on one worker over that in one process, in turns, both warm."""
+    """The cores' time for a city's parts on a worker over that in one process, in turns and warm."""
     pattern = str(data / "city-0000.parquet")
     alone = Alone()
     alone.threads_each = 1
@@ -107,25 +109,38 @@ def overhead(data: Path, folder: Path, rounds: int) -> dict[str, object]:
     draws = np.random.default_rng(0).choice(ratios, (2000, len(ratios)))
     return {
         "footprints": CITY,
-        "one_process_s": [round(here, 2) for here, _ in pairs],
-        "dask_s": [round(there, 2) for _, there in pairs],
+        "one_process_core_s": [round(here, 2) for here, _ in pairs],
+        "dask_core_s": [round(there, 2) for _, there in pairs],
         "overhead_median": round(float(np.median(ratios) - 1), 4),
         "ci95": np.percentile(np.median(draws, axis=1) - 1, [2.5, 97.5]).round(4).tolist(),
     }
 
 
 def timed(pattern: str, out: Path, crew: Crew) -> float:
-    """Seconds that a crew takes for all parts of a file."""
+    """Seconds of the cores that all parts of a file take: of this process and those under it.
+
+    They hardly depend on what else the machine does, as seconds of the clock do.
+    """
     dataset = Dataset(pattern, out, OPTIONS)
-    begun = time.perf_counter()
+    begun = cores_s(psutil.Process())
     dataset.complete(crew, Reporter(quiet=True))
-    taken = time.perf_counter() - begun
+    taken = cores_s(psutil.Process()) - begun
     shutil.rmtree(out)
     return taken
 
 
+def cores_s(top: psutil.Process) -> float:
+    """Seconds of the cores that a process and those under it, which live, have had."""
+    spent = 0.0
+    for process in (top, *top.children(recursive=True)):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            times = process.cpu_times()
+            spent += times.user + times.system
+    return spent
+
+
 def whole_command(data: Path, out: Path, workers: int) -> tuple[dict[str, object], np.ndarray]:
-    """Run and watch the command; returns figures, and (n, 2) polygons and seconds of its parts."""
+    """Run and watch the command; returns figures, and (n, 3) COLUMNS of its parts."""
     command = [sys.executable, "-m", "harness", "triangulate", str(data / "*.parquet")]
     begun = time.monotonic()
     process = subprocess.Popen(
@@ -136,20 +151,22 @@ def whole_command(data: Path, out: Path, workers: int) -> tuple[dict[str, object
         text=True,
     )
     said: list[tuple[float, str]] = []
-    peaks = {"worker": 0, "command": 0}
+    peaks = {"worker": 0, "command": 0, "core_ms": 0}
     watch(process, lambda line: said.append((time.monotonic() - begun, line)), peaks)
     taken = time.monotonic() - begun
     assert process.stdout is not None
     last = process.stdout.read().strip()
     assert process.returncode == 0, said[-3:]
     parts = json.loads((out / MANIFEST).read_text())["parts"]
-    seconds = np.array([(part["polygons"], part["seconds"]) for part in parts])
+    seconds = np.array([[part[name] for name in COLUMNS] for part in parts])
     size = sum(file.stat().st_size for file in out.glob("*.parquet"))
     polygons = seconds[:, 0].sum()
     return {
         "said": last,
         "seconds": round(taken, 1),
         "footprints_per_s_and_worker": round(polygons / seconds[:, 1].sum()),
+        "footprints_per_core_s": round(polygons / seconds[:, 2].sum()),
+        "all_core_s": round(peaks["core_ms"] / 1e3, 1),
         "of_wall_time": round(polygons / taken / workers),
         "peak_mb_a_worker": round(peaks["worker"] / 1e6),
         "peak_mb_command": round(peaks["command"] / 1e6),
@@ -178,6 +195,7 @@ def watch(
     top = psutil.Process(process.pid)
     while process.poll() is None:
         try:
+            peaks["core_ms"] = max(peaks["core_ms"], round(1e3 * cores_s(top)))
             peaks["command"] = max(peaks["command"], memory(top))
             for child in top.children():
                 family = [child, *child.children(recursive=True)]
@@ -217,9 +235,9 @@ def judged(said: list[tuple[float, str]], taken: float) -> dict[str, object]:
 
 
 def extrapolated(seconds: np.ndarray) -> dict[str, object]:
-    """Hours for 100 M footprints by the parts' own seconds, with a 95 % bootstrap interval."""
+    """Core-hours for 100 M footprints by the parts' own, with a 95 % bootstrap interval."""
     draws = np.random.default_rng(0).integers(0, len(seconds), (2000, len(seconds)))
-    polygons, spent = seconds[draws].sum(axis=1).T
+    polygons, _, spent = seconds[draws].sum(axis=1).T
     low, middle, high = np.percentile(spent / polygons, [2.5, 50, 97.5]) * PLANNED / 3600
     return {
         "core_hours": [round(float(each), 3) for each in (low, middle, high)],

@@ -102,7 +102,11 @@ class GeoParquetWriter:
         if self._writer is None:
             metadata = {"geo": json.dumps(self._metadata(mesh)), "raster_harness": self._say()}
             self._schema = table.schema.with_metadata(metadata)
-            self._writer = self._parquet.ParquetWriter(self._path, self._schema)
+            # no two geometries are alike: a dictionary of them would only take time
+            others = [name for name in self._schema.names if name != "geometry"]
+            self._writer = self._parquet.ParquetWriter(
+                self._path, self._schema, use_dictionary=others or False
+            )
         # a column may look different in each batch: all missing in one, text in the next
         self._writer.write_table(_fitted(table, self._schema, pa))
 

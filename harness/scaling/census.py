@@ -7,10 +7,9 @@ integers, but for the criteria, and small; so a country's are added up in a mome
 from __future__ import annotations
 
 import json
-import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from harness.errors import UsageError, of_system
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
-from harness.scaling.done import Done, about, lasting, peak, release, require_code
+from harness.scaling.done import Clocks, Done, about, lasting, require_code, timed
 from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
@@ -70,7 +69,7 @@ def count_part(part: Part, options: Options, out: str, code: str, threads: int |
     UsageError
         if the part cannot be read or the file cannot be written, or this process has other code
     """
-    begun = time.perf_counter()
+    begun = Clocks.now()
     require_code(code)
     place = Path(out) / f"{part.key}.npz"
     if (done := read_counted(place)) is not None:
@@ -108,8 +107,7 @@ def count_part(part: Part, options: Options, out: str, code: str, threads: int |
         if (done := read_counted(place)) is not None:  # somebody else has made it meanwhile
             return done
         raise UsageError(of_system(error)) from error
-    release()
-    return replace(done, seconds=time.perf_counter() - begun, peak_bytes=peak())
+    return timed(done, begun)
 
 
 def read_counted(file: Path) -> Done | None:

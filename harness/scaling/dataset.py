@@ -11,7 +11,7 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from harness.stored.folder import clear_errors
 
 MANIFEST = "manifest.json"
 VERSION = 1
+TIMES = ("seconds", "cpu_seconds")
 
 
 @dataclass
@@ -136,7 +137,7 @@ class Dataset:
         if not self.cut.parts and self.cut.unreadable:
             raise UsageError(next(iter(self.cut.unreadable.values())))
         self.done: dict[str, Done] = {}
-        self._seconds = self._known_seconds()
+        self._took = self._known_times()
         self._look({part.key for part in self.cut.parts})
 
     @property
@@ -215,7 +216,7 @@ class Dataset:
                     "give another -o"
                 )
             if key in wanted:
-                self.done[key] = Done(**{**asdict(done), "seconds": self._seconds.get(key)})
+                self.done[key] = replace(done, **self._took.get(key, {}))
 
     def _summary(self, aside: dict[str, str]) -> Summary:
         summary = Summary(parts=len(self.cut.parts), pruned=self.cut.pruned)
@@ -229,11 +230,11 @@ class Dataset:
         }
         return summary
 
-    def _known_seconds(self) -> dict[str, float]:
-        """What an earlier manifest says of how long parts took."""
+    def _known_times(self) -> dict[str, dict[str, Any]]:
+        """What an earlier manifest says of how long each part took."""
         try:
             told = json.loads((self.out / MANIFEST).read_text())["parts"]
-            return {part["key"]: part["seconds"] for part in told if part["seconds"] is not None}
+            return {part["key"]: {name: part[name] for name in TIMES} for part in told}
         except (OSError, ValueError, KeyError, TypeError):
             return {}
 
@@ -263,6 +264,7 @@ class Dataset:
                     "proven": done.proven,
                     "counts": done.counts,
                     "seconds": done.seconds,
+                    "cpu_seconds": done.cpu_seconds,
                 }
 
     def _tidy(self) -> None:

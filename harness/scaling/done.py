@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import time
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -25,8 +26,8 @@ class Done:
     proven : polygons whose optimum is proven
     certified : fields of `Certified`, where that was asked for
     about : the part's key, input and options, and the code's version
-    seconds, peak_bytes : what it took and the most memory its process had; None where the file was
-        there already
+    seconds, cpu_seconds, peak_bytes : what it took, by the clock and of the cores, and the most
+        memory its process had; None where the file was there already
     notes : what was done to the file as a whole
     """
 
@@ -38,6 +39,7 @@ class Done:
     certified: dict[str, Any] | None
     about: dict[str, Any]
     seconds: float | None = None
+    cpu_seconds: float | None = None
     peak_bytes: int | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -59,10 +61,34 @@ def about(part: Part, options: Mapping[str, Any], code: str) -> dict[str, Any]:
     }
 
 
+class Clocks(NamedTuple):
+    """Seconds by the clock, and of the cores that this process had."""
+
+    wall: float
+    cores: float
+
+    @classmethod
+    def now(cls) -> Clocks:
+        """Read both."""
+        return cls(time.perf_counter(), time.process_time())
+
+
 def lasting(done: Done) -> dict[str, Any]:
     """Return what the file says: nothing that differs from one execution to the next."""
-    fields = asdict(done)
-    return {name: value for name, value in fields.items() if name not in ("seconds", "peak_bytes")}
+    passing = ("seconds", "cpu_seconds", "peak_bytes")
+    return {name: value for name, value in asdict(done).items() if name not in passing}
+
+
+def timed(done: Done, begun: Clocks) -> Done:
+    """Return it with what it took since `begun`, and give memory back to the system."""
+    release()
+    now = Clocks.now()
+    return replace(
+        done,
+        seconds=now.wall - begun.wall,
+        cpu_seconds=now.cores - begun.cores,
+        peak_bytes=peak(),
+    )
 
 
 def require_code(code: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from harness.export.export import Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.sources import of_file
 from harness.export.writer import Output
-from harness.scaling.done import Done, about, lasting, peak, release, require_code
+from harness.scaling.done import Clocks, Done, about, lasting, require_code, timed
 from harness.scaling.parts import Part
 from scenes import SceneError
 
@@ -61,7 +60,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
     UsageError
         if the part cannot be read or the file cannot be written, or this process has other code
     """
-    begun = time.perf_counter()
+    begun = Clocks.now()
     require_code(code)
     place = Path(out) / f"{part.key}.parquet"
     if (done := read_done(place)) is not None:
@@ -91,8 +90,7 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
         if (done := read_done(place)) is not None:  # somebody else has made it meanwhile
             return done
         raise UsageError(of_system(error)) from error
-    release()
-    return Done(**{**asdict(done), "seconds": time.perf_counter() - begun, "peak_bytes": peak()})
+    return timed(done, begun)
 
 
 def _reading(part: Part, options: Options) -> dict[str, Any]:
