@@ -74,9 +74,10 @@ def empty_tasks() -> dict[str, object]:
     try:
         client = crew._client
         client.gather(client.map(int, range(100), pure=False))
-        begun = time.perf_counter()
+        begun, spent = time.perf_counter(), cores_s(psutil.Process())
         client.gather(client.map(int, range(EMPTY), pure=False))
         bare = time.perf_counter() - begun
+        cores = cores_s(psutil.Process()) - spent
         tasks = {f"task {number}": (os.getpid, ()) for number in range(APART)}
         begun = time.perf_counter()
         work_through(tasks, crew, lambda *_: None)
@@ -85,12 +86,13 @@ def empty_tasks() -> dict[str, object]:
         crew.close()
     return {
         "futures_per_s": round(EMPTY / bare),
+        "futures_per_core_s": round(EMPTY / cores),
         "in_the_parts_process_per_s": round(APART / all_s),
     }
 
 
 def overhead(data: Path, folder: Path, rounds: int) -> dict[str, object]:
-    """The cores' time for a city's parts on a worker over that in one process, in turns and warm."""
+    """The cores' time for a city on a worker over that in one process, in turns and warm."""
     pattern = str(data / "city-0000.parquet")
     alone = Alone()
     alone.threads_each = 1

@@ -27,6 +27,8 @@ SETTINGS = {
     # so that a worker may have processes of its own
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
+    # Ctrl-C goes to the command alone, which ends its workers
+    "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
 }
 
 WAITING = 2

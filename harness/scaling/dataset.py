@@ -18,7 +18,7 @@ from typing import Any
 from harness import environment
 from harness.errors import UsageError
 from harness.export.writer import BEGUN
-from harness.progress import Reporter
+from harness.progress import Parts, Reporter
 from harness.scaling.done import Done
 from harness.scaling.parts import Cut, Part, cut_all, files
 from harness.scaling.triangulated import do_part, read_done
@@ -168,19 +168,22 @@ class Dataset:
         aside: dict[str, str] = {}
         fresh = 0
         amount = 0.0
+        show: Parts = lambda *_: None  # noqa: E731 - until there is something to show
+
+        def ended(key: str, done: Done) -> None:
+            nonlocal fresh, amount
+            begun_well()
+            self.done[key] = done
+            fresh, amount = fresh + 1, amount + sizes[key]
+            for note in done.notes:
+                reporter.once(note)
+            show(fresh, amount)
+
         try:
-            with reporter.parts(self.kind.title, len(missing), sum(sizes.values()), unit) as show:
-
-                def ended(key: str, done: Done) -> None:
-                    nonlocal fresh, amount
-                    begun_well()
-                    self.done[key] = done
-                    fresh, amount = fresh + 1, amount + sizes[key]
-                    for note in done.notes:
-                        reporter.once(note)
-                    show(fresh, amount)
-
-                aside = work_through(tasks, crew, ended)
+            if missing:
+                total = sum(sizes.values())
+                with reporter.parts(self.kind.title, len(missing), total, unit) as show:
+                    aside = work_through(tasks, crew, ended)
         finally:
             summary = self._summary(aside)
             summary.fresh = fresh
