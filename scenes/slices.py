@@ -87,8 +87,14 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
     parquet = pyarrow_parquet(source)
     file = source.path
     with file.open("rb") as stream:
-        stream.seek(-8, 2)
-        footer = int.from_bytes(stream.read(4), "little")
+        stream.seek(max(0, file.stat().st_size - 8))
+        end = stream.read()
+        if end[-4:] != b"PAR1":
+            raise SceneError(
+                f"{file} cannot be read as GeoParquet: it does not end as such a file does "
+                "(it was cut off: write or copy it again)"
+            )
+        footer = int.from_bytes(end[:4], "little")
         stream.seek(-8 - footer, 2)
         identity = _identity(file, stream.read())
     metadata = parquet.read_metadata(file)
