@@ -8,14 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-import shapely
-from numpy.typing import NDArray
-
 from harness.errors import UsageError
-from harness.export import export
-from harness.scaling.done import Done
-from harness.scaling.parts import Part
-from harness.scaling.triangulated import Options, do_part
 
 FAR = 100_000.0
 
@@ -38,18 +31,23 @@ def crash(folder: str, name: str) -> None:
     os.abort()
 
 
-def crash_on_far(part: Part, options: Options, out: str, code: str, threads: int) -> Done:
+def crash_on_far(*arguments: Any) -> Any:
     """Triangulate a part; a footprint east of `FAR` ends the process as a fault in C would."""
+    import shapely  # these take long to load, and the other tasks need none of them
+
+    from harness.export import export
+    from harness.scaling.triangulated import do_part
+
     triangulate = export.triangulate_batch
 
-    def triangulate_or_crash(polygons: NDArray[Any], *more: Any) -> Any:
+    def triangulate_or_crash(polygons: Any, *more: Any) -> Any:
         if (shapely.bounds(polygons)[:, 0] > FAR).any():
             ctypes.string_at(0)
         return triangulate(polygons, *more)
 
     export.triangulate_batch = triangulate_or_crash
     try:
-        return do_part(part, options, out, code, threads)
+        return do_part(*arguments)
     finally:
         export.triangulate_batch = triangulate
 

@@ -56,10 +56,6 @@ def test_a_farm_gives_the_counters_of_a_run_made_apart(farm, block, tmp_path):
         record["key"]: record["counters"] for record in expected
     }
     assert len(list((tmp_path / "farm" / "hosts").iterdir())) == 1
-    # a second time everything is there, and the merged run is made of it again
-    before = (tmp_path / "farm" / "cases.jsonl").read_bytes()
-    farm_out(plan, tmp_path / "farm", farm, quiet())
-    assert (tmp_path / "farm" / "cases.jsonl").read_bytes() == before
 
 
 def test_what_no_worker_offers_is_said(harness, farm, block):
