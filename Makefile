@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup city helsinki test check format fuzz bench proven study compare-demo docs docs-full lock clean
+.PHONY: help setup city helsinki test check format fuzz kills bench proven study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -42,6 +42,11 @@ format: setup  ## let ruff format the code
 compare-demo: setup  ## what CI does: a baseline, an equal run, a regression; writes the reports
 	@scripts/compare-demo.sh
 
+KILLS ?= 100
+
+kills: setup  ## kill workers, scheduler and command KILLS times over 1,000,000 footprints
+	PYTHONPATH=. $(PY) scripts/kills.py --kills $(KILLS)
+
 bench: setup  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
 
@@ -58,7 +63,7 @@ docs-full: setup  ## run every command of README and docs, the slow ones too
 	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
-	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra webgpu --extra studies --extra dev \
+	uv pip compile pyproject.toml --extra manifold --extra geoparquet --extra pyrender --extra webgpu --extra dask --extra studies --extra dev \
 	    --override overrides.txt $(LOCK) -o requirements.lock
 	uv pip compile requirements-data.in --no-deps $(LOCK) -o requirements-data.lock
 

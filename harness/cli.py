@@ -20,6 +20,7 @@ from harness import __version__, system
 from harness.commands import (
     calibrate,
     catalogue,
+    census,
     compare,
     doctor,
     enumeration,
@@ -28,6 +29,7 @@ from harness.commands import (
     gains,
     history,
     inspect,
+    merge,
     page,
     pareto,
     repeat,
@@ -76,6 +78,8 @@ for command in (
     repeat,
     study,
     page,
+    census,
+    merge,
     doctor,
     catalogue,
 ):

@@ -135,7 +135,7 @@ def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None =
 
 
 @dataclass
-class _Snapped:
+class Snapped:
     """Pieces of one polygon on the grid, and what had to be done to get them."""
 
     pieces: list[Polygon] = field(default_factory=list)
@@ -159,7 +159,7 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     dropped: list[tuple[int, str]] = []
     repaired: list[tuple[int, str]] = []
     for number, polygon in enumerate(placed):
-        snapped = _snap(polygon)
+        snapped = snap(polygon)
         if snapped.dropped:
             dropped.append((number, snapped.dropped))
         if snapped.repaired:
@@ -218,14 +218,14 @@ def _place(polygons: Sequence[Polygon], view: View) -> tuple[list[Polygon], floa
     return list(shapely.transform(moved, lambda xy: (xy - shift) * scale + middle)), scale
 
 
-def _snap(polygon: Polygon) -> _Snapped:
+def snap(polygon: Polygon) -> Snapped:
     """Round one polygon in px to the grid; repair or drop it where that breaks it."""
     rounded, lost = _round_rings(polygon)
     if rounded is not None and lost == 0 and rounded.is_valid and rounded.area > 0:
-        return _Snapped([shapely.orient_polygons(rounded)])
+        return Snapped([shapely.orient_polygons(rounded)])
     if rounded is not None and rounded.is_valid and rounded.area > 0:
         reason = f"{lost} vertices coincide on the 1/256 px grid"
-        return _Snapped([shapely.orient_polygons(rounded)], repaired=reason)
+        return Snapped([shapely.orient_polygons(rounded)], repaired=reason)
     # Rounding made edges cross or touch: let GEOS node it on the same grid.
     fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
     pieces = [
@@ -234,11 +234,11 @@ def _snap(polygon: Polygon) -> _Snapped:
         if isinstance(part, Polygon) and part.area > 0
     ]
     if not pieces:
-        return _Snapped(dropped="thinner than the 1/256 px grid: it vanishes")
+        return Snapped(dropped="thinner than the 1/256 px grid: it vanishes")
     reason = "edges cross on the 1/256 px grid; repaired"
     if len(pieces) > 1:
         reason += f" into {len(pieces)} pieces"
-    return _Snapped(pieces, repaired=reason)
+    return Snapped(pieces, repaired=reason)
 
 
 def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Timer
@@ -50,6 +51,58 @@ class Stage:
     def advance(self) -> None:
         """Say that one more step is done."""
         self.complete(int(self._done) + 1)
+
+
+Parts = Callable[[int, float], None]
+"""Told how many parts are done, and how much of the whole they hold."""
+
+
+class Rate:
+    """How fast something goes of late, and how long it still takes.
+
+    What was done before the first part ended, such as compiling, does not count.
+
+    total : how much there is to do
+    clock : seconds
+    """
+
+    WINDOW_S = 120.0
+    LEAST_S = 5.0
+
+    def __init__(self, total: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._total = total
+        self._clock = clock
+        self._seen: deque[tuple[float, float]] = deque()
+
+    def add(self, amount: float) -> None:
+        """Say how much is done in all."""
+        now = self._clock()
+        self._seen.append((now, amount))
+        while now - self._seen[0][0] > self.WINDOW_S and len(self._seen) > 2:
+            self._seen.popleft()
+
+    def per_second(self) -> float | None:
+        """Return the rate, None where too little was seen to tell."""
+        if not self._seen:
+            return None
+        (begun, before), (ended, after) = self._seen[0], self._seen[-1]
+        return (after - before) / (ended - begun) if ended - begun >= self.LEAST_S else None
+
+    def left_s(self) -> float | None:
+        """Return the seconds left, None where the rate is not known."""
+        rate = self.per_second()
+        return (self._total - self._seen[-1][1]) / rate if rate else None
+
+    def text(self, done: int, count: int, unit: str) -> str:
+        """Say all of it in one line."""
+        line = f"{done:,}/{count:,} parts"
+        rate, left = self.per_second(), self.left_s()
+        if rate is None or left is None:
+            return line
+        minutes, seconds = divmod(round(left), 60)
+        hours, minutes = divmod(minutes, 60)
+        speed = f"{rate:,.0f}" if rate >= 10 else f"{rate:.2g}"
+        return f"{line}, {speed} {unit}/s, {hours}:{minutes:02}:{seconds:02} left"
 
 
 class Reporter:
@@ -130,6 +183,44 @@ class Reporter:
             yield timer.cancel
         finally:
             timer.cancel()
+
+    @contextmanager
+    def parts(self, title: str, count: int, total: float, unit: str) -> Iterator[Parts]:
+        """Begin a stage of `count` parts that hold `total` of what `unit` names, e.g. footprints.
+
+        One line says how many parts are done, the rate of late, and the time left by that rate.
+        """
+        rate = Rate(total, self._clock)
+        if not self._bars:
+            yield self._parts_in_lines(title, count, rate, unit)
+            return
+        columns = (
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.fields[shown]}"),
+        )
+        with Progress(*columns, console=self.console) as bars:
+            task = bars.add_task(title, total=total, shown=f"0/{count} parts")
+
+            def show(done: int, amount: float) -> None:
+                rate.add(amount)
+                bars.update(task, completed=amount, shown=rate.text(done, count, unit))
+
+            yield show
+
+    def _parts_in_lines(self, title: str, count: int, rate: Rate, unit: str) -> Parts:
+        self.say(f"{title} ...")
+        last = self._clock()
+
+        def show(done: int, amount: float) -> None:
+            nonlocal last
+            rate.add(amount)
+            if self._clock() - last >= LINE_EVERY_S:
+                last = self._clock()
+                self.say(f"{title}: {rate.text(done, count, unit)}")
+
+        return show
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Stage]:

@@ -77,7 +77,7 @@ def clean(
     for i in np.flatnonzero(~keep):
         reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
         dropped.append((label(source[i]), reason))
-    polygons, source = shapely.orient_polygons(_without_repeats(parts[keep])), source[keep]
+    polygons, source = _oriented(_without_repeats(parts[keep])), source[keep]
     # Of coordinates beyond 2^53 units, rounding decides, and turning a ring rounds otherwise.
     sound = shapely.area(polygons) > 0
     dropped += [(label(source[i]), "its area is lost in rounding") for i in np.flatnonzero(~sound)]
@@ -99,6 +99,8 @@ def _areal_parts(
     given: NDArray[Any], usable: NDArray[np.int64], label: Any, dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Single polygons of the usable geometries, and the index of each one's geometry."""
+    if (shapely.get_type_id(given[usable]) == _POLYGON).all():  # the usual case, at no cost
+        return given[usable], usable
     parts, at = shapely.get_parts(given[usable], return_index=True)
     # collections may hold multi-polygons (and collections), so explode until nothing changes
     while not np.isin(shapely.get_type_id(parts), range(4)).all():
@@ -151,11 +153,22 @@ def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
 
     Not `shapely.remove_repeated_points`, which also merges vertices whose distance underflows.
     """
-    if len(polygons) == 0:
+    coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
+    same = (coordinates[1:] == coordinates[:-1]).all(axis=1) & (owner[1:] == owner[:-1])
+    doubtful = shapely.get_num_interior_rings(polygons) > 0
+    doubtful[owner[1:][same]] = True
+    if not doubtful.any():  # nearly always, and ten times as fast
         return polygons
+    result = polygons.copy()
+    result[doubtful] = _rings_without_repeats(polygons[doubtful])
+    return result
+
+
+def _rings_without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
+    """The same for polygons that may have repeats or holes."""
     kind, coordinates, (rings, owners) = shapely.to_ragged_array(polygons)
     if (np.diff(rings) == 0).any():
-        return _without_repeats(np.array([_without_empty_holes(p) for p in polygons]))
+        return _rings_without_repeats(np.array([_without_empty_holes(p) for p in polygons]))
     repeat = np.zeros(len(coordinates), dtype=bool)
     repeat[1:] = (coordinates[1:] == coordinates[:-1]).all(axis=1)
     repeat[rings[:-1]] = False
@@ -163,6 +176,15 @@ def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
         return polygons
     kept = np.concatenate([[0], np.cumsum(~repeat)])
     return shapely.from_ragged_array(kind, coordinates[~repeat], (kept[rings], owners))
+
+
+def _oriented(polygons: NDArray[Any]) -> NDArray[Any]:
+    """The same polygons, exteriors counter-clockwise and holes clockwise."""
+    wrong = ~shapely.is_ccw(shapely.get_exterior_ring(polygons))
+    wrong |= shapely.get_num_interior_rings(polygons) > 0
+    result = polygons.copy()
+    result[wrong] = shapely.orient_polygons(polygons[wrong])
+    return result
 
 
 def _without_empty_holes(polygon: shapely.Polygon) -> shapely.Polygon:

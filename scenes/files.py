@@ -97,13 +97,15 @@ def read_chunks(
     where: str | None = None,
     project: bool | None = None,
     size: int = CHUNK,
+    rows: tuple[int, int] | None = None,
 ) -> Iterator[Chunk]:
     """The polygons of a file, about `size` features at a time, so that memory stays bounded.
 
-    All chunks are on the same map, chosen by the first, so they fit together. Raises SceneError as
-    `read` does, but a file without polygons yields chunks without polygons.
+    `rows` are the first feature to read and the one after the last, in files that
+    `scenes.slices` cuts. All chunks are on the same map, chosen by the first, so they fit together.
+    Raises SceneError as `read` does, but a file without polygons yields chunks without polygons.
     """
-    source = Source(_existing(path), layer, where)
+    source = Source(existing(path), layer, where, rows)
     placing = Placing(path, project)
     for raw in _raws(source, size):
         geometries, notes = placing.place(raw)
@@ -116,7 +118,8 @@ def read_chunks(
         yield Chunk(cleaned, table, placing.units, placing.crs, placing.projection, notes)
 
 
-def _existing(path: str) -> Path:
+def existing(path: str) -> Path:
+    """The file; raises SceneError, in one line, where there is none, or it is empty."""
     if "\0" in path:
         raise SceneError("a path cannot hold a NUL character: give another")
     file = Path(path)

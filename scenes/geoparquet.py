@@ -26,23 +26,46 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     `layer` names another geometry column. Geometries are encoded as WKB, which is what nearly all
     writers do, or natively, as lists of lists of coordinates.
     """
+    with pyarrow_parquet(source).ParquetFile(source.path) as file:
+        column, encoding, crs, notes = geometry_column(source, file.schema_arrow)
+        for start, batch in _batches(file, source.rows, size):
+            raw = _raw(batch, column, encoding, crs, start, exact=source.rows is not None)
+            yield replace(raw, notes=notes + raw.notes)
+
+
+def pyarrow_parquet(source: Source) -> Any:
+    """The module that reads Parquet; raises SceneError, which says what to install."""
     try:
         from pyarrow import parquet
     except ImportError as error:
         raise SceneError(
             f'{source.path} needs pyarrow to be read: pip install "raster-harness[geoparquet]"'
         ) from error
-    with parquet.ParquetFile(source.path) as file:
-        column, encoding, crs, notes = _geometry_column(source, file.schema_arrow)
-        start = 0
-        for batch in file.iter_batches(batch_size=size):
-            raw = _raw(batch, column, encoding, crs, start)
-            yield replace(raw, notes=notes + raw.notes)
-            start += batch.num_rows
+    return parquet
 
 
-def _geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, tuple[str, ...]]:
-    """Name, encoding and reference system of the column to read, and a note on other ones."""
+def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
+    """Batches of the rows that are wanted, and the number of each one's first row."""
+    sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+    ends = np.cumsum(sizes, dtype=np.int64)
+    first, last = rows or (0, file.metadata.num_rows)
+    # the row groups that hold them; rows of the first one that come before are read and left
+    groups = [i for i, end in enumerate(ends) if end > first and end - sizes[i] < last]
+    start = int(ends[groups[0]] - sizes[groups[0]]) if groups else 0
+    for batch in file.iter_batches(batch_size=size, row_groups=groups):
+        low, high = max(first - start, 0), min(last - start, batch.num_rows)
+        if low < high:
+            yield start + low, batch.slice(low, high - low)
+        start += batch.num_rows
+        if start >= last:
+            return
+
+
+def geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, tuple[str, ...]]:
+    """Name, encoding and reference system of the column to read, and a note on other ones.
+
+    Raises SceneError if the file has none, or none that can be read.
+    """
     geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
     if not geo:
         raise SceneError(
@@ -106,10 +129,12 @@ def _code(crs: Any) -> str | None:
     return json.dumps(crs)
 
 
-def _raw(batch: Any, column: str, encoding: str, crs: str | None, start: int) -> Raw:
+def _raw(
+    batch: Any, column: str, encoding: str, crs: str | None, start: int, *, exact: bool
+) -> Raw:
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
-    table, notes = to_pandas(batch.remove_column(index))
+    table, notes = to_pandas(batch.remove_column(index), exact=exact)
     if encoding != "WKB":
         return Raw(_decoded(batch.column(index), encoding), labels, table, crs, notes=notes)
     values = batch.column(index).to_pylist()
@@ -117,7 +142,7 @@ def _raw(batch: Any, column: str, encoding: str, crs: str | None, start: int) ->
     broken = [
         i
         for i, (value, made) in enumerate(zip(values, geometries, strict=True))
-        if value and not made
+        if value and made is None
     ]
     dropped: list[Note] = [(labels[i], "geometry cannot be parsed as WKB") for i in broken]
     keep = np.setdiff1d(np.arange(batch.num_rows), broken)

@@ -52,6 +52,8 @@ class Placing:
         if shapely.has_z(given).any():
             notes.append("heights (Z) dropped")
         coordinates = shapely.get_coordinates(given)
+        if not self._decided:
+            self.crs = raw.crs
         if not self._decided and len(coordinates):
             self._decided = True
             notes += self._decide(raw, given, coordinates)

@@ -8,11 +8,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def to_pandas(batch: Any) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """A batch of Arrow as a table, and a note on columns whose text is not UTF-8.
 
-    Old Shapefiles and database exports have such text; what cannot be read becomes U+FFFD. Arrow
-    and pandas do not check the bytes before the text is used.
+    `exact`: columns keep Arrow's types, so that each part of a file has those of the whole;
+    otherwise they become those of pandas, where a missing value makes a float of an integer.
+
+    Old Shapefiles and database exports have text that is not UTF-8; what cannot be read becomes
+    U+FFFD. Arrow and pandas do not check the bytes before the text is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())
@@ -31,10 +34,17 @@ def to_pandas(batch: Any) -> tuple[pd.DataFrame, tuple[str, ...]]:
             column = _mended(column)
         arrays.append(column)
     if not broken:
-        return batch.to_pandas(), ()
-    table = pa.RecordBatch.from_arrays(arrays, names=batch.schema.names).to_pandas()
+        return _table(batch, exact), ()
+    table = _table(pa.RecordBatch.from_arrays(arrays, names=batch.schema.names), exact)
     note = f"text of {', '.join(broken)} is not UTF-8: what cannot be read became U+FFFD"
     return table, (note,)
+
+
+def _table(batch: Any, exact: bool) -> pd.DataFrame:
+    import pandas as pd
+
+    table: pd.DataFrame = batch.to_pandas(types_mapper=pd.ArrowDtype if exact else None)
+    return table
 
 
 def _mended(column: Any) -> Any:

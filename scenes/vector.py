@@ -34,7 +34,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     with warnings.catch_warnings():
         # GDAL's remarks on single features come back as our own notes
         warnings.simplefilter("ignore")
-        layer, notes = _layer(source)
+        layer, notes = layer_of(source)
         # OSM files have no index and are read in one go
         whole = source.path.suffix.lower() in (".pbf", ".osm")
         if find_spec("pyarrow") is not None and not whole:
@@ -46,12 +46,14 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
-    """Chunks of one pass over the file."""
+    """Chunks of one pass over the file, or over the rows that are wanted."""
+    first, last = source.rows or (0, None)
     opened = pyogrio.raw.open_arrow(
         source.path,
         layer=layer,
         where=source.where,
-        batch_size=size,
+        skip_features=first,
+        batch_size=size if last is None else min(size, last - first),
         use_pyarrow=True,
         return_fids=True,
     )
@@ -59,17 +61,25 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
         if meta["geometry_type"] is None:
             raise SceneError(_no_geometry(source, layer))
         for batch in batches:
+            if last is not None:  # Arrow has no way to ask for an end
+                batch = batch.slice(0, last - first)
+                first += batch.num_rows
             # the feature's number, its attributes, its geometry
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
-            table, notes = to_pandas(batch.select(range(1, batch.num_columns - 1)))
+            columns = batch.select(range(1, batch.num_columns - 1))
+            table, notes = to_pandas(columns, exact=source.rows is not None)
             raw = _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
+            if first == last:
+                return
 
 
 def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
     """Chunks of one request each; without pyarrow there is no other way."""
-    start = 0
+    start, last = source.rows or (0, None)
     while True:
+        if last is not None and size is not None:
+            size = min(size, last - start)
         meta, fids, wkb, columns = pyogrio.raw.read(
             source.path,
             layer=layer,
@@ -83,7 +93,7 @@ def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
         named = dict(zip(meta["fields"], columns, strict=True))
         yield _raw(fids.tolist(), wkb, pd.DataFrame(named, index=range(len(wkb))), meta["crs"])
         start += len(wkb)
-        if size is None or len(wkb) < size:
+        if size is None or len(wkb) < size or start == last:
             return
 
 
@@ -119,7 +129,7 @@ def _geometries(
     return geometries, dropped, repaired
 
 
-def _layer(source: Source) -> tuple[str, tuple[str, ...]]:
+def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
     """The layer to read, and a note on it where there are others."""
     layers = pyogrio.list_layers(source.path)
     known = [str(name) for name, _ in layers]

@@ -86,7 +86,7 @@ def triangulate_many(
     work = _Work.of(arrays)
     _attempt(polygons, name, check, threads or _cores(), device, parameters, work)
     if work.done.all():
-        return Triangulations(work.triangles, work.starts)
+        return Triangulations(work.triangles, work.starts, compiled=work.done)
     return _finish(arrays, polygons, name, parameters, work)
 
 
@@ -289,4 +289,5 @@ def _finish(
             pieces.append(triangles[:0])
         lengths[index] = len(pieces[-1])
     pieces.append(triangles[starts[copied] :])
-    return Triangulations(np.concatenate(pieces), np.r_[0, np.cumsum(lengths)], failed)
+    bounds = np.r_[0, np.cumsum(lengths)]
+    return Triangulations(np.concatenate(pieces), bounds, failed, work.done)

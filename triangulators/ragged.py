@@ -25,12 +25,14 @@ class Triangulations(Sequence[np.ndarray]):
     """Triangulations of many polygons; `[i]` is that of polygon i, (m, 3) int32.
 
     triangles: (M, 3), each polygon's as indices into its own vertices; starts: (p + 1,), where
-    each polygon's begin. `failed` says why, for each polygon that has none.
+    each polygon's begin. `failed` says why, for each polygon that has none. compiled: (p,) those
+    that compiled code or a device did; an optimum is exact there.
     """
 
     triangles: np.ndarray
     starts: np.ndarray
     failed: dict[int, str] = field(default_factory=dict)
+    compiled: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.starts) - 1

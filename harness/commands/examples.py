@@ -39,6 +39,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "study": ("study buildings.geojson --out results/study --quick",),
     "page": (f"page {RUN} --out city.html",),
     "import": ("import saved-by-the-page.json --out results/phone",),
+    "census": ("census buildings.geojson --out results/census",),
+    "merge": (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
     "doctor": ("doctor",),
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),

@@ -18,13 +18,19 @@ COMPILING = "still busy with the first polygons; a first run also compiles the t
 
 
 def triangulate(
-    file: Annotated[str, typer.Argument(help="A file of polygons, or a scene's name.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="A file of polygons, a scene's name, or many files: 'parts/*.parquet', a folder."
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option(
             "--out",
             "-o",
-            help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet.",
+            help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet; of "
+            "many files, and with --dask, a folder for GeoParquet parts.",
         ),
     ],
     triangulator: Annotated[
@@ -68,9 +74,20 @@ def triangulate(
             "by default on what was measured to be the fastest here."
         ),
     ] = None,
+    dask: Annotated[
+        str,
+        typer.Option(
+            help="Spread the work: local for a process on each core, local:N for N of them, or "
+            "the address of a Dask scheduler. -o is a folder then."
+        ),
+    ] = "",
     quiet: Quiet = False,
 ) -> None:
-    """Triangulate a file of polygons and write the triangles."""
+    """Triangulate a file of polygons and write the triangles.
+
+    Of many files, and with --dask, each part of 20,000 to 50,000 polygons becomes a GeoParquet file
+    in the folder -o. The same command, given again, does what is missing.
+    """
     from harness.export.export import export_file
     from harness.triangulating.device import get_ready
 
@@ -81,6 +98,20 @@ def triangulate(
             height = float(extrude)
         except ValueError:
             height = extrude
+    if dask or any(sign in file for sign in "*?[") or (Path(file).is_dir() and not out.suffix):
+        if limit is not None:
+            raise UsageError("--limit is for one file; of many parts, choose by --where")
+        if device is not None:
+            raise UsageError("--device is for one file; parts are done by the workers' processors")
+        from harness.commands.many import triangulate_many_files
+        from harness.export.export import chosen
+        from harness.scaling.triangulated import Options
+
+        name = chosen(triangulator, criterion)
+        triangulate_many_files(
+            file, out, Options(name, height, layer, where, certify), dask, reporter
+        )
+        return
     device = None if device is None else get_ready(device, reporter)
     database = ModelDatabase(say=reporter.warn) if cached else None
 

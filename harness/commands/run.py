@@ -29,7 +29,7 @@ from harness.commands.options import (
     split_names,
 )
 from harness.commands.results import folder_for, require_finished
-from harness.errors import UsageError
+from harness.errors import Inconclusive, UsageError
 from harness.figures.groups import base_of, groups
 from harness.frame import FitMode, View
 from harness.measuring.beside import FOLDER as BASE_FOLDER
@@ -140,6 +140,13 @@ def run(
         bool,
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
+    dask: Annotated[
+        str,
+        typer.Option(
+            help="Address of a Dask scheduler: measure on every device that its workers offer as "
+            "resources, and merge what they find."
+        ),
+    ] = "",
     base: Base = "",
     as_json: Json = False,
     quiet: Quiet = False,
@@ -177,6 +184,11 @@ def run(
     folder = folder_for(plan.scene, out, resume)
     _load_ahead()
     reporter = Reporter(quiet=quiet, verbose=verbose)
+    if dask:
+        if beside or resume or as_json or base:
+            raise UsageError("--dask goes with none of --beside, --resume, --json and --base")
+        _on_a_farm(plan, folder, dask, reporter)
+        return
     with _beside(beside, plan, resume, twice=draw_twice) as other:
         outcome = carry_out(
             plan,
@@ -195,6 +207,18 @@ def run(
     if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
+
+
+def _on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
+    """Measure on the devices of many hosts; raises Inconclusive if groups were set aside."""
+    from harness.scaling.farm import measure
+
+    outcome, aside = measure(plan, folder, where, reporter)
+    finish(outcome, Console(), reporter)
+    for name, why in aside.items():
+        reporter.warn(f"set aside {name}: {why}")
+    if aside:
+        raise Inconclusive(f"{len(aside)} groups of cases were set aside; give the command again")
 
 
 @contextmanager

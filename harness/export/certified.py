@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +41,20 @@ class Certified:
         if criteria.find(criterion).maximum:
             raise UsageError(f"{criterion} is a maximum: only a sum over triangles is certified")
         return cls(criterion)
+
+    @classmethod
+    def total(cls, parts: Iterable[Mapping[str, Any]]) -> Certified:
+        """Sum up parts, each with the fields of a `Certified`; there is at least one."""
+        found = [cls(**part) for part in parts]
+        result = cls(found[0].criterion)
+        for each in found:
+            result.polygons += each.polygons
+            result.proven += each.proven
+            result.cost += each.cost
+            result.lower_bound += each.lower_bound
+            result.largest_gap = max(result.largest_gap, each.largest_gap)
+            result.refused += each.refused
+        return result
 
     def add(self, polygons: NDArray[Any], batch: Batch) -> None:
         """Certify the triangulations of a batch."""

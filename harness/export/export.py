@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,14 +22,12 @@ from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
 from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
-from harness.export.triangulation import triangulate_batch
+from harness.export.sources import Part, parts_of
+from harness.export.triangulation import Batch, triangulate_batch
 from harness.export.writer import About, Output, Writer
 from harness.triangulating.database import ModelDatabase
-from scenes import load
-from scenes.files import read_chunks
-from scenes.projection import Projection
-from scenes.registry import split
-from triangulators import TriangulationError, UnknownName, full_name
+from triangulators import TriangulationError, UnknownName, full_name, parse
+from triangulators.optimal import LIMIT
 
 CHUNK = 20_000
 """Polygons that are in memory at a time."""
@@ -60,6 +58,7 @@ class Report:
         that the triangulator could not do; `counts` has all of them, by kind and reason
     read : triangulations that came from the model database
     certified : what the triangulations cost and the least they could cost, where that was asked for
+    proven : polygons whose optimum is proven by the way it was computed
     flat : polygons whose height attribute was not usable, which stayed flat
     notes : what was read, projected and changed as a whole, a line each
     seconds, triangulate_s : wall time of all and of triangulating alone
@@ -74,6 +73,7 @@ class Report:
     failed: list[tuple[str, str]] = field(default_factory=list)
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     read: int = 0
+    proven: int = 0
     flat: int = 0
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
@@ -86,18 +86,6 @@ class Report:
         kept.extend(notes[: _NOTES_KEPT - len(kept)])
         # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
         self.counts.update((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Polygons of the source that are dealt with together."""
-
-    polygons: NDArray[Any]
-    attributes: pd.DataFrame | None
-    about: dict[str, Any]
-    dropped: list[tuple[str, str]]
-    repaired: list[tuple[str, str]]
-    notes: tuple[str, ...] = ()
 
 
 def export_file(
@@ -137,25 +125,22 @@ def export_file(
     begun = time.perf_counter()
     target = Path(out)
     make = _format(target)
-    name = _full_name(triangulator, criterion)
+    name = chosen(triangulator, criterion)
     report = Report(certified=Certified.of(name) if certify else None)
-    writer: Writer | None = None
-    parts = _parts(str(source), layer, where, limit, project, chunk)
+    parts = parts_of(str(source), layer, where, limit, project, chunk)
     try:
         with Output(target) as output:
-            for part in parts:
-                report.note("dropped", part.dropped)
-                report.note("repaired", part.repaired)
-                report.notes += part.notes
-                if len(part.polygons) == 0:
-                    continue
-                if writer is None:
-                    writer = make(output, About(triangulator=name, **part.about))
-                mesh = _triangulated(part, name, parameters, extrude, database, device, report)
-                writer.add(mesh)
-                _count(report, mesh)
-                if progress is not None:
-                    progress(report.polygons)
+            writer = add_parts(
+                parts,
+                lambda about: make(output, about),
+                name,
+                report,
+                parameters=parameters,
+                extrude=extrude,
+                database=database,
+                device=device,
+                progress=progress,
+            )
             if writer is None or report.triangles == 0:
                 raise UsageError(_nothing(str(source), report))
             writer.finish()
@@ -165,6 +150,41 @@ def export_file(
         raise UsageError(f"{target} cannot be written: {reason}; nothing was changed") from error
     report.seconds = time.perf_counter() - begun
     return report
+
+
+def add_parts(
+    parts: Iterable[Part],
+    make: Callable[[About], Writer],
+    name: str,
+    report: Report,
+    *,
+    parameters: Mapping[str, Any],
+    extrude: str | float | None = None,
+    database: ModelDatabase | None = None,
+    device: str | None = None,
+    progress: Callable[[int], None] | None = None,
+    empty: bool = False,
+) -> Writer | None:
+    """Triangulate parts of a source and give them to one writer; counts in `report`.
+
+    `empty`: parts without a polygon are written, too. Returns the writer, which is not finished;
+    None where nothing was written.
+    """
+    writer: Writer | None = None
+    for part in parts:
+        report.note("dropped", part.dropped)
+        report.note("repaired", part.repaired)
+        report.notes += part.notes
+        if len(part.polygons) == 0 and not empty:
+            continue
+        if writer is None:
+            writer = make(About(triangulator=name, **part.about))
+        mesh = _triangulated(part, name, dict(parameters), extrude, database, device, report)
+        writer.add(mesh)
+        _count(report, mesh)
+        if progress is not None:
+            progress(report.polygons)
+    return writer
 
 
 def _format(target: Path) -> Callable[[Output, About], Writer]:
@@ -177,7 +197,8 @@ def _format(target: Path) -> Callable[[Output, About], Writer]:
     return make
 
 
-def _full_name(triangulator: str | None, criterion: str | None) -> str:
+def chosen(triangulator: str | None, criterion: str | None) -> str:
+    """The full name of the triangulator that the two options choose; raises UsageError."""
     if triangulator is None:
         triangulator = "optimal" if criterion else "optimal:half-perimeter"
     if criterion and ":" in triangulator:
@@ -191,80 +212,8 @@ def _full_name(triangulator: str | None, criterion: str | None) -> str:
         raise UsageError(str(error)) from error
 
 
-def _parts(
-    source: str,
-    layer: str | None,
-    where: str | None,
-    limit: int | None,
-    project: bool | None,
-    size: int,
-) -> Iterator[_Part]:
-    """The source's polygons, a file's in chunks, cut off after `limit`."""
-    if limit is not None and limit < 1:
-        raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
-    name, given, is_file = split(source)
-    if not is_file:
-        if any(value is not None for value in (layer, where, project)):
-            raise UsageError(f"layer, where and project are for files; {name} is a scene")
-        whole = _scene_parts(source, size)
-    else:
-        options = {"layer": layer, "where": where, "project": project}
-        named = {k: v for k, v in options.items() if v is not None}
-        known = {**given, **named}
-        limit = limit if limit is not None else known.pop("limit", None)
-        whole = _file_parts(name, known, size)
-    left = limit
-    for part in whole:
-        if left is not None and len(part.polygons) >= left:
-            table = None if part.attributes is None else part.attributes.iloc[:left]
-            yield replace(part, polygons=part.polygons[:left], attributes=table)
-            return
-        left = None if left is None else left - len(part.polygons)
-        yield part
-
-
-def _scene_parts(source: str, size: int) -> Iterator[_Part]:
-    scene = load(source)
-    about = {"units": scene.units, "credit": scene.credit}
-    polygons = np.asarray(scene.polygons)
-    for start in range(0, len(polygons), size):
-        table = None
-        if scene.attributes is not None:
-            table = scene.attributes.iloc[start : start + size]
-        first = start == 0
-        yield _Part(
-            polygons[start : start + size],
-            table,
-            about,
-            scene.dropped if first else [],
-            scene.repaired if first else [],
-            scene.notes if first else (),
-        )
-
-
-def _file_parts(path: str, options: dict[str, Any], size: int) -> Iterator[_Part]:
-    for chunk in read_chunks(path, size=size, **options):
-        about: dict[str, Any] = {"units": chunk.units, "crs": chunk.crs}
-        if chunk.projection is not None:
-            about["to_source"] = partial(_degrees, projection=chunk.projection)
-        cleaned = chunk.cleaned
-        yield _Part(
-            cleaned.polygons,
-            chunk.attributes,
-            about,
-            cleaned.dropped,
-            cleaned.repaired,
-            chunk.notes,
-        )
-
-
-def _degrees(metres: NDArray[np.float64], projection: Projection) -> NDArray[np.float64]:
-    # eleven decimals are a micrometre, and give most sources back the very numbers they had
-    return np.round(projection.inverse(metres), 11)
-
-
 def _triangulated(
-    part: _Part,
+    part: Part,
     name: str,
     parameters: dict[str, Any],
     extrude: str | float | None,
@@ -278,6 +227,7 @@ def _triangulated(
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
     report.note("failed", failed)
+    report.proven += _proven(batch, name)
     if report.certified is not None:
         report.certified.add(part.polygons, batch)
     mesh = meshes.flat(batch, part.attributes)
@@ -287,6 +237,18 @@ def _triangulated(
         report.flat += unusable
         mesh = meshes.extruded(mesh, batch, tops)
     return meshes.without(mesh, gone)
+
+
+def _proven(batch: Batch, name: str) -> int:
+    """How many polygons have an optimum by an exact algorithm: compiled code's, or the table's."""
+    if parse(name).entry.name != "optimal" or batch.compiled is None:
+        return 0
+    rings = np.diff(np.r_[0, batch.arrays.polygon_ends])
+    ends = np.r_[0, batch.arrays.ring_ends].astype(np.int64)
+    bounds = ends[np.r_[0, batch.arrays.polygon_ends].astype(np.int64)]
+    exact = batch.compiled | ((rings == 1) & (np.diff(bounds) <= LIMIT))
+    exact[list(batch.failed)] = False
+    return int(exact.sum())
 
 
 def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np.float64], int]:

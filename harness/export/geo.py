@@ -8,6 +8,7 @@ multi-polygon to do; programs read and draw them all the same, and no other type
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -101,14 +102,20 @@ class GeoParquetWriter:
         if self._writer is None:
             metadata = {"geo": json.dumps(self._metadata(mesh)), "raster_harness": self._say()}
             self._schema = table.schema.with_metadata(metadata)
-            self._writer = self._parquet.ParquetWriter(self._path, self._schema)
+            # no two geometries are alike: a dictionary of them would only take time
+            others = [name for name in self._schema.names if name != "geometry"]
+            self._writer = self._parquet.ParquetWriter(
+                self._path, self._schema, use_dictionary=others or False
+            )
         # a column may look different in each batch: all missing in one, text in the next
         self._writer.write_table(_fitted(table, self._schema, pa))
 
-    def finish(self) -> None:
-        """Write the footer."""
+    def finish(self, told: Mapping[str, str] | None = None) -> None:
+        """Write the footer; `told` is what it says beside the rest, by name."""
         if self._writer is None:
             raise UsageError("there is no polygon to write")
+        if told:
+            self._writer.add_key_value_metadata(dict(told))
         self._writer.close()
 
     def _say(self) -> str:

@@ -27,7 +27,8 @@ class Batch:
 
     arrays : the polygons as ragged arrays; triangles : (M, 3) int32, each polygon's as indices into
     its own vertices; starts : (p + 1,), where each one's begin; failed : polygon number to reason;
-    read : how many came from the model database.
+    read : how many came from the model database; compiled : (p,) those that compiled code did, an
+    optimum exactly; None where some came from the database.
     """
 
     arrays: Ragged
@@ -35,6 +36,7 @@ class Batch:
     starts: NDArray[np.int64]
     failed: dict[int, str] = field(default_factory=dict)
     read: int = 0
+    compiled: NDArray[np.bool_] | None = None
 
 
 def triangulate_batch(
@@ -56,7 +58,9 @@ def triangulate_batch(
     if database is None or not keys:
         computed = triangulate_many(arrays, name, device=device, **parameters)
         starts = np.asarray(computed.starts, dtype=np.int64)
-        return Batch(arrays, computed.triangles, starts, dict(computed.failed))
+        batch = Batch(arrays, computed.triangles, starts, dict(computed.failed))
+        batch.compiled = computed.compiled
+        return batch
     found = database.get_many(list(keys.values()))
     pieces: list[NDArray[np.int32] | None] = [None] * len(polygons)
     for number, key in keys.items():

@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
+from harness.stored import whole
+
+BEGUN = ".raster-harness-"
+"""What the names of folders begin with in which an output is being made; its name follows."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,13 @@ class Output:
     """The folder an export is made in, beside its target; `publish` moves the results out.
 
     Use as a context manager: on an error everything is removed and the target stays as it was.
+
+    forced : what is published outlives a power cut, too
     """
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, *, forced: bool = False) -> None:
         self.target = target
+        self._forced = forced
         self._stack = ExitStack()
         self._finished: list[tuple[Path, Path]] = []
 
@@ -64,7 +71,8 @@ class Output:
         parent = self.target.parent
         try:
             parent.mkdir(parents=True, exist_ok=True)
-            folder = tempfile.TemporaryDirectory(dir=parent, prefix=".raster-harness-")
+            prefix = f"{BEGUN}{self.target.stem[:40]}-"
+            folder = tempfile.TemporaryDirectory(dir=parent, prefix=prefix)
         except OSError as error:
             reason = error.strerror or error
             raise UsageError(
@@ -98,7 +106,7 @@ class Output:
         for stream in self._streams():
             stream.close()
         for made, final in self._finished:
-            made.replace(final)
+            whole.move(made, final, forced=self._forced)
         # the target itself first, then what lies beside it
         return sorted((final for _, final in self._finished), key=lambda path: len(path.name))
 

@@ -148,6 +148,10 @@ class Worker:
             self._connection.send((function, arguments))
         except OSError:
             self._died(written)
+        except Exception as error:
+            # The process has said that it waits for a task, and would not say so again.
+            self._end(at_once=True)
+            raise TaskFailed(f"{self.name}: the task cannot be sent: {one_line(error)}") from error
         try:
             # What the task needs of the harness is imported first, which is not the task's time.
             answer = self._receive(written, START_S, None)

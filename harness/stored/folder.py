@@ -15,7 +15,6 @@ import errno
 import io
 import json
 import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 
 from harness import system
 from harness.errors import UsageError
+from harness.stored import whole
 
 SCHEMA_VERSION = 1
 
@@ -196,19 +196,7 @@ class Store:
     def _replace(self, name: str, content: bytes, *, forced: bool = True) -> None:
         """Write a file, whole or not at all; `forced`: it outlives a power cut, too."""
         with clear_errors(self.path):
-            place = self.path / name
-            descriptor, temporary = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
-            try:
-                with os.fdopen(descriptor, "wb") as file:
-                    file.write(content)
-                    file.flush()
-                    if forced:
-                        os.fsync(file.fileno())
-                Path(temporary).chmod(0o644)
-                Path(temporary).replace(place)
-            except BaseException:
-                Path(temporary).unlink(missing_ok=True)
-                raise
+            whole.write(self.path / name, content, forced=forced)
 
 
 def parsed(content: bytes) -> Any:

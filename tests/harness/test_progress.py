@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from harness.progress import LINE_EVERY_S, Reporter
+from harness.progress import LINE_EVERY_S, Rate, Reporter
 
 
 class Said:
@@ -18,6 +18,10 @@ class Said:
         console = Console(file=self._file, width=120, force_terminal=terminal)
         self.now = 0.0
         self.reporter = Reporter(console=console, clock=lambda: self.now, **options)
+
+    @property
+    def text(self) -> str:
+        return self._file.getvalue()
 
     @property
     def lines(self) -> list[str]:
@@ -88,3 +92,43 @@ def test_verbose_shows_each_case_and_where_a_plugin_went_wrong(harness, block, n
     assert code == 0
     assert ("in raises_no_exception" in err) == verbose
     assert ("ear-clipping, tests.mock:MockRasteriser on scripted: ok, " in err) == verbose
+
+
+def test_parts_say_their_rate_and_the_time_left():
+    said = Said()
+    with said.reporter.parts("triangulating", 40, 1_000_000, "footprints") as show:
+        said.now += 30.0  # compiling, which is not the rate
+        for part in range(1, 41):
+            said.now += 2.0
+            show(part, 25_000 * part)
+    assert said.lines[:3] == [
+        "triangulating ...",
+        "triangulating: 1/40 parts",
+        "triangulating: 11/40 parts, 12,500 footprints/s, 0:00:58 left",
+    ]
+
+
+def test_a_terminal_shows_the_parts_in_one_bar(monkeypatch):
+    monkeypatch.delenv("CI", raising=False)
+    said = Said(terminal=True)
+    with said.reporter.parts("triangulating", 4, 4, "parts") as show:
+        for part in range(1, 5):
+            said.now += 6.0
+            show(part, part)
+    assert "4/4 parts, 0.17 parts/s, 0:00:00 left" in said.text
+
+
+def test_the_rate_is_that_of_late():
+    now = 0.0
+    rate = Rate(1000.0, lambda: now)
+    assert rate.left_s() is None
+    for amount in range(301):
+        now += 1.0
+        rate.add(float(amount))
+    assert rate.per_second() == 1.0
+    assert rate.left_s() == 700.0
+    for amount in range(302, 701, 2):
+        now += 1.0
+        rate.add(float(amount))
+    assert rate.per_second() == 2.0
+    assert rate.left_s() == 150.0

@@ -177,3 +177,10 @@ def test_the_traceback_of_a_failure_is_kept(worker):
     with pytest.raises(TaskFailed) as failure:
         worker.call(raise_value_error)
     assert "in raise_value_error" in failure.value.detail
+
+
+def test_a_task_that_cannot_be_sent_fails_and_the_next_one_works():
+    with Worker("device") as worker:
+        with pytest.raises(TaskFailed, match="device: the task cannot be sent"):
+            worker.call(lambda: None)
+        assert worker.call(os.getpid) > 0

@@ -1,0 +1,177 @@
+"""What commands over data sets of many files say, and how they end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from harness.errors import INTERRUPTED, Inconclusive, UsageError
+from harness.export.certified import Certified
+from harness.export.export import FORMATS, chosen
+from harness.progress import Reporter
+from harness.scaling import gained
+from harness.scaling.census import COUNTING, total
+from harness.scaling.census import Options as CensusOptions
+from harness.scaling.crew import DaskCrew
+from harness.scaling.dataset import Dataset, Summary
+from harness.scaling.parts import files
+from harness.scaling.triangulated import Options
+from harness.scaling.working import Alone, Crew
+from harness.stored.folder import clear_errors
+from scenes.slices import in_degrees
+
+SAID_AFTER_S = 20.0
+COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
+
+NAMED = 10
+"""Parts set aside that are named one by one."""
+
+
+@contextmanager
+def crew_of(where: str, reporter: Reporter) -> Iterator[Crew]:
+    """Give those who do the work; `where` is what --dask says, "" for this process alone."""
+    if not where:
+        yield Alone()
+        return
+    crew = DaskCrew(where, reporter)
+    try:
+        reporter.say(f"{crew.threads} workers; dashboard: {crew.dashboard}")
+        yield crew
+    finally:
+        crew.close()
+
+
+def triangulate_many_files(
+    pattern: str, out: Path, options: Options, where: str, reporter: Reporter
+) -> None:
+    """Triangulate the parts of many files into a folder, and say what is in it.
+
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder is not for that
+    Inconclusive
+        if parts were set aside
+    """
+    if out.suffix.lower() in FORMATS and not out.is_dir():
+        raise UsageError(f"-o {out}: give a folder, for a file of each part")
+    summary = _complete(Dataset(pattern, out, options), out, where, reporter)
+    _say(out, summary, reporter)
+    _refuse_set_aside(out, summary)
+
+
+def count_many_files(
+    pattern: str,
+    out: Path,
+    options: CensusOptions,
+    where: str,
+    reporter: Reporter,
+) -> None:
+    """Count the footprints of many files, write what came out, and show a table.
+
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder is not for that
+    Inconclusive
+        if parts were set aside
+    """
+    names = options.triangulators
+    dataset = Dataset(pattern, out / "parts", options, COUNTING)
+    summary = _complete(dataset, out, where, reporter)
+    done = [part.key for part in dataset.cut.parts if part.key in dataset.done]
+    sums = total(dataset.out, done, len(names))
+    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
+        gained.write(out, sums, options)
+    _warn(summary, reporter)
+    console = Console(highlight=False)
+    console.print(gained.table(sums, names))
+    console.print(
+        f"{os.path.relpath(out)}: {sums.footprints:,} footprints in {summary.seconds:.1f} s: "
+        "census.csv, cells.csv, plots/",
+        markup=False,
+        soft_wrap=True,
+    )
+    _refuse_set_aside(out, summary)
+
+
+def census_options(
+    pattern: str,
+    triangulators: Sequence[str],
+    units_per_pixel: float,
+    cell: float,
+    layer: str | None,
+    where: str | None,
+) -> CensusOptions:
+    """Return what a census counts; raises UsageError for fewer than two triangulators.
+
+    cell : 0 for a thousand units, or a hundredth of a degree
+    """
+    names = tuple(chosen(name, None) for name in triangulators)
+    if len(set(names)) < 2:
+        raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
+    size = cell or (0.01 if in_degrees(files(pattern)[0]) else 1000.0)
+    return CensusOptions(names, units_per_pixel, size, layer, where)
+
+
+def _complete(dataset: Dataset, out: Path, where: str, reporter: Reporter) -> Summary:
+    """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
+    there = len(dataset.done)
+    if there:
+        reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")
+    try:
+        with (
+            crew_of(where if dataset.missing else "", reporter) as crew,
+            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+        ):
+            return dataset.complete(crew, reporter, needless)
+    except KeyboardInterrupt:
+        typer.echo(
+            f"stopped; {len(dataset.done):,} of {len(dataset.cut.parts):,} parts are in {out}; "
+            "to go on, give the same command again",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _refuse_set_aside(out: Path, summary: Summary) -> None:
+    """Raise Inconclusive if parts were set aside."""
+    if summary.set_aside:
+        number = len(summary.set_aside)
+        raise Inconclusive(
+            f"{number:,} {'parts were' if number > 1 else 'part was'} set aside; the rest is in "
+            f"{os.path.relpath(out)}; mend the cause and give the same command again"
+        )
+
+
+def _warn(summary: Summary, reporter: Reporter) -> None:
+    """Say what was left out, and why."""
+    for (kind, reason), count in sorted(summary.counts.items()):
+        reporter.warn(f"{kind} {count:,}: {reason}")
+    if summary.pruned:
+        reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
+    for number, (which, reason) in enumerate(summary.set_aside.items()):
+        if number == NAMED:
+            reporter.warn(f"and {len(summary.set_aside) - NAMED:,} more parts, all in the manifest")
+            break
+        reporter.warn(f"set aside {which}: {reason}")
+
+
+def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
+    _warn(summary, reporter)
+    rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
+    console = Console(highlight=False)
+    console.print(
+        f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
+        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
+        f"{summary.proven:,} proven optimal",
+        markup=False,
+        soft_wrap=True,
+    )
+    if summary.certified:
+        console.print(f"{out}: {Certified.total(summary.certified)}", markup=False, soft_wrap=True)

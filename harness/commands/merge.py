@@ -1,0 +1,56 @@
+"""`harness merge`: one run of several."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from harness.commands.options import Quiet, split_names
+from harness.errors import UsageError
+from harness.stored.folder import clear_errors, read_run
+from harness.summary import print_summary, write_csv
+
+
+def merge(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
+    hosts: Annotated[
+        str,
+        typer.Option(
+            help="Comma-separated, one for each run: the host it was measured on. Its devices are "
+            "called device@host then, so that one kind of device on several hosts stays apart."
+        ),
+    ] = "",
+    quiet: Quiet = False,
+) -> None:
+    """Merge runs into one, by case; the order in which they are given does not matter.
+
+    Counters of one kind of device must be equal on all hosts.
+    """
+    from harness.compare.checking import checked
+    from harness.report import write_report
+    from harness.scaling import merging
+
+    read = [checked(read_run(run)) for run in runs]
+    names = split_names(hosts)
+    if names:
+        if len(names) != len(read):
+            raise UsageError(f"--hosts names {len(names)} hosts for {len(read)} runs: give as many")
+        read = [merging.on_host(run, name) for run, name in zip(read, names, strict=True)]
+    merging.merge(read, out)
+    stored = read_run(out)
+    with clear_errors(out):
+        write_csv(stored.records, out / "summary.csv")
+        write_report(stored)
+    console = Console(quiet=quiet)
+    print_summary(stored.records, console)
+    console.print(f"results: {os.path.relpath(out)}", markup=False, soft_wrap=True)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(merge)

@@ -1,0 +1,242 @@
+"""Several runs as one: the same records in the same order, whatever the order of the runs.
+
+A device on another host is another device, because its times are: it is called device@host.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError
+from harness.measuring.plan import Case
+from harness.rasterisers.base import Options
+from harness.stored import drawings
+from harness.stored.drawings import view_of
+from harness.stored.folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
+
+AT = "@"
+"""Stands between a device and the host that it is in."""
+
+STATUSES = ("ok", "skipped", "failed")
+"""A record of the first wins over one of the others, which say only that it did not work there."""
+
+NAMED = 3
+"""Records that an error names."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A record, the run it is from, and the key it has there."""
+
+    record: Record
+    run: Run
+    key: str
+
+
+def on_host(run: Run, host: str) -> Run:
+    """Return the run with all its devices called device@host; its records get other keys.
+
+    Raises
+    ------
+    UsageError
+        if a host's name cannot be part of a device's
+    """
+    if not host or file_stem(host) != host:
+        raise UsageError(f"host {host!r}: give letters, digits, hyphens and dots")
+    records = []
+    for record in run.records:
+        if AT in record["device"]:
+            raise UsageError(f"{run.path} has devices of a host already: {record['device']}")
+        renamed = {**record, "device": f"{record['device']}{AT}{host}", "host": host}
+        records.append({**renamed, "key": _case_of(renamed).key, "_key": record["key"]})
+    devices = {f"{label}{AT}{host}": device for label, device in _devices(run).items()}
+    return replace(run, records=records, facts={**run.facts, "devices": devices})
+
+
+def merge(runs: Sequence[Run], out: Path) -> int:
+    """Merge runs into a new run folder; returns how many records it has.
+
+    Raises
+    ------
+    UsageError
+        if records of one case differ, counters of one kind of device differ between hosts, the runs
+        are of different scenes, or the folder cannot be written
+    """
+    _refuse_other_scenes(runs)
+    found = _by_key(runs)
+    _refuse_other_counters(found)
+    facts = _facts(runs)
+    names = facts["plan"]["triangulators"]
+    in_order = sorted(found, key=lambda each: _place(each.record, names))
+    with Store.create(out) as store:
+        store.write_facts(facts)
+        _keep_drawings(store, runs)
+        for each in in_order:
+            arrays = read_arrays(each.run, each.key)
+            if arrays is not None:
+                store.write_arrays(each.record["key"], arrays, POLYGONS)
+            store.append(each.record)
+    return len(in_order)
+
+
+def _case_of(record: Record) -> Case:
+    return Case(
+        scene=record["scene"],
+        scene_hash=record["scene_hash"],
+        view=view_of(record),
+        triangulator=record["triangulator"],
+        rasteriser=record["rasteriser"],
+        device=record["device"],
+        options=Options(**record["options"]),
+    )
+
+
+def _name(record: Record) -> str:
+    view = f"{record['resolution']} px, {record['rotation']:g} degrees"
+    return f"{record['triangulator']}, {view}, {record['rasteriser']} on {record['device']}"
+
+
+def _by_key(runs: Iterable[Run]) -> list[_Found]:
+    """The record of each case; raises UsageError where two say different things."""
+    chosen: dict[str, _Found] = {}
+    conflicts: dict[str, str] = {}
+    for run in sorted(runs, key=lambda run: str(run.path)):
+        for record in run.records:
+            plain = {name: value for name, value in record.items() if name != "_key"}
+            new = _Found(plain, run, str(record.get("_key", record["key"])))
+            old = chosen.get(plain["key"])
+            if old is None or _rank(new) < _rank(old):
+                chosen[plain["key"]] = new
+            elif old.record["status"] == new.record["status"] == "ok" and old.record != plain:
+                conflicts[plain["key"]] = f"{_name(plain)} ({old.run.path} and {run.path})"
+    for key in conflicts:
+        chosen.pop(key)
+    if conflicts:
+        named = sorted(conflicts.values())
+        more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
+        raise UsageError(
+            f"records of one case differ: {'; '.join(named[:NAMED])}{more}; "
+            "if the runs are of different hosts, name these with --hosts"
+        )
+    return list(chosen.values())
+
+
+def _rank(found: _Found) -> tuple[int, str]:
+    """Least for the record that is kept; two that are good must be equal, so they rank the same."""
+    status = found.record["status"]
+    content = "" if status == "ok" else json.dumps(found.record, sort_keys=True)
+    return STATUSES.index(status) if status in STATUSES else len(STATUSES), content
+
+
+def _refuse_other_counters(found: Iterable[_Found]) -> None:
+    """Counters are exact: one kind of device gives the same on every host."""
+    first: dict[str, Record] = {}
+    differing = []
+    for each in sorted(found, key=lambda each: str(each.record["device"])):
+        record = each.record
+        if record["status"] != "ok":
+            continue
+        kind = replace(_case_of(record), device=record["device"].partition(AT)[0]).key
+        other = first.setdefault(kind, record)
+        if (record["counters"], record["triangles"]) != (other["counters"], other["triangles"]):
+            names = {*record["counters"], *other["counters"]}
+            wrong = [n for n in names if record["counters"].get(n) != other["counters"].get(n)]
+            what = min(wrong, default="triangles")
+            differing.append(f"{what} of {_name(record)} and on {other['device']}")
+    if differing:
+        more = f" and {len(differing) - NAMED} more" if len(differing) > NAMED else ""
+        raise UsageError(
+            f"hosts count differently: {'; '.join(differing[:NAMED])}{more}; "
+            "see that they have the same version of raster-harness and of the driver"
+        )
+
+
+def _refuse_other_scenes(runs: Sequence[Run]) -> None:
+    scenes = {record["scene_hash"]: run.path for run in runs for record in run.records}
+    if not scenes:
+        raise UsageError("there is no record to merge")
+    of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs} - {None}
+    if len(of_runs) > 1:
+        places = ", ".join(sorted(str(run.path) for run in runs))
+        raise UsageError(f"the runs are of different polygons ({places}): merge runs of one scene")
+
+
+def _facts(runs: Sequence[Run]) -> dict[str, Any]:
+    """The content of run.json; none of it depends on the order of the runs."""
+    in_order = sorted((run.facts for run in runs), key=_text)
+    in_order.sort(key=lambda facts: str(facts.get("created") or ""))
+    first = in_order[0]
+    plans = [facts.get("plan") or {} for facts in in_order]
+    names = [list(plan.get("triangulators") or []) for plan in plans]
+    same = all(each == names[0] for each in names)
+    plan = {
+        **plans[0],
+        "triangulators": names[0] if same else sorted(set().union(*names)),
+        **{which: _union(plan.get(which) for plan in plans) for which in _LISTS},
+    }
+    hosts = [
+        {name: facts.get(name) for name in ("created", "environment", "seconds", "warnings")}
+        | {"devices": sorted(facts.get("devices") or {})}
+        for facts in in_order
+    ]
+    devices: dict[str, Any] = {}
+    for facts in in_order:
+        for label, device in sorted((facts.get("devices") or {}).items()):
+            devices.setdefault(label, device)
+    return {
+        **first,
+        "plan": plan,
+        "warnings": sorted({w for facts in in_order for w in facts.get("warnings") or []}),
+        "frames": _union(facts.get("frames") for facts in in_order),
+        "devices": dict(sorted(devices.items())),
+        "interrupted": any(facts.get("interrupted") for facts in in_order),
+        "merged": hosts,
+    }
+
+
+_LISTS = ("rasterisers", "devices", "views", "options")
+
+
+def _union(lists: Iterable[Any]) -> list[Any]:
+    found = {_text(entry): entry for entries in lists for entry in entries or []}
+    return [found[text] for text in sorted(found)]
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, default=str)
+
+
+def _place(record: Record, names: Sequence[str]) -> tuple[Any, ...]:
+    """What records are sorted by: view, device, options, then the plan's triangulators."""
+    name = record["triangulator"]
+    return (
+        record["scene"],
+        record["resolution"],
+        record["rotation"],
+        record.get("fit", "box"),
+        record["rasteriser"],
+        record["device"],
+        _text(record["options"]),
+        names.index(name) if name in names else len(names),
+        record["key"],
+    )
+
+
+def _devices(run: Run) -> dict[str, Any]:
+    return dict(run.facts.get("devices") or {})
+
+
+def _keep_drawings(store: Store, runs: Iterable[Run]) -> None:
+    """Keep the frames of all runs, with the triangulations of all."""
+    columns: dict[str, dict[str, Any]] = {}
+    for run in sorted(runs, key=lambda run: str(run.path)):
+        for file in sorted((run.path / drawings.FOLDER).glob("*.npz")):
+            columns.setdefault(file.stem, {}).update(
+                read_arrays(run, file.stem, drawings.FOLDER) or {}
+            )
+    for name, arrays in columns.items():
+        store.write_arrays(name, dict(sorted(arrays.items())), drawings.FOLDER)

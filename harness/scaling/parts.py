@@ -1,0 +1,112 @@
+"""Many files as parts: runs of rows that are read and dealt with apart, each with a content key."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError
+from scenes import SceneError
+from scenes.slices import cut
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows of a file.
+
+    key : 16 hexadecimal digits of what its result depends on: input, rows, options and code
+    path : the file, absolute
+    identity : 16 hexadecimal digits of the file's content
+    rows : the first and the one after the last; None for all of them
+    size : how many; 0 where that is not known
+    """
+
+    key: str
+    path: str
+    identity: str
+    rows: tuple[int, int] | None
+    size: int
+
+    @property
+    def source(self) -> str:
+        """The file's name."""
+        return Path(self.path).name
+
+    @property
+    def label(self) -> str:
+        """Name for messages."""
+        if self.rows is None:
+            return self.path
+        return f"{self.path}, rows {self.rows[0]} to {self.rows[1] - 1}"
+
+
+@dataclass
+class Cut:
+    """What is to be done.
+
+    parts : in the order of the files and of their rows
+    unreadable : file to reason
+    pruned : rows that are left out because no row of their row group meets the condition
+    """
+
+    parts: list[Part] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    pruned: int = 0
+
+    @property
+    def size(self) -> int:
+        """Rows of all parts; 0 where that is not known."""
+        sizes = [part.size for part in self.parts]
+        return sum(sizes) if all(sizes) else 0
+
+
+def files(pattern: str) -> list[Path]:
+    """Return the files that a name, a folder or a pattern such as 'parts/*.parquet' stands for.
+
+    Raises
+    ------
+    UsageError
+        if there is none
+    """
+    place = Path(pattern)
+    if place.is_dir() and not place.suffix:
+        found = sorted(each for each in place.iterdir() if not each.name.startswith("."))
+    elif place.exists():
+        found = [place]
+    else:
+        # Path.glob takes no absolute pattern
+        found = sorted(map(Path, glob.glob(pattern, recursive=True)))  # noqa: PTH207
+    if not found:
+        raise UsageError(f"there is no file {pattern}: check the path, and quote a pattern")
+    return [each.absolute() for each in found]
+
+
+def cut_all(found: Sequence[Path], options: Mapping[str, Any], code: str) -> Cut:
+    """Cut files into parts; one that cannot be read is named, and the others go on.
+
+    options : what a result depends on beside the input; `layer` and `where` are those of the files
+    code : the version of the code
+    """
+    result = Cut()
+    seen: Counter[str] = Counter()
+    for file in found:
+        try:
+            slices = cut(str(file), options.get("layer"), options.get("where"))
+        except (SceneError, OSError) as error:
+            result.unreadable[str(file)] = str(error)
+            continue
+        result.pruned += slices.pruned
+        for rows, size in zip(slices.rows, slices.sizes, strict=True):
+            content = json.dumps([slices.identity, rows, dict(options), code], sort_keys=True)
+            # the same file twice gives the same part twice, not one
+            again = seen[content]
+            seen[content] += 1
+            key = hashlib.sha256(f"{content} {again}".encode()).hexdigest()[:16]
+            result.parts.append(Part(key, str(file), slices.identity, rows, size))
+    return result

@@ -1,0 +1,115 @@
+"""One part triangulated into one GeoParquet file, and what such a file says of itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError, of_system
+from harness.export.certified import Certified
+from harness.export.export import Report, add_parts
+from harness.export.geo import GeoParquetWriter
+from harness.export.sources import of_file
+from harness.export.writer import Output
+from harness.scaling.done import Clocks, Done, about, lasting, require_code, timed
+from harness.scaling.parts import Part
+from scenes import SceneError
+
+AT_A_TIME = 12_500
+"""Rows that are in memory at a time; a process has 450 MB with them."""
+
+FOOTER = "raster_harness_part"
+"""Name under which a part's file holds what it says of itself, as JSON."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the triangles depend on, beside the polygons.
+
+    extrude : a height, or the attribute that holds it
+    """
+
+    triangulator: str
+    extrude: str | float | None = None
+    layer: str | None = None
+    where: str | None = None
+    certify: bool = False
+
+
+def read_done(file: Path) -> Done | None:
+    """Return what a part's file says of itself; None where it is no such file, or is damaged."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        metadata = parquet.read_metadata(file).metadata or {}
+        return Done(**json.loads(metadata[FOOTER.encode()]))
+    except (OSError, KeyError, TypeError, ValueError, pa.ArrowException):
+        return None
+
+
+def do_part(part: Part, options: Options, out: str, code: str, threads: int | None = 1) -> Done:
+    """Triangulate a part and put its file into the folder `out`, unless it is there.
+
+    threads : one for each core if None
+
+    Raises
+    ------
+    UsageError
+        if the part cannot be read or the file cannot be written, or this process has other code
+    """
+    begun = Clocks.now()
+    require_code(code)
+    place = Path(out) / f"{part.key}.parquet"
+    if (done := read_done(place)) is not None:
+        return done
+    report = Report(certified=Certified.of(options.triangulator) if options.certify else None)
+    try:
+        with Output(place, forced=True) as output:
+            writer = add_parts(
+                of_file(part.path, _reading(part, options), AT_A_TIME),
+                lambda known: GeoParquetWriter(output, known),
+                options.triangulator,
+                report,
+                parameters={"threads": threads},
+                extrude=options.extrude,
+                empty=True,
+            )
+            done = _done(part, options, code, report)
+            told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
+            if writer is None:
+                raise UsageError(f"{part.label}: the file ends before these rows")
+            assert isinstance(writer, GeoParquetWriter)
+            writer.finish(told)
+            output.publish()
+    except SceneError as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        if (done := read_done(place)) is not None:  # somebody else has made it meanwhile
+            return done
+        raise UsageError(of_system(error)) from error
+    return timed(done, begun)
+
+
+def _reading(part: Part, options: Options) -> dict[str, Any]:
+    wanted = {"layer": options.layer, "where": options.where, "rows": part.rows}
+    return {name: value for name, value in wanted.items() if value is not None}
+
+
+def _done(part: Part, options: Options, code: str, report: Report) -> Done:
+    certified = report.certified
+    counts = [[kind, reason, count] for (kind, reason), count in sorted(report.counts.items())]
+    if report.flat:
+        counts.append(["left flat", f"no usable height in {options.extrude}", report.flat])
+    return Done(
+        polygons=report.polygons,
+        vertices=report.vertices,
+        triangles=report.triangles,
+        proven=report.proven if certified is None else certified.proven,
+        counts=counts,
+        certified=None if certified is None else asdict(certified),
+        about=about(part, asdict(options), code),
+        notes=report.notes,
+    )

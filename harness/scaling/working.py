@@ -1,0 +1,154 @@
+"""Keeps a crew busy with tasks, a few at a time, and counts what fails.
+
+A task may be carried out more than once: when the process that had it is killed, or the scheduler
+forgets it. So its result has to be the same each time, and to be kept under one name.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from harness.errors import HarnessError
+
+ATTEMPTS = 3
+"""Times that a task may fail, by itself, before it is set aside."""
+
+LOSSES = 10
+"""Times that whole workers may die under a task before it is set aside: that it was there when they
+did says little, since Dask blames all tasks that a worker had."""
+
+POLL_S = 0.5
+"""Longest wait for the next task that ends."""
+
+Task = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function and its arguments."""
+
+
+class SchedulerLost(Exception):  # noqa: N818 - says what happened
+    """The scheduler is gone, and with it every task that it had."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a task.
+
+    value : what it returned, where it ended well
+    failed : why it failed, "" where it did not
+    lost : whether it did not fail, but was lost with the process that had it
+    """
+
+    value: Any = None
+    failed: str = ""
+    lost: bool = False
+
+
+class Crew(Protocol):
+    """Carries out tasks somewhere.
+
+    threads_each : threads that a task may use; one for each core if None
+    """
+
+    threads_each: int | None
+
+    @property
+    def room(self) -> int:
+        """How many tasks it may have at a time."""
+        ...
+
+    def start(self, name: str, task: Task) -> None:
+        """Begin a task; raises SchedulerLost."""
+        ...
+
+    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
+        """Return tasks that ended since the last call, [] after `timeout_s`.
+
+        Raises
+        ------
+        SchedulerLost
+            if tasks were lost that did not end
+        """
+        ...
+
+    def reconnect(self) -> None:
+        """Find a new scheduler after `SchedulerLost`; raises HarnessError if there is none."""
+        ...
+
+    def close(self) -> None:
+        """Give back what it has taken."""
+        ...
+
+
+class Alone:
+    """Carries out tasks in this very process, one after another."""
+
+    room = 1
+    threads_each: int | None = None
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[str, Task]] = deque()
+
+    def start(self, name: str, task: Task) -> None:
+        """Note the task; `ended` carries it out."""
+        self._waiting.append((name, task))
+
+    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:  # noqa: ARG002 - as a crew does
+        """Carry out a task, and return what became of it."""
+        if not self._waiting:
+            return []
+        name, (function, arguments) = self._waiting.popleft()
+        try:
+            return [(name, Answer(function(*arguments)))]
+        except HarnessError as error:
+            return [(name, Answer(failed=str(error)))]
+
+    def reconnect(self) -> None:
+        """Nothing can be lost."""
+
+    def close(self) -> None:
+        """Nothing was taken."""
+
+
+def work_through(
+    tasks: Mapping[str, Task], crew: Crew, done: Callable[[str, Any], None]
+) -> dict[str, str]:
+    """Carry out all tasks; return those that were set aside, and why.
+
+    done : told of each task that ended well, and its value, as soon as it did
+
+    Raises
+    ------
+    HarnessError
+        if the scheduler is gone and does not come back
+    """
+    waiting = deque(tasks)
+    running: dict[str, None] = {}
+    failures: Counter[str] = Counter()
+    losses: Counter[str] = Counter()
+    aside: dict[str, str] = {}
+    while waiting or running:
+        try:
+            while waiting and len(running) < crew.room:
+                name = waiting.popleft()
+                running[name] = None
+                crew.start(name, tasks[name])
+            ended = crew.ended(POLL_S)
+        except SchedulerLost:
+            crew.reconnect()
+            waiting.extendleft(reversed(running))
+            running.clear()
+            continue
+        for name, answer in ended:
+            running.pop(name, None)
+            if not answer.failed:
+                done(name, answer.value)
+                continue
+            counter, most = (losses, LOSSES) if answer.lost else (failures, ATTEMPTS)
+            counter[name] += 1
+            if counter[name] < most:
+                waiting.append(name)
+            else:
+                aside[name] = answer.failed
+    return aside

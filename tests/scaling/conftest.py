@@ -1,0 +1,98 @@
+"""Small data sets of many parts, cut finely, and a cluster that a module shares."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+from pyarrow import parquet
+
+from harness.progress import Reporter
+from harness.scaling.crew import DaskCrew
+from scenes import load
+
+PER_FILE = 120
+ROW_GROUP = 40
+FILES = 2
+EVERY = PER_FILE * FILES
+GEO = {
+    "version": "1.1.0",
+    "primary_column": "geometry",
+    "columns": {"geometry": {"encoding": "WKB", "geometry_types": ["Polygon"], "crs": None}},
+}
+
+
+def write_parquet(path: Path, polygons: np.ndarray, first: int, geo: object = GEO) -> Path:
+    """Write polygons with `id`, a nullable `storeys`, and their bounding boxes."""
+    west, south, east, north = shapely.bounds(polygons).T
+    box = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
+    numbers = np.arange(first, first + len(polygons))
+    table = pa.table(
+        {
+            "id": numbers,
+            "storeys": pa.array([None if n % 7 == 3 else int(n % 5) for n in numbers], pa.int16()),
+            "bbox": pa.StructArray.from_arrays([pa.array(v) for v in box.values()], list(box)),
+            "geometry": pa.array(shapely.to_wkb(polygons), pa.binary()),
+        }
+    )
+    schema = table.schema.with_metadata({"geo": json.dumps(geo)} if geo else {})
+    parquet.write_table(table.cast(schema), path, row_group_size=ROW_GROUP)
+    return path
+
+
+@pytest.fixture(scope="session")
+def footprints() -> np.ndarray:
+    """(240,) footprints of a generated city, from west to east."""
+    polygons = np.array(load(f"city:buildings={EVERY}", seed=3).polygons, dtype=object)
+    return polygons[np.argsort(shapely.bounds(polygons)[:, 0], kind="stable")]
+
+
+@pytest.fixture
+def finely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a row group of 40 be a part."""
+    monkeypatch.setattr("scenes.slices.LEAST", ROW_GROUP // 2)
+    monkeypatch.setattr("scenes.slices.MOST", ROW_GROUP)
+
+
+@pytest.fixture
+def parts(tmp_path: Path, footprints: np.ndarray, finely: None) -> Path:
+    """A folder of two files of three row groups each."""
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for number in range(FILES):
+        first = number * PER_FILE
+        write_parquet(folder / f"{number}.parquet", footprints[first : first + PER_FILE], first)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def two_workers() -> Iterator[DaskCrew]:
+    """Two workers on this machine."""
+    crew = DaskCrew("local:2", Reporter(quiet=True))
+    yield crew
+    crew.close()
+
+
+def rows(folder: Path, *columns: str) -> list[pa.Table]:
+    """The tables of all parts in a folder, in the order of the ids."""
+    read = [parquet.read_table(file, columns=list(columns) or None) for file in parts_in(folder)]
+    return sorted(read, key=lambda table: table["id"].to_pylist() or [-1])
+
+
+def parts_in(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.parquet"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What is in each part."""
+    return {file.name: file.read_bytes() for file in parts_in(folder)}
+
+
+def ids(folder: Path) -> list[int]:
+    """The numbers of all footprints in a folder, each as often as it is there."""
+    return sorted(number for table in rows(folder, "id") for number in table["id"].to_pylist())

@@ -1,0 +1,57 @@
+"""Tasks for crews: some fail, some end their process."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from harness.errors import UsageError
+
+FAR = 100_000.0
+
+
+def note(folder: str, name: str, seconds: float = 0.0) -> int:
+    """Note that this was carried out; returns the process's number."""
+    time.sleep(seconds)
+    with (Path(folder) / name).open("a") as file:
+        file.write("x")
+    return os.getpid()
+
+
+def fail(folder: str, name: str) -> None:
+    note(folder, name)
+    raise UsageError("not this one")
+
+
+def crash(folder: str, name: str) -> None:
+    note(folder, name)
+    os.abort()
+
+
+def crash_on_far(*arguments: Any) -> Any:
+    """Triangulate a part; a footprint east of `FAR` ends the process as a fault in C would."""
+    import shapely  # these take long to load, and the other tasks need none of them
+
+    from harness.export import export
+    from harness.scaling.triangulated import do_part
+
+    triangulate = export.triangulate_batch
+
+    def triangulate_or_crash(polygons: Any, *more: Any) -> Any:
+        if (shapely.bounds(polygons)[:, 0] > FAR).any():
+            ctypes.string_at(0)
+        return triangulate(polygons, *more)
+
+    export.triangulate_batch = triangulate_or_crash
+    try:
+        return do_part(*arguments)
+    finally:
+        export.triangulate_batch = triangulate
+
+
+def times(folder: Path) -> dict[str, int]:
+    """How often each task was carried out."""
+    return {file.name: len(file.read_text()) for file in folder.iterdir()}

@@ -1,0 +1,149 @@
+"""A census: counters of the reference, gains by footprint, sums over parts, and what is written."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+import shapely
+
+from harness.frame import SUBPIXEL, bare_frame, on_grid
+from harness.progress import Reporter
+from harness.rasterisers.reference import predict
+from harness.scaling.census import (
+    COUNTING,
+    GAINED,
+    MEASURES,
+    Options,
+    gains,
+    total,
+)
+from harness.scaling.dataset import Dataset
+from harness.scaling.gained import at_least, below, quantile_of
+from harness.scaling.snapping import on_pixels
+from harness.scaling.working import Alone
+from tests.scaling.conftest import EVERY
+from triangulators import triangulate
+
+NAMES = ("ear-clipping", "optimal:half-perimeter", "optimal:overdraw")
+OPTIONS = Options(NAMES, units_per_pixel=0.25, cell=100.0)
+
+
+def census(pattern, out, options=OPTIONS):
+    dataset = Dataset(str(pattern), out, options, COUNTING)
+    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    return summary, total(out, [part.key for part in dataset.cut.parts], len(options.triangulators))
+
+
+def on_the_grid(xy):
+    return np.rint((xy + 4000.0) * 4 * SUBPIXEL) / SUBPIXEL
+
+
+def counted_one_by_one(footprints, name):
+    """(p, 2) quads and helper lanes of footprints drawn where they are on the map.
+
+    But 4 km further, by a multiple of 4 px, since a viewport has no negative pixels.
+    """
+    found = []
+    for footprint in footprints:
+        rounded = shapely.transform(
+            footprint, lambda xy: np.rint((xy + 4000.0) * 4 * SUBPIXEL) / SUBPIXEL
+        )
+        points, _, _ = on_grid([rounded])
+        each = predict(bare_frame(8, points).points, triangulate(rounded, name))
+        found.append((each["quads"].sum(), each["helper_lanes"].sum()))
+    return np.array(found)
+
+
+def test_each_footprint_is_counted_as_if_drawn_on_the_map(parts, tmp_path, footprints):
+    summary, sums = census(parts, tmp_path / "out")
+    assert sums.footprints == summary.polygons == EVERY
+    base = counted_one_by_one(footprints, NAMES[0])
+    for number, name in enumerate(NAMES):
+        own = counted_one_by_one(footprints, name)
+        for column, measure in enumerate(("quads", "helper_lanes")):
+            assert sums.totals[number, MEASURES.index(measure)] == own[:, column].sum()
+            gained = gains(base[:, column].astype(float), own[:, column].astype(float))
+            bins = sums.bins[number, GAINED.index(measure)]
+            assert bins.sum() == EVERY
+            for share in (0.01, 0.1, 0.3):
+                assert at_least(bins, share) == pytest.approx((gained >= share).mean())
+            assert below(bins, -0.01) == pytest.approx((gained < -0.01).mean())
+            assert abs(quantile_of(bins, 0.5) - np.median(gained)) <= 0.01
+
+
+def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
+    _, sums = census(parts, tmp_path / "out")
+    fragments = sums.totals[:, MEASURES.index("fragments")]
+    assert (fragments == fragments[0]).all()
+    triangles = sums.totals[:, MEASURES.index("triangles")]
+    assert (triangles == triangles[1]).all()
+
+
+def test_parts_add_up_and_cells_hold_all(parts, tmp_path):
+    _, whole = census(parts, tmp_path / "both")
+    _, first = census(parts / "0.parquet", tmp_path / "first")
+    _, second = census(parts / "1.parquet", tmp_path / "second")
+    first.add(second)
+    for name, values in whole.arrays().items():
+        assert first.arrays()[name] == pytest.approx(values), name
+    cells = np.array(list(whole.cells.values())).sum(axis=0)
+    lanes = whole.totals[:, MEASURES.index("helper_lanes")]
+    assert cells.tolist() == [EVERY, *lanes]
+
+
+def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
+    far = shapely.transform(footprints[:40], lambda xy: xy + 4_000_000.0)
+    near, owners, vanished = on_pixels(footprints[:40], 0.25)
+    moved, _, _ = on_pixels(far, 0.25)
+    assert vanished == 0
+    assert owners.tolist() == list(range(40))
+    assert shapely.bounds(near).min() >= 0
+    assert shapely.equals_exact(near, moved, tolerance=0).all()
+
+
+def test_what_vanishes_on_the_grid_is_counted_as_dropped():
+    thin = shapely.Polygon([(0, 0), (10, 0), (10, 1e-7)])
+    bow = shapely.Polygon([(0, 0), (3, 0), (3, 3), (1.5, 1e-7)])
+    pieces, owners, vanished = on_pixels(np.array([thin, shapely.box(0, 0, 1, 1), bow]), 1.0)
+    assert vanished == 1
+    assert set(owners.tolist()) == {1, 2}
+    assert shapely.is_valid(pieces).all()
+
+
+def test_gains_are_relative_to_the_base():
+    found = gains(np.array([4.0, 4.0, 0.0, 0.0]), np.array([3.0, 5.0, 0.0, 2.0]))
+    assert found.tolist() == [0.25, -0.25, 0.0, -np.inf]
+
+
+def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path):
+    names = ",".join(NAMES)
+    code, out, error = harness(
+        "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+    )
+    assert code == 0
+    assert "240 footprints: helper lanes, compared with ear-clipping" in out
+    with (tmp_path / "out" / "census.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == len(NAMES) * len(GAINED)
+    best = {row["measure"]: row for row in table if row["triangulator"] == NAMES[1]}
+    assert float(best["half_perimeter"]["share_losing_1%"]) == 0.0
+    assert 0 < float(best["helper_lanes"]["gain_of_total"]) < 1
+    with (tmp_path / "out" / "cells.csv").open() as file:
+        assert sum(int(row["footprints"]) for row in csv.DictReader(file)) == EVERY
+    for name in ("gains", "map"):
+        for suffix in ("png", "svg"):
+            assert (tmp_path / "out" / "plots" / f"{name}.{suffix}").stat().st_size > 5000
+    before = (tmp_path / "out" / "census.csv").read_bytes()
+    (tmp_path / "out" / "census.csv").unlink()
+    next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
+    code, _, error = harness(
+        "census", f"{parts}/*.parquet", "-o", "out", "--triangulators", names, "--cell", "100"
+    )
+    assert code == 0
+    assert "5 of 6 parts are there already" in error
+    assert (tmp_path / "out" / "census.csv").read_bytes() == before
+    code, _, error = harness("census", f"{parts}", "-o", "other", "--triangulators", "fan")
+    assert code == 2
+    assert "give two or more" in error

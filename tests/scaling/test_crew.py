@@ -1,0 +1,99 @@
+"""Two workers on this machine: what dies, what fails, and what that costs the others."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+import shapely
+
+from harness.progress import Reporter
+from harness.scaling.dataset import TRIANGLES, Dataset
+from harness.scaling.triangulated import Options
+from harness.scaling.working import ATTEMPTS, Alone, work_through
+from tests.scaling import tasks
+from tests.scaling.conftest import EVERY, contents, ids, write_parquet
+
+NAMES = [f"t{number}" for number in range(12)]
+OPTIONS = Options("optimal:half-perimeter")
+
+
+def quiet() -> Reporter:
+    return Reporter(quiet=True)
+
+
+def test_what_crashes_is_named_and_costs_nobody_else(two_workers, tmp_path):
+    wanted = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
+    wanted["t4"] = (tasks.crash, (str(tmp_path), "t4"))
+    wanted["t7"] = (tasks.fail, (str(tmp_path), "t7"))
+    done: Counter[str] = Counter()
+    aside = work_through(wanted, two_workers, lambda name, value: done.update([name]))
+    assert set(aside) == {"t4", "t7"}
+    assert "SIGABRT" in aside["t4"]
+    assert aside["t7"] == "not this one"
+    assert done == Counter(set(NAMES) - set(aside))
+    assert tasks.times(tmp_path) == {n: ATTEMPTS if n in aside else 1 for n in NAMES}
+
+
+def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
+    wanted = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
+    done: Counter[str] = Counter()
+
+    def ended(name: str, value: int) -> None:
+        done[name] += 1
+        if len(done) in (2, 5):
+            workers = two_workers._client.run(os.getpid)
+            os.kill(min(workers.values()), signal.SIGKILL)
+
+    assert work_through(wanted, two_workers, ended) == {}
+    assert done == Counter(NAMES)
+    assert set(tasks.times(tmp_path)) == set(NAMES)
+
+
+def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
+    pattern = str(parts / "*.parquet")
+    alone = Dataset(pattern, tmp_path / "alone", OPTIONS)
+    alone.complete(Alone(), quiet())
+    spread = Dataset(pattern, tmp_path / "spread", OPTIONS)
+    summary = spread.complete(two_workers, quiet())
+    assert summary.parts_done == summary.fresh == 6
+    assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
+
+
+def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints, tmp_path):
+    odd = footprints[:120].copy()
+    odd[57] = shapely.box(2 * tasks.FAR, 0, 2 * tasks.FAR + 9, 9)
+    write_parquet(parts / "0.parquet", odd, 0)
+    kind = replace(TRIANGLES, do=tasks.crash_on_far)
+    dataset = Dataset(str(parts), tmp_path / "out", OPTIONS, kind)
+    summary = dataset.complete(two_workers, quiet())
+    ((which, why),) = summary.set_aside.items()
+    assert which.endswith("0.parquet, rows 40 to 79")
+    assert "died: SIGSEGV" in why
+    assert ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
+
+
+def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path):
+    dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", OPTIONS)
+    dataset.code = "0" * 16
+    summary = dataset.complete(two_workers, quiet())
+    assert len(summary.set_aside) == 3
+    assert all("another version of raster-harness" in why for why in summary.set_aside.values())
+
+
+@pytest.mark.parametrize("where", ["nonsense", "local:0"])
+def test_a_wrong_address_is_one_line(harness, parts, where):
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--dask", where)
+    assert code == 2
+    assert error.startswith(f"error: --dask {where}: give ")
+
+
+def test_without_the_extra_one_line_says_what_to_install(harness, parts, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--dask", "local")
+    assert code == 2
+    assert error == 'error: --dask needs Dask: pip install "raster-harness[dask]"\n'

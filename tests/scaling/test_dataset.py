@@ -1,0 +1,227 @@
+"""Many files into a folder: exactly once, resumed, faults named, and what is never mixed."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import shapely
+
+from harness.errors import UsageError
+from harness.export.triangulation import triangulate_batch
+from harness.progress import Reporter
+from harness.scaling.dataset import MANIFEST, Dataset
+from harness.scaling.triangulated import Options
+from harness.scaling.working import Alone
+from harness.stored import whole
+from tests.scaling.conftest import EVERY, contents, ids, parts_in, rows, write_parquet
+
+OPTIONS = Options("optimal:half-perimeter")
+
+
+def complete(pattern, out, options=OPTIONS):
+    return Dataset(str(pattern), out, options).complete(Alone(), Reporter(quiet=True))
+
+
+def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footprints):
+    summary = complete(parts, tmp_path / "out")
+    assert ids(tmp_path / "out") == list(range(EVERY))
+    assert summary.polygons == summary.proven == EVERY
+    found = triangulate_batch(footprints, OPTIONS.triangulator, {})
+    assert summary.triangles == len(found.triangles)
+    tables = pa.concat_tables(rows(tmp_path / "out"))
+    areas = shapely.area(shapely.from_wkb(tables["geometry"].to_numpy()))
+    assert areas == pytest.approx(shapely.area(footprints))
+    counts = shapely.get_num_geometries(shapely.from_wkb(tables["geometry"].to_numpy()))
+    assert counts.tolist() == np.diff(found.starts).tolist()
+
+
+def test_all_parts_have_one_schema_and_the_sources_types(parts, tmp_path):
+    complete(parts, tmp_path / "out")
+    schemas = [table.schema for table in rows(tmp_path / "out")]
+    assert all(schema.equals(schemas[0]) for schema in schemas)
+    assert schemas[0].field("storeys").type == pa.int16()
+    assert pa.types.is_struct(schemas[0].field("bbox").type)
+    storeys = pa.concat_tables(rows(tmp_path / "out"))["storeys"].to_pylist()
+    assert storeys == [None if n % 7 == 3 else n % 5 for n in range(EVERY)]
+
+
+def test_a_rerun_does_what_is_missing_and_nothing_else(parts, tmp_path):
+    out = tmp_path / "out"
+    complete(parts, out)
+    before = contents(out)
+    manifest = json.loads((out / MANIFEST).read_text())
+    first, second, third, *_ = parts_in(out)
+    first.unlink()
+    second.write_bytes(second.read_bytes()[:-50])
+    (out / MANIFEST).unlink()
+    stamp = third.stat().st_mtime_ns
+    summary = complete(parts, out)
+    assert (summary.fresh, summary.parts_done) == (2, 6)
+    assert contents(out) == before
+    assert third.stat().st_mtime_ns == stamp
+    again = json.loads((out / MANIFEST).read_text())
+    for content in (manifest, again):
+        for part in content["parts"]:
+            del part["seconds"], part["cpu_seconds"]
+        for name in ("worker_seconds", "timed", "timed_polygons"):
+            del content["summary"][name]
+    assert again == manifest
+
+
+def test_keys_follow_the_content_not_the_place(parts, tmp_path, footprints):
+    complete(parts, tmp_path / "out")
+    moved = parts.rename(tmp_path / "elsewhere")
+    complete(moved, tmp_path / "moved")
+    assert contents(tmp_path / "moved") == contents(tmp_path / "out")
+    complete(moved, tmp_path / "other", Options("refined:half-perimeter"))
+    assert not set(contents(tmp_path / "other")) & set(contents(tmp_path / "out"))
+
+
+def test_the_same_file_twice_is_done_twice(parts, tmp_path):
+    (parts / "again").mkdir()
+    target = parts / "again" / "0.parquet"
+    target.write_bytes((parts / "0.parquet").read_bytes())
+    stamp = (parts / "0.parquet").stat().st_mtime
+    os.utime(target, (stamp, stamp))
+    summary = complete(f"{parts}/**/*.parquet", tmp_path / "out")
+    assert summary.parts_done == 9
+    assert len(parts_in(tmp_path / "out")) == 9
+
+
+def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, footprints):
+    out = tmp_path / "out"
+    complete(parts, out)
+    with pytest.raises(UsageError, match="made with other options"):
+        complete(parts, out, Options("optimal:overdraw"))
+    write_parquet(parts / "1.parquet", footprints[:60], 0)
+    with pytest.raises(UsageError, match=r"parts of 1\.parquet as it was before it changed"):
+        complete(parts, out)
+    stranger = tmp_path / "own"
+    stranger.mkdir()
+    write_parquet(stranger / "mine.parquet", footprints[:10], 0)
+    with pytest.raises(UsageError, match=r"mine\.parquet is not of this command"):
+        complete(parts, stranger)
+
+
+def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
+    harness, parts, tmp_path, footprints
+):
+    torn = parts / "2-torn.parquet"
+    torn.write_bytes((parts / "0.parquet").read_bytes()[:5000])
+    write_parquet(parts / "3-plain.parquet", footprints[:10], 0, geo=None)
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
+    assert code == 5
+    assert ids(tmp_path / "out") == list(range(EVERY))
+    lines = [line for line in error.splitlines() if line.startswith("warning: set aside")]
+    assert len(lines) == 2
+    assert "2-torn.parquet cannot be read as GeoParquet" in lines[0]
+    assert "3-plain.parquet has no geometry column" in lines[1]
+    assert error.splitlines()[-1].startswith("error: 2 parts were set aside; the rest is in out")
+    aside = json.loads((tmp_path / "out" / MANIFEST).read_text())["summary"]["set_aside"]
+    assert set(aside) == {str(torn), str(parts / "3-plain.parquet")}
+
+
+def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    refused = []
+    move = whole.move
+
+    def full(made, place, *, forced=False):
+        if place.suffix == ".parquet" and place.stem == chosen:
+            refused.append(place)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+        move(made, place, forced=forced)
+
+    dataset = Dataset(str(parts), out, OPTIONS)
+    chosen = dataset.missing[2].key
+    monkeypatch.setattr(whole, "move", full)
+    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    assert len(refused) == 3
+    ((which, why),) = summary.set_aside.items()
+    assert which == dataset.cut.parts[2].label
+    assert "No space left on device" in why
+    assert summary.parts_done == 5
+    assert len(ids(out)) == EVERY - 40
+    assert sorted(file.name for file in out.iterdir()) == sorted([MANIFEST, *contents(out)])
+    monkeypatch.undo()
+    monkeypatch.setattr("scenes.slices.LEAST", 20)
+    monkeypatch.setattr("scenes.slices.MOST", 40)
+    assert complete(parts, out).fresh == 1
+    assert ids(out) == list(range(EVERY))
+
+
+def test_what_is_dropped_is_counted_by_reason(tmp_path, footprints, finely):
+    odd = footprints[:90].copy()
+    odd[[3, 50]] = shapely.Point(0, 0)
+    odd[60] = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
+    write_parquet(tmp_path / "odd.parquet", odd, 0)
+    summary = complete(tmp_path / "odd.parquet", tmp_path / "out")
+    assert summary.counts == {
+        ("dropped", "is a Point, not a polygon"): 2,
+        ("repaired", "self-intersects"): 1,
+    }
+    assert summary.polygons == 89
+
+
+def test_a_condition_prunes_filters_and_may_leave_parts_empty(harness, parts, tmp_path, footprints):
+    edge = float(shapely.bounds(footprints)[100, 0])
+    where = f"bbox.xmin < {edge!r} AND storeys < 0"
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--where", where)
+    assert code == 0
+    assert "left out 240 rows unread" in error
+    where = "id < 50 AND storeys IS NULL"
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", where)
+    assert code == 0
+    assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
+    assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
+
+
+def test_certificates_are_summed_over_parts(parts, tmp_path):
+    summary = complete(
+        parts / "0.parquet",
+        tmp_path / "out",
+        Options("ear-clipping", where="id < 45", certify=True),
+    )
+    assert [part["polygons"] for part in summary.certified] == [40, 5]
+    assert 0 < summary.proven < 45
+
+
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_path, monkeypatch):
+    from harness.scaling import dataset
+
+    done = dataset.TRIANGLES.do
+    calls = []
+
+    def stopping(*arguments):
+        calls.append(arguments)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return done(*arguments)
+
+    monkeypatch.setattr(dataset, "TRIANGLES", replace(dataset.TRIANGLES, do=stopping))
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
+    assert code == 130
+    assert "stopped; 3 of 6 parts are in out; to go on, give the same command again" in error
+    assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
+    code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
+    assert code == 0
+    assert "3 of 6 parts are there already" in error
+    assert ids(tmp_path / "out") == list(range(EVERY))
+
+
+def test_wrong_uses_are_one_line(harness, parts):
+    for arguments, message in (
+        (["nothing-*.parquet", "-o", "out"], "there is no file nothing-*.parquet"),
+        ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, for a file of each part"),
+        ([f"{parts}/*.parquet", "-o", "out", "--limit", "3"], "--limit is for one file"),
+        ([f"{parts}/*.parquet", "-o", "out", "--where", "colour = 3"], None),
+    ):
+        code, _, error = harness("triangulate", *arguments)
+        assert code == (2 if message else 5)
+        assert (message or "no such column: colour") in error

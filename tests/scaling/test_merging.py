@@ -1,0 +1,148 @@
+"""Runs merged by case: whatever the order, conflicts named, counters of hosts compared."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import permutations
+from pathlib import Path
+
+import pytest
+
+from harness.errors import UsageError
+from harness.frame import View
+from harness.scaling.merging import merge, on_host
+from harness.stored.folder import read_arrays, read_run
+from tests.measuring.test_run import measure, plan_for
+
+TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Three runs: of two views, of one of them with another triangulator, and the first again."""
+    place = tmp_path_factory.mktemp("runs")
+    scene = place / "block.geojson"
+    square = [[0, 0], [9, 0], [9, 9], [5, 4], [0, 9], [0, 0]]
+    geometry = {
+        "type": "MultiPolygon",
+        "coordinates": [[square], [[[x + 20, y] for x, y in square]]],
+    }
+    feature = {"type": "Feature", "properties": {}, "geometry": geometry}
+    scene.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": [feature]}))
+    both = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
+    other = plan_for(scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),))
+    plans = {"first": both, "second": other, "third": both}
+    for name, plan in plans.items():
+        measure(plan, place / name)
+    return {name: place / name for name in plans}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+
+
+def with_records(run, change):
+    return replace(run, records=[change(dict(record)) for record in run.records])
+
+
+def hosted(runs, *names):
+    return [on_host(read_run(runs[name]), name) for name in names]
+
+
+def test_the_order_makes_no_difference(runs, tmp_path):
+    made = []
+    for number, order in enumerate(permutations(runs)):
+        merge(hosted(runs, *order), tmp_path / str(number))
+        made.append(contents(tmp_path / str(number)))
+    assert all(each == made[0] for each in made)
+    merged = read_run(tmp_path / "0")
+    assert len(merged.records) == 6 + 2 + 6
+    assert {record["device"] for record in merged.records} == {
+        "scripted@first",
+        "scripted@second",
+        "scripted@third",
+    }
+    assert {record["host"] for record in merged.records} == set(runs)
+    assert len({record["key"] for record in merged.records}) == len(merged.records)
+    for record in merged.records:
+        columns = read_arrays(merged, record["key"])
+        assert columns["fragments"].sum() == record["counters"]["fragments"]
+    assert set(merged.facts["devices"]) == {
+        f"tests.mock:MockRasteriser on scripted@{name}" for name in runs
+    }
+
+
+def test_a_run_merged_with_itself_is_itself(runs, tmp_path):
+    run = read_run(runs["first"])
+    merge([run, run], tmp_path / "out")
+    merged = read_run(tmp_path / "out")
+    assert sorted(map(json.dumps, merged.records)) == sorted(map(json.dumps, run.records))
+
+
+def test_records_of_one_case_that_differ_are_named(runs, tmp_path):
+    first = read_run(runs["first"])
+
+    def slower(record):
+        if record["triangulator"] == "delaunay" and record["resolution"] == 128:
+            record["time"] = {**record["time"], "median_s": 1.0}
+        return record
+
+    with pytest.raises(
+        UsageError, match=r"differ: delaunay, 128 px, 0 degrees, .* on scripted"
+    ) as e:
+        merge([first, with_records(first, slower)], tmp_path / "out")
+    assert "64 px" not in str(e.value)
+    assert "--hosts" in str(e.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_worked_somewhere_wins_over_what_failed(runs, tmp_path):
+    first = read_run(runs["first"])
+    kept = ("key", "scene", "scene_hash", "triangulator", "rasteriser", "device", "resolution")
+    kept += ("rotation", "fit", "options")
+
+    def failed(record):
+        return {n: record[n] for n in kept} | {"status": "failed", "reason": "hung"}
+
+    for number, order in enumerate(permutations([first, with_records(first, failed)])):
+        merge(order, tmp_path / str(number))
+        assert {r["status"] for r in read_run(tmp_path / str(number)).records} == {"ok"}
+
+
+def test_hosts_that_count_differently_are_named(runs, tmp_path):
+    def one_more(record):
+        if record["triangulator"] == "delaunay":
+            record["counters"] = {**record["counters"], "quads": record["counters"]["quads"] + 1}
+        return record
+
+    first, third = hosted(runs, "first", "third")
+    with pytest.raises(UsageError, match=r"quads of delaunay, 64 px.*scripted@third.*@first") as e:
+        merge([first, with_records(third, one_more)], tmp_path / "out")
+    assert "overdraw" not in str(e.value)
+
+
+def test_runs_of_other_polygons_are_refused(runs, tmp_path):
+    first = read_run(runs["first"])
+    scene = {**first.facts["scene"], "hash": "0" * 64}
+    other = replace(first, facts={**first.facts, "scene": scene})
+    with pytest.raises(UsageError, match=r"different polygons"):
+        merge([first, other], tmp_path / "out")
+
+
+def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plots):
+    first, third = str(runs["first"]), str(runs["third"])
+    code, out, _ = harness("merge", first, third, "--hosts", "here,there", "-o", "merged")
+    assert code == 0
+    assert "scripted@here" in out
+    assert "scripted@there" in out
+    assert "scripted@here" in (tmp_path / "merged" / "report.html").read_text()
+    code, out, _ = harness("compare", "merged", "merged", "--gate", "counters")
+    assert code == 0
+    code, _, error = harness("merge", first, third, "--hosts", "here", "-o", "other")
+    assert code == 2
+    assert "names 1 hosts for 2 runs" in error
+    code, _, error = harness("merge", first, third, "--hosts", "a,b/c", "-o", "other")
+    assert code == 2
+    assert "host 'b/c'" in error
