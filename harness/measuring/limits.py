@@ -7,7 +7,7 @@ what choosing others could still save.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -19,7 +19,7 @@ from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import outlines, predict
-from harness.triangulating.names import parse
+from harness.triangulating.names import Recipe, parse
 
 FEWEST = parse("optimal:exact-quads")
 
@@ -36,15 +36,19 @@ HOLES_S = 2e-7
 
 
 def limits_of(
-    frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
+    frame: Frame,
+    parts: Sequence[NDArray[np.int32] | None],
+    bench: Bench,
+    get_ready: Callable[[Recipe], None] = lambda _: None,
 ) -> dict[str, NDArray[np.int64]]:
     """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known.
 
     parts : a triangulation (m, 3) of each polygon without gaps, whichever
+    get_ready : called before a triangulator is used
 
     The fewest quads are looked for in as many polygons as `MOST_S` allows, the quickest first.
     """
-    return {OUTLINE: outlines(frame, parts), LEAST: _least(frame, bench)}
+    return {OUTLINE: outlines(frame, parts), LEAST: _least(frame, bench, get_ready)}
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:
@@ -57,7 +61,7 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
     return np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
 
 
-def _least(frame: Frame, bench: Bench) -> NDArray[np.int64]:
+def _least(frame: Frame, bench: Bench, get_ready: Callable[[Recipe], None]) -> NDArray[np.int64]:
     """Return the fewest quads of each polygon, -1 where that is not proven."""
     least = np.full(len(frame.polygons), -1)
     seconds = seconds_of(frame)
@@ -66,6 +70,7 @@ def _least(frame: Frame, bench: Bench) -> NDArray[np.int64]:
     if not len(chosen):
         return least
     try:
+        get_ready(FEWEST)
         result = bench.triangulate(FEWEST, [frame.polygons[k] for k in chosen.tolist()])
     except TaskFailed:  # what is measured is the same without it
         return least

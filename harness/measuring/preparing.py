@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,10 @@ def _prepare(
     if not len(triangles):
         status = "failed" if result.failed else "skipped"
         return status, records.incomplete(result) or "no polygon is left"
-    known = limits.limits_of(frame, result.parts, bench) if recipe == BASELINE else {}
+    known = {}
+    if recipe == BASELINE:
+        get_ready = partial(_compile, bench=bench, reporter=reporter)
+        known = limits.limits_of(frame, result.parts, bench, get_ready)
     return Prepared(result, records.predict_frame(frame, result.parts), triangles, known)
 
 
