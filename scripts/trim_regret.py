@@ -2,7 +2,7 @@
 
     python scripts/trim_regret.py FOLDER
 
-Random triangulations and other counters are most of its tables.
+Random triangulations, other counters and the rasterisers that only count are most of its tables.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ def main() -> None:
         (folder / name).unlink(missing_ok=True)
     for name in ("regret.csv", "regret_by_polygon.csv"):
         table = pd.read_csv(folder / name)
-        kept = table["measure"].isin(MEASURES) & ~table["name"].str.startswith("random")
-        table[kept].to_csv(folder / name, index=False)
+        drawn_by = "opengl" if "opengl" in set(table["rasteriser"]) else "reference"
+        kept = table["measure"].isin(MEASURES) & (table["rasteriser"] == drawn_by)
+        kept &= ~table["name"].str.startswith("random")
+        table[kept].to_csv(folder / name, index=False, float_format="%.6g")
 
 
 if __name__ == "__main__":
