@@ -57,6 +57,18 @@ for scene in helsinki glyphs; do
         --resolution 256,1024 --triangulators $peers --budget 1 --order walk
 done
 
+# What an order gains and what diagonals gain; break-even, too.
+some=ear-clipping,delaunay,greedy,refined,optimal:overdraw,optimal:expected-quads
+some+=,optimal:half-perimeter
+for scene in city helsinki glyphs counties; do
+    once $to/llvmpipe/orders-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
+        --resolution 1024 --order native,walk,vertex-cache --triangulators $some --budget 1
+done
+if [[ orders == *"$only"* ]]; then
+    "${harness[@]}" gains $to/llvmpipe/orders-*/ --bases ear-clipping,delaunay \
+        --out $to/llvmpipe/orders
+fi
+
 once $to/llvmpipe/gains-glyphs-shuffled "${harness[@]}" run --scene glyphs --device llvmpipe \
     --resolution 256 --triangulators $peers --budget 1 --order shuffled
 
