@@ -16,7 +16,10 @@ NUMBERS = (
     *("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions"),
     *("outline_quads", "proven", "largest_gap", "triangulate_s"),
 )
-TABLES = ("counters", "predicted", "least")
+PLACE = ("resolution", "rotation")
+"""Where a case was measured: every run ever written says it."""
+TABLES = ("counters", "predicted")
+OF_LEAST = ("polygons", "quads", "shaded", "fragments")
 SECTIONS = ("plan", "environment", "devices")
 
 
@@ -53,14 +56,15 @@ def _wrong(record: Record) -> str | None:
         (NAMES, lambda value: isinstance(value, str)),
         (NUMBERS, _is_number),
         (TABLES, _is_table),
+        (("least",), _is_least),
         (("options",), _is_options),
         (("time",), _is_time),
     ]
     for names, good in checks:
         for name in names:
             value = record.get(name)
-            # A field that is absent is an older run's; only the names cannot be done without.
-            if not good(value) and (value is not None or name in NAMES):
+            # A field that is absent is an older run's; names and place cannot be done without.
+            if not good(value) and (value is not None or name in (*NAMES, *PLACE)):
                 return name
     return None
 
@@ -71,6 +75,10 @@ def _is_number(value: Any) -> bool:
 
 def _is_table(value: Any) -> bool:
     return isinstance(value, dict) and all(map(_is_number, value.values()))
+
+
+def _is_least(value: Any) -> bool:
+    return _is_table(value) and all(name in value for name in OF_LEAST)
 
 
 def _is_options(value: Any) -> bool:

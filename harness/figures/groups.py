@@ -61,7 +61,14 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
     """Return the paired ratio of two records' times, None where they are not comparable."""
     if base is None or record.get("polygons") != base.get("polygons"):
         return None
-    times, base_times = record.get("time"), base.get("time")
-    if not times or not base_times or times["reference_s"] != base_times["reference_s"]:
+    times, base_times = record.get("time") or {}, base.get("time") or {}
+    # Without the rounds of both, which damage can take away, nothing is paired.
+    if not (_has_rounds(times) and _has_rounds(base_times)):
+        return None
+    if times["reference_s"] != base_times["reference_s"]:
         return None
     return paired_ratio(times["samples_s"], base_times["samples_s"], times.get("epochs"))
+
+
+def _has_rounds(times: dict[str, Any]) -> bool:
+    return "samples_s" in times and "reference_s" in times

@@ -1,0 +1,49 @@
+"""A record with a field that is missing or null costs that record, never the report."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from harness.compare.checking import checked
+from harness.report.content import content_of
+from harness.stored.folder import read_run
+from tests.fuzz.targets.runs import sound
+
+
+def fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the path of each field of a record, however deep."""
+    if isinstance(value, dict):
+        for name in value:
+            yield (*above, name)
+            yield from fields(value[name], (*above, name))
+
+
+@pytest.mark.parametrize("damage", ["missing", "null"])
+def test_each_field_may_be_damaged(damage):
+    run = checked(read_run(sound()))
+    whole = run.records[0]
+    assert "least" in whole
+    ignored = set()
+    for path in fields(whole):
+        if path == ("key",):  # without it a line is no record: `read_run` leaves it out
+            continue
+        record = copy.deepcopy(whole)
+        inner = record
+        for name in path[:-1]:
+            inner = inner[name]
+        if damage == "missing":
+            del inner[path[-1]]
+        else:
+            inner[path[-1]] = None
+        run.records[0] = record
+        found = checked(run)
+        json.dumps(content_of(found), allow_nan=False)
+        if len(found.records) < len(run.records):
+            ignored.add(path[0])
+    assert {"resolution", "rotation", "triangulator", "least"} <= ignored
+    assert {"reason", "polygons", "outline_quads", "triangulate_s"}.isdisjoint(ignored)
