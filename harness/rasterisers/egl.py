@@ -13,7 +13,7 @@ from typing import Any
 
 from harness.rasterisers import probing
 from harness.rasterisers.base import Device
-from triangulators.gpu.names import is_software
+from triangulators.gpu.names import is_software, matches
 
 PROBE = Path(__file__).with_name("probe.py")
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
@@ -24,14 +24,6 @@ LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
 """What makes Mesa draw on the CPU, in the thread that asks for it."""
 
 ICD_FOLDERS = ("/usr/local/share", "/etc", "/usr/share")
-
-
-def matches(name: str, renderer: str) -> bool:
-    """Whether GL_RENDERER is the device that `name` asks for."""
-    lowered = renderer.lower()
-    if name.startswith("gpu"):
-        return not is_software(renderer)
-    return lowered.startswith(name)
 
 
 def lavapipe_icd() -> Path | None:

@@ -12,6 +12,7 @@ from harness.errors import NoRasteriser
 from harness.rasterisers import context, egl
 from harness.rasterisers.base import Device, Rasteriser
 from harness.rasterisers.context import Context
+from triangulators.gpu.names import is_software, matches
 
 
 class GLRasteriser(Rasteriser):
@@ -54,7 +55,7 @@ class GLRasteriser(Rasteriser):
             self.context.require(*context.OLDER_EXTENSIONS)
         self.device = replace(
             device,
-            software=egl.is_software(strings["renderer"]),
+            software=is_software(strings["renderer"]),
             details={
                 **device.details,
                 **strings,
@@ -79,7 +80,7 @@ class GLRasteriser(Rasteriser):
             raise NoRasteriser(f"{device.name}: {error}; {self.remedy(device.name)}") from error
 
     def _matches(self, device: Device, renderer: str) -> bool:
-        return egl.matches(device.name, renderer)
+        return matches(device.name, renderer)
 
     def close(self) -> None:
         """Close the context."""

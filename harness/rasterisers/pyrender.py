@@ -27,6 +27,7 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.extrude import extrude
+from triangulators.gpu.names import is_software, matches
 
 INSTALL = "python -m pip install 'raster-harness[pyrender]'"
 
@@ -88,12 +89,12 @@ class Pyrender(Rasteriser):
         self.module: Any = pyrender
         self._renderer: Any = None
         renderer = self._open((8, 8))
-        if not egl.matches("llvmpipe" if device.software else device.name, renderer):
+        if not matches("llvmpipe" if device.software else device.name, renderer):
             self.close()
             raise NoRasteriser(f"asked for {device.name}, but pyrender opened '{renderer}'")
         self.device = Device(
             device.name,
-            egl.is_software(renderer),
+            is_software(renderer),
             device.environment,
             {**device.details, "renderer": renderer},
         )

@@ -17,15 +17,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from harness.errors import UsageError, of_system
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
-from harness.scaling.done import Clocks, Done, about, lasting, require_code, timed
+from harness.scaling.done import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
-from scenes import SceneError
 from scenes.files import Chunk, read_chunks
 from triangulators import triangulate_many
 from triangulators.batch import Ragged, ragged
@@ -37,9 +35,6 @@ MEASURES = (*COUNTED, *PREDICTED)
 
 GAINED = ("quads", "helper_lanes", "blocks", "bbox_tests", *PREDICTED)
 """Measures that a choice of triangulation changes."""
-
-AT_A_TIME = 12_500
-"""Rows that are in memory at a time."""
 
 BINS = 400
 """Bins of a gain, 0.5 % each, from -100 % to 100 %; what is beyond is in the first."""
@@ -64,50 +59,40 @@ class Options:
 def count_part(part: Part, options: Options, out: str, code: str, threads: int | None = 1) -> Done:
     """Count a part and put its file into the folder `out`, unless it is there.
 
-    Raises
-    ------
-    UsageError
-        if the part cannot be read or the file cannot be written, or this process has other code
+    Raises as `make_part` does.
     """
-    begun = Clocks.now()
-    require_code(code)
     place = Path(out) / f"{part.key}.npz"
-    if (done := read_counted(place)) is not None:
-        return done
+    return make_part(place, code, read_counted, lambda: _write(part, options, place, code, threads))
+
+
+def _write(part: Part, options: Options, place: Path, code: str, threads: int | None) -> Done:
     sums = Sums.empty(len(options.triangulators))
     counts: Counter[tuple[str, str]] = Counter()
     notes: list[str] = []
-    try:
-        for chunk in read_chunks(
-            part.path, layer=options.layer, where=options.where, size=AT_A_TIME, rows=part.rows
-        ):
-            _note(counts, "dropped", chunk.cleaned.dropped)
-            _note(counts, "repaired", chunk.cleaned.repaired)
-            notes += chunk.notes
-            if len(chunk.cleaned.polygons):
-                sums.add(_counted(chunk, options, threads, counts))
-        done = Done(
-            polygons=sums.footprints,
-            vertices=sums.vertices,
-            triangles=int(sums.totals[0, MEASURES.index("triangles")]),
-            proven=0,
-            counts=[[kind, reason, count] for (kind, reason), count in sorted(counts.items())],
-            certified=None,
-            about=about(part, json.loads(json.dumps(asdict(options))), code),
-            notes=notes,
-        )
-        with Output(place, forced=True) as output:
-            told = json.dumps(lasting(done), sort_keys=True)
-            with output.file() as file:
-                np.savez_compressed(file, allow_pickle=False, told=np.array(told), **sums.arrays())
-            output.publish()
-    except SceneError as error:
-        raise UsageError(str(error)) from error
-    except OSError as error:
-        if (done := read_counted(place)) is not None:  # somebody else has made it meanwhile
-            return done
-        raise UsageError(of_system(error)) from error
-    return timed(done, begun)
+    for chunk in read_chunks(
+        part.path, layer=options.layer, where=options.where, size=AT_A_TIME, rows=part.rows
+    ):
+        _note(counts, "dropped", chunk.cleaned.dropped)
+        _note(counts, "repaired", chunk.cleaned.repaired)
+        notes += chunk.notes
+        if len(chunk.cleaned.polygons):
+            sums.add(_counted(chunk, options, threads, counts))
+    done = Done(
+        polygons=sums.footprints,
+        vertices=sums.vertices,
+        triangles=int(sums.totals[0, MEASURES.index("triangles")]),
+        proven=0,
+        counts=[[kind, reason, count] for (kind, reason), count in sorted(counts.items())],
+        certified=None,
+        about=about(part, json.loads(json.dumps(asdict(options))), code),
+        notes=notes,
+    )
+    with Output(place, forced=True) as output:
+        told = json.dumps(lasting(done), sort_keys=True)
+        with output.file() as file:
+            np.savez_compressed(file, allow_pickle=False, told=np.array(told), **sums.arrays())
+        output.publish()
+    return done
 
 
 def read_counted(file: Path) -> Done | None:

@@ -6,16 +6,21 @@ import contextlib
 import ctypes
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import psutil
 
 from harness import environment
-from harness.errors import UsageError
+from harness.errors import UsageError, of_system
 from harness.scaling.parts import Part
+from scenes import SceneError
+
+AT_A_TIME = 12_500
+"""Rows that are in memory at a time; a process has 450 MB with them."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,34 @@ def timed(done: Done, begun: Clocks) -> Done:
         cpu_seconds=now.cores - begun.cores,
         peak_bytes=peak(),
     )
+
+
+def make_part(
+    place: Path, code: str, read: Callable[[Path], Done | None], make: Callable[[], Done]
+) -> Done:
+    """Make a part's file at `place`, unless it is there; returns what it says, and what it took.
+
+    read : what a file says of itself; None where it is no such file, or is damaged
+    make : makes the file
+
+    Raises
+    ------
+    UsageError
+        if the part cannot be read or the file cannot be written, or this process has other code
+    """
+    begun = Clocks.now()
+    require_code(code)
+    if (there := read(place)) is not None:
+        return there
+    try:
+        done = make()
+    except SceneError as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        if (there := read(place)) is not None:  # somebody else has made it meanwhile
+            return there
+        raise UsageError(of_system(error)) from error
+    return timed(done, begun)
 
 
 def require_code(code: str) -> None:

@@ -29,7 +29,7 @@ from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.scaling import merging
 from harness.scaling.crew import DaskCrew
-from harness.scaling.triangulated import require_code
+from harness.scaling.done import require_code
 from harness.scaling.working import work_through
 from harness.stored import drawings
 from harness.stored.folder import CASES, POLYGONS, clear_errors, file_stem, read_run

@@ -7,18 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.errors import UsageError, of_system
+from harness.errors import UsageError
 from harness.export.certified import Certified
 from harness.export.export import Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.sources import of_file
 from harness.export.writer import Output
-from harness.scaling.done import Clocks, Done, about, lasting, require_code, timed
+from harness.scaling.done import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
-from scenes import SceneError
-
-AT_A_TIME = 12_500
-"""Rows that are in memory at a time; a process has 450 MB with them."""
 
 FOOTER = "raster_harness_part"
 """Name under which a part's file holds what it says of itself, as JSON."""
@@ -53,44 +49,32 @@ def read_done(file: Path) -> Done | None:
 def do_part(part: Part, options: Options, out: str, code: str, threads: int | None = 1) -> Done:
     """Triangulate a part and put its file into the folder `out`, unless it is there.
 
-    threads : one for each core if None
-
-    Raises
-    ------
-    UsageError
-        if the part cannot be read or the file cannot be written, or this process has other code
+    threads : one for each core if None. Raises as `make_part` does
     """
-    begun = Clocks.now()
-    require_code(code)
     place = Path(out) / f"{part.key}.parquet"
-    if (done := read_done(place)) is not None:
-        return done
+    return make_part(place, code, read_done, lambda: _write(part, options, place, code, threads))
+
+
+def _write(part: Part, options: Options, place: Path, code: str, threads: int | None) -> Done:
     report = Report(certified=Certified.of(options.triangulator) if options.certify else None)
-    try:
-        with Output(place, forced=True) as output:
-            writer = add_parts(
-                of_file(part.path, _reading(part, options), AT_A_TIME),
-                lambda known: GeoParquetWriter(output, known),
-                options.triangulator,
-                report,
-                parameters={"threads": threads},
-                extrude=options.extrude,
-                empty=True,
-            )
-            done = _done(part, options, code, report)
-            told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
-            if writer is None:
-                raise UsageError(f"{part.label}: the file ends before these rows")
-            assert isinstance(writer, GeoParquetWriter)
-            writer.finish(told)
-            output.publish()
-    except SceneError as error:
-        raise UsageError(str(error)) from error
-    except OSError as error:
-        if (done := read_done(place)) is not None:  # somebody else has made it meanwhile
-            return done
-        raise UsageError(of_system(error)) from error
-    return timed(done, begun)
+    with Output(place, forced=True) as output:
+        writer = add_parts(
+            of_file(part.path, _reading(part, options), AT_A_TIME),
+            lambda known: GeoParquetWriter(output, known),
+            options.triangulator,
+            report,
+            parameters={"threads": threads},
+            extrude=options.extrude,
+            empty=True,
+        )
+        done = _done(part, options, code, report)
+        told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
+        if writer is None:
+            raise UsageError(f"{part.label}: the file ends before these rows")
+        assert isinstance(writer, GeoParquetWriter)
+        writer.finish(told)
+        output.publish()
+    return done
 
 
 def _reading(part: Part, options: Options) -> dict[str, Any]:

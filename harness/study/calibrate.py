@@ -108,15 +108,10 @@ def calibrate(
     held_out = models.HeldOut(
         design_of(draws), tested_on.ratios * second, tested_on.halves * second, polygons
     )
-    predicted = calibration.predict(fit.coefficients, held_out.design)
-    validation = Validation(
-        r2_over=calibration.r_squared(np.log(held_out.seconds), np.log(predicted)),
-        r2_within=calibration.r_squared_within(held_out.seconds, predicted, polygons),
-        polygons=len(set(polygons)),
-        draws=len(draws),
-    )
     with reporter.stage("models with fewer terms", models.number_of_sets(terms)) as stage:
         fewer = models.alternatives(design, seconds, sets, held_out, terms, stage.advance)
+    every = fewer[-1]  # the model with all terms, which is the fit
+    validation = Validation(every.r2_over, every.r2_within, len(set(polygons)), len(draws))
     return fit, validation, fewer
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -41,6 +42,12 @@ class HeldOut:
     seconds: NDArray[np.float64]
     halves: NDArray[np.float64]
     polygons: Sequence[str]
+
+    @cached_property
+    def rows(self) -> list[NDArray[np.intp]]:
+        """The draws of each polygon."""
+        labels = np.unique(np.asarray(self.polygons, dtype=str), return_inverse=True)[1]
+        return [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
 
 
 @dataclass(frozen=True)
@@ -170,7 +177,7 @@ def _fitted(
 def _errors(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return each polygon's mean squared error of log time."""
     squared = np.log(held_out.seconds / predicted) ** 2
-    return np.array([squared[rows].mean() for rows in _rows(held_out)])
+    return np.array([squared[rows].mean() for rows in held_out.rows])
 
 
 def _regrets(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -179,18 +186,13 @@ def _regrets(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.fl
     Chosen and compared by different halves of the rounds: see `harness.study.regret`.
     """
     found = []
-    for rows in _rows(held_out):
+    for rows in held_out.rows:
         chosen = int(np.argmin(predicted[rows]))
         halves = held_out.halves[rows]
         bests = halves.argmin(axis=0)
         ratios = [halves[chosen, 1 - k] / halves[best, 1 - k] for k, best in enumerate(bests)]
         found.append(float(np.mean(ratios)) - 1.0)
     return np.array(found)
-
-
-def _rows(held_out: HeldOut) -> list[NDArray[np.intp]]:
-    labels = np.unique(np.asarray(held_out.polygons, dtype=str), return_inverse=True)[1]
-    return [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
 
 
 def _in_standard_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.gpu.names import LLVMPIPE, is_software
+from triangulators.gpu.names import LLVMPIPE, matches
 
 VERSION = 430
 """Of OpenGL: the first with compute shaders and storage buffers."""
@@ -100,6 +100,7 @@ def open_context(name: str) -> Compute:
         import moderngl
     except ImportError as error:
         raise DeviceFailed(f"{name}: {error}") from error
+    number = 0 if name == LLVMPIPE else int(name[3:])
     passed, problems = 0, list[str]()
     for backend in _contexts(problems):
         try:
@@ -108,14 +109,10 @@ def open_context(name: str) -> Compute:
             problems.append(str(error))
             continue
         compute = Compute(ctx)
-        software = is_software(compute.renderer)
-        if name == LLVMPIPE:
-            wanted = compute.renderer.lower().startswith(LLVMPIPE)
-        else:
-            wanted = not software and passed == int(name[3:])
-        if wanted:
-            return compute
-        passed += not software
+        if matches(name, compute.renderer):
+            if passed == number:
+                return compute
+            passed += 1
         compute.close()
     reason = f" ({problems[0]})" if problems else ""
     raise DeviceFailed(f"there is no {name} with compute shaders here{reason}")

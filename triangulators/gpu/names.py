@@ -17,6 +17,13 @@ def is_software(renderer: str) -> bool:
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
+def matches(name: str, renderer: str) -> bool:
+    """Whether GL_RENDERER is the device that `name` asks for."""
+    if name.startswith("gpu"):
+        return not is_software(renderer)
+    return renderer.lower().startswith(name)
+
+
 def check_name(name: str) -> None:
     """Raise `UnknownName` unless `name` is that of a device on some machine.
 
