@@ -150,11 +150,19 @@ def _proven(records: Sequence[Record]) -> list[str]:
     lines = [f"proven optimal, every polygon: {', '.join(whole)}"] if whole else []
     for record in told:
         if record["proven"] != record["polygons"]:
-            gap = record.get("largest_gap")
-            rest = "the others were searched" if gap is None else f"the others within {gap:.2%}"
+            rest = _unproven(record.get("largest_gap"))
             count = f"{record['proven']:,} of {record['polygons']:,} polygons"
             lines.append(f"proven optimal, {count}: {record['triangulator']}; {rest}")
     return lines
+
+
+def _unproven(gap: float | None) -> str:
+    """Say how far polygons may be from the optimum; costs are not negative, so 100 % is anything."""
+    if gap is None:
+        return "the others were searched"
+    if round(gap, 4) >= 1.0:
+        return "of the others, some have no bound"
+    return f"the others within {gap:.2%}"
 
 
 def _judged(records: Sequence[Record]) -> list[str]:

@@ -11,12 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from triangulators.polygon import Boundary
 from triangulators.predicates import turn
-from triangulators.unfold import neighbours
-from triangulators.visibility import visible_sites
-
-MOST = 8_000_000  # triangles; beyond, memory and time are too dear
+from triangulators.sight import Sight
 
 
 class Candidates(NamedTuple):
@@ -38,51 +34,28 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(outline: Boundary, triangles: np.ndarray, most: int = MOST) -> Candidates | None:
-    """Return the candidates of a polygon; None if there are more than `most` triangles.
+def candidates_of(sight: Sight, kept: np.ndarray | None = None) -> Candidates:
+    """Return the candidates of a polygon.
 
-    triangles: (m, 3), any triangulation of it, between sites; what each corner sees is found by
-    walking it.
+    kept (e,): which of its edges may be used; all of them if None.
     """
-    points = outline.points
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    pairs = visible_sites(points, triangles, neighbours(triangles, len(points)))
-    edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    side = _sides_of_boundary(edges, outline.edges, len(points))
+    points, edges, side = sight[:3]
+    if kept is not None:
+        edges, side = edges[kept], side[kept]
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
-    rings = _ring_samples(outline)
-    count = _count(first, edges, len(points), most)
-    if count > most:
-        return None
+    count = _count(first, edges, len(points), 2**62)
     found = np.empty((count, 3), dtype=np.int32)
     sides = np.empty((count, 3), dtype=np.int32)
-    kept = _list(points, first, edges, side, rings, found, sides)
-    found, sides = found[:kept].copy(), sides[:kept].copy()
+    written = _list(points, first, edges, side, sight.rings, found, sides)
+    found, sides = found[:written].copy(), sides[:written].copy()
     start, items = _by_edge(found, sides, len(edges))
     return Candidates(points, edges, side, found, sides, start, items)
 
 
-def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> np.ndarray:
-    side = np.zeros(len(edges), dtype=np.int8)
-    keys = edges[:, 0].astype(np.int64) * count + edges[:, 1]
-    low, high = boundary.min(axis=1).astype(np.int64), boundary.max(axis=1)
-    side[np.searchsorted(keys, low * count + high)] = np.where(
-        boundary[:, 0] < boundary[:, 1], 1, -1
-    )
-    return side
-
-
-def _ring_samples(outline: Boundary) -> np.ndarray:
-    """Return up to four sites of each hole, (h, 4), the last one repeated.
-
-    A hole meets a triangle of candidate edges at its corners only, so it lies inside as a whole
-    or not at all; that one of four sites which is not a corner tells.
-    """
-    samples = np.zeros((outline.holes, 4), dtype=np.int32)
-    for number, (begin, end) in enumerate(zip(outline.ends, outline.ends[1:], strict=False)):
-        ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
-        samples[number] = ring + ring[-1:] * (4 - len(ring))
-    return samples
+def how_many(sight: Sight, most: int) -> int:
+    """Return at least how many candidates a polygon has at most; stops counting beyond `most`."""
+    first = np.searchsorted(sight.edges[:, 0], np.arange(len(sight.points) + 1))
+    return int(_count(first, sight.edges, len(sight.points), most))
 
 
 @njit(cache=True, nogil=True)
@@ -133,7 +106,7 @@ def _list(
                 way = 1 if turn(points, a, b, c) > 0.0 else -1
                 if side[p] == -way or side[q] == -way or side[r] == way:
                     continue
-                if _holds_ring(points, rings, a, b, c, way):
+                if holds_ring(points, rings, a, b, c, way):
                     continue
                 triangles[found, 0], triangles[found, 1], triangles[found, 2] = a, b, c
                 sides[found, 0], sides[found, 1], sides[found, 2] = p, q, r
@@ -147,7 +120,8 @@ def _list(
 
 
 @njit(cache=True, nogil=True)
-def _holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, way: int) -> bool:
+def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, way: int) -> bool:
+    """Whether a hole is inside the triangle of edges a-b-c, which turns left (way 1) or right."""
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])
     low_y = min(points[a, 1], points[b, 1], points[c, 1])

@@ -7,7 +7,8 @@ What is checked, from the polygon's boundary and the criterion alone:
    a triangle is three edges that run round no hole. Their weights are integers (see `Evidence`).
 2. Each excluded edge, in the evidence's order: every pair of triangles of edges not yet excluded,
    one on each of its sides, makes a convex quadrilateral whose other diagonal weighs less. So no
-   triangulation of least weight contains the edge (flipping would make it lighter).
+   triangulation of least weight contains the edge (flipping would make it lighter). The triangles
+   at an edge are found from what its two ends see: only those of edges that stay are ever listed.
 3. With y the potential of an edge (its negative, run the other way), y(ab) + y(bc) + y(ca) + lift
    is at most the weight of abc, for every triangle of edges that are not excluded. Summed over a
    triangulation the potentials of diagonals cancel: what is left is the sum over the boundary plus
@@ -29,47 +30,49 @@ from triangulators.cost import Cost, triangle_cost
 from triangulators.polygon import Boundary
 from triangulators.predicates import turn
 
+_TOO_LARGE = 2**60  # weight of a triangle whose weight does not fit
+
 
 def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     """Return the bound, in weights, that the evidence proves; raises `Refused` if it does not."""
-    problem = _problem_of(outline, cost, evidence)
-    excluded = np.zeros(len(problem.edges), dtype=np.bool_)
-    order = problem.find(evidence.edges[evidence.excluded])
+    _check_units(outline, evidence)
+    edges = _edges_of(outline)
+    excluded = np.zeros(len(edges.ends), dtype=np.bool_)
+    order = edges.find(evidence.edges[evidence.excluded])
     order = order[order >= 0]  # what is no edge needs no excluding
     if len(np.unique(order)) != len(order):
         raise Refused("an edge is excluded twice")
     wrong = _replay(
-        problem.points,
-        problem.edges,
-        problem.ways,
-        problem.triangles,
-        *problem.lists,
-        problem.weights,
+        edges.points,
+        edges.ends,
+        edges.ways,
+        edges.holes,
+        *_fans(edges.ends, len(edges.points)),
         order,
         excluded,
         *_terms(cost, evidence),
     )
+    if wrong == _TOO_LARGE:
+        raise Refused("a weight is too large for exact arithmetic")
     if wrong >= 0:
-        a, b = problem.edges[wrong].tolist()
+        a, b = edges.ends[wrong].tolist()
         raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
+    problem = _problem_of(edges, excluded, cost, evidence)
     return _bound(problem, evidence, evidence.root, excluded, outline.expected_triangles)
 
 
-class _Problem(NamedTuple):
-    """Edges (e, 2) a < b and empty triangles of a polygon.
+class _Edges(NamedTuple):
+    """Edges of a polygon: ends (e, 2), a < b, ascending; keys (e,) the same as numbers.
 
-    ways (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. sides (t, 3): the edge from corner k
-    to k + 1; lists: (start, items), triangles by edge and side. keys (e,): ascending.
+    ways (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. holes (h, 4): sites of each hole,
+    -1 where it has fewer.
     """
 
     points: np.ndarray
-    edges: np.ndarray
+    ends: np.ndarray
     keys: np.ndarray
     ways: np.ndarray
-    triangles: np.ndarray
-    sides: np.ndarray
-    lists: tuple[np.ndarray, np.ndarray]
-    weights: np.ndarray
+    holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
         """Return the number of each pair (k, 2) among the edges, -1 where it is none."""
@@ -79,54 +82,75 @@ class _Problem(NamedTuple):
         return np.where(self.keys[at] == wanted, at, -1)
 
 
+class _Problem(NamedTuple):
+    """Empty triangles (t, 3) of edges that are not excluded, and their weights (t,).
+
+    sides (t, 3): the edge from corner k to k + 1.
+    """
+
+    edges: _Edges
+    triangles: np.ndarray
+    sides: np.ndarray
+    weights: np.ndarray
+
+
 def _terms(cost: Cost, evidence: Evidence) -> tuple[Any, ...]:
     return (*cost[:4], evidence.scale, evidence.factor, evidence.bits)
 
 
-def _problem_of(outline: Boundary, cost: Cost, evidence: Evidence) -> _Problem:
-    points, n = outline.points, len(outline.points)
+def _check_units(outline: Boundary, evidence: Evidence) -> None:
     if not 0 <= evidence.bits <= 20 or evidence.scale <= 0.0:
         raise Refused("the units cannot be used")
     if evidence.factor <= 3 * (2**evidence.bits - 1) * outline.expected_triangles:
         raise Refused("the noise of a triangulation may exceed a unit")
+
+
+def _edges_of(outline: Boundary) -> _Edges:
+    points, n = outline.points, len(outline.points)
     diagonals = visible(points, outline.edges, outline.site)
     pairs = np.sort(np.concatenate((outline.edges, diagonals)).astype(np.int64), axis=1)
     ways = np.zeros(len(pairs), dtype=np.int8)
     ways[: len(outline.edges)] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     keys = pairs[:, 0] * n + pairs[:, 1]
     order = np.argsort(keys)
-    edges, ways, keys = pairs[order].astype(np.int32), ways[order], keys[order]
     rings = np.split(outline.site, outline.ends[:-1])
-    samples = np.full((len(rings) - 1, 4), -1, dtype=np.int32)
-    for row, ring in zip(samples, rings[1:], strict=True):
+    holes = np.full((len(rings) - 1, 4), -1, dtype=np.int32)
+    for row, ring in zip(holes, rings[1:], strict=True):
         few = np.unique(ring)[:4]
         row[: len(few)] = few
-    starts = np.searchsorted(keys, np.arange(n + 1, dtype=np.int64) * n)
-    triangles, sides = _triangles(points, edges, ways, starts, samples)
-    weights = _weights(points, triangles, *_terms(cost, evidence))
-    if len(weights) and np.abs(weights).max() >= 2**60:
-        raise Refused("a weight is too large for exact arithmetic")
-    return _Problem(
-        points, edges, keys, ways, triangles, sides, _lists(triangles, sides, len(edges)), weights
+    return _Edges(points, pairs[order].astype(np.int32), keys[order], ways[order], holes)
+
+
+def _problem_of(edges: _Edges, excluded: np.ndarray, cost: Cost, evidence: Evidence) -> _Problem:
+    left = np.flatnonzero(~excluded)
+    n = len(edges.points)
+    starts = np.searchsorted(edges.keys[left], np.arange(n + 1, dtype=np.int64) * n)
+    triangles, sides = _triangles(
+        edges.points, edges.ends[left], edges.ways[left], starts, edges.holes
     )
+    weights = _weights(edges.points, triangles, *_terms(cost, evidence))
+    if len(weights) and weights.max() >= _TOO_LARGE:
+        raise Refused("a weight is too large for exact arithmetic")
+    return _Problem(edges, triangles, left[sides].astype(np.int32), weights)
 
 
 def _bound(
     problem: _Problem, evidence: Evidence, node: Leaf | Branch, out: np.ndarray, count: int
 ) -> int:
+    edges = problem.edges
     if isinstance(node, Branch):
-        edge = int(problem.find(np.array([node.edge]))[0])
-        if edge < 0 or problem.ways[edge] != 0:
+        edge = int(edges.find(np.array([node.edge]))[0])
+        if edge < 0 or edges.ways[edge] != 0:
             raise Refused(f"the evidence branches on {node.edge}, which is no diagonal")
         without, crossing = out.copy(), out.copy()
         without[edge] = True
-        crossing |= _crossed(problem.points, problem.edges, *problem.edges[edge].tolist())
+        crossing |= _crossed(edges.points, edges.ends, *edges.ends[edge].tolist())
         return min(
             _bound(problem, evidence, node.without, without, count),
             _bound(problem, evidence, node.within, crossing, count),
         )
-    at = problem.find(evidence.edges)
-    potential = np.zeros(len(problem.edges), dtype=np.int64)
+    at = edges.find(evidence.edges)
+    potential = np.zeros(len(edges.ends), dtype=np.int64)
     given = np.asarray(node.potentials, dtype=np.int64)
     if len(given) != len(at):
         raise Refused("potentials and edges differ in number")
@@ -140,8 +164,8 @@ def _bound(
     if len(slack) and int(slack.min()) < node.lift:
         worst = problem.triangles[left][int(slack.argmin())].tolist()
         raise Refused(f"the potentials exceed the weight of the triangle {worst}")
-    on = problem.ways != 0
-    return int(sum((potential[on] * problem.ways[on]).tolist())) + node.lift * count
+    on = edges.ways != 0
+    return int(sum((potential[on] * edges.ways[on]).tolist())) + node.lift * count
 
 
 @njit(cache=True)
@@ -183,6 +207,8 @@ def _weight(
         points[k, 1],
     )
     cost = sign * cost if custom else cost
+    if not abs(cost * scale) * factor < 2.0**59:
+        return np.int64(_TOO_LARGE)
     units = np.int64(np.floor(cost * scale))
     return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
 
@@ -218,14 +244,69 @@ def _weights(
 
 
 @njit(cache=True)
+def _fans(ends: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (start, other, over): site v sees `other[start[v]:start[v + 1]]` along edges `over`.
+
+    The sites are ascending.
+    """
+    start = np.zeros(n + 2, dtype=np.int64)
+    for e in range(len(ends)):
+        for v in ends[e]:
+            start[v + 2] += 1
+    start = start.cumsum()
+    other, over = np.empty(2 * len(ends), dtype=np.int32), np.empty(2 * len(ends), dtype=np.int32)
+    for end in (1, 0):  # first the lower ones of each site
+        for e in range(len(ends)):
+            v = ends[e, end]
+            other[start[v + 1]], over[start[v + 1]] = ends[e, 1 - end], e
+            start[v + 1] += 1
+    return start[:-1].copy(), other, over
+
+
+@njit(cache=True)
+def _third_corners(
+    points: np.ndarray,
+    ways: np.ndarray,
+    start: np.ndarray,
+    other: np.ndarray,
+    over: np.ndarray,
+    out: np.ndarray,
+    a: int,
+    b: int,
+    corners: np.ndarray,
+) -> int:
+    """Write c of each triangle a-b-c, counter-clockwise, to `corners`; return how many there are.
+
+    Triangles of edges that are not `out`. Those round a hole are among them.
+    """
+    found = 0
+    p, q = start[a], start[b]
+    while p < start[a + 1] and q < start[b + 1]:
+        c = other[p]
+        if c < other[q]:
+            p += 1
+        elif c > other[q]:
+            q += 1
+        else:
+            from_b, to_a = over[q], over[p]
+            wrong = (1 if b > c else -1) * ways[from_b] > 0 or (1 if c > a else -1) * ways[to_a] > 0
+            if not (out[from_b] or out[to_a] or wrong) and turn(points, a, b, c) > 0.0:
+                corners[found] = c
+                found += 1
+            p += 1
+            q += 1
+    return found
+
+
+@njit(cache=True)
 def _replay(
     points: np.ndarray,
-    edges: np.ndarray,
+    ends: np.ndarray,
     ways: np.ndarray,
-    triangles: np.ndarray,
+    holes: np.ndarray,
     start: np.ndarray,
-    items: np.ndarray,
-    value: np.ndarray,
+    other: np.ndarray,
+    over: np.ndarray,
     order: np.ndarray,
     out: np.ndarray,
     weights: np.ndarray,
@@ -236,33 +317,39 @@ def _replay(
     factor: int,
     bits: int,
 ) -> int:
-    """Mark excluded edges in `out`; return the first that must not be excluded, or -1."""
-    dead = np.zeros(len(triangles), dtype=np.bool_)
+    """Mark excluded edges in `out`; return the first that must not be excluded, or -1.
+
+    `_TOO_LARGE` where a weight is.
+    """
+    terms = (weights, function, custom, sign, scale, factor, bits)
+    left, right = np.empty(len(points), dtype=np.int32), np.empty(len(points), dtype=np.int32)
+    lefts, rights = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for e in order:
         if ways[e] != 0:
             return e
-        a, b = edges[e, 0], edges[e, 1]
-        for p in range(start[2 * e], start[2 * e + 1]):
-            if dead[items[p]]:
-                continue
-            c = triangles[items[p]].sum() - a - b
-            for q in range(start[2 * e + 1], start[2 * e + 2]):
-                if dead[items[q]]:
-                    continue
-                d = triangles[items[q]].sum() - a - b
-                if turn(points, c, d, b) <= 0.0 or turn(points, d, c, a) <= 0.0:
-                    return e
-                other = _weight(
-                    points, c, d, b, weights, function, custom, sign, scale, factor, bits
-                )
-                other += _weight(
-                    points, d, c, a, weights, function, custom, sign, scale, factor, bits
-                )
-                if other >= value[items[p]] + value[items[q]]:
+        a, b = ends[e, 0], ends[e, 1]
+        on_left = _third_corners(points, ways, start, other, over, out, a, b, left)
+        on_right = _third_corners(points, ways, start, other, over, out, b, a, right)
+        for p in range(on_left):
+            lefts[p] = _weight(points, a, b, left[p], *terms)
+        for q in range(on_right):
+            rights[q] = _weight(points, b, a, right[q], *terms)
+        for p in range(on_left):
+            for q in range(on_right):
+                c, d = left[p], right[q]
+                lighter = False
+                if turn(points, c, d, b) > 0.0 and turn(points, d, c, a) > 0.0:
+                    one, two = _weight(points, c, d, b, *terms), _weight(points, d, c, a, *terms)
+                    if max(one, two, lefts[p], rights[q]) >= _TOO_LARGE:
+                        return _TOO_LARGE
+                    lighter = one + two < lefts[p] + rights[q]
+                if (
+                    not lighter
+                    and not _around_hole(points, holes, a, b, c, 1)
+                    and not _around_hole(points, holes, b, a, d, 1)
+                ):
                     return e
         out[e] = True
-        for p in range(start[2 * e], start[2 * e + 2]):
-            dead[items[p]] = True
     return -1
 
 
@@ -277,23 +364,6 @@ def _crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarra
                 turn(points, c, d, a) > 0.0
             ) != (turn(points, c, d, b) > 0.0)
     return result
-
-
-@njit(cache=True)
-def _lists(triangles: np.ndarray, sides: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    start = np.zeros(2 * count + 2, dtype=np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, k - 2])
-            start[place + 2] += 1
-    start = start.cumsum()
-    items = np.empty(3 * len(triangles), dtype=np.int32)
-    for t in range(len(triangles)):
-        for k in range(3):
-            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, k - 2])
-            items[start[place + 1]] = t
-            start[place + 1] += 1
-    return start[:-1].copy(), items
 
 
 @njit(cache=True)

@@ -1,14 +1,27 @@
-"""The diagonals of a polygon, for `checker`: every pair of sites is tried against the boundary.
+"""The diagonals of a polygon, for `checker`: pairs of sites are tried against the boundary.
 
 A segment is a diagonal if it starts into the interior at both ends and meets no other boundary
 edge. Boundary edges are kept by the cells of a grid, and a segment looks only into the cells that
 it runs through: which cells is computed with a margin, orientations are exact.
+
+Not every pair is tried. Sites that are near each other are kept in boxes, and these in a tree of
+boxes. From a site a,
+a box is passed over where all of it is behind one edge c-d of the boundary,
+
+    turn(a, c, x) > 0,  turn(a, d, x) < 0,  turn(c, d, x) < 0   with a on the left of c-d,
+
+or outside the angle between the sides at a. Both are made of half-planes, which are convex, so it
+is enough to ask the box's corners, and orientations are exact. The edges asked are those that hid
+something from a before: what is near hides much.
 """
 
 import numpy as np
 from numba import njit
 
-from triangulators.predicates import turn
+from triangulators.predicates import orient, turn
+
+_BUCKET = 8  # sites in a box
+_HIDING = 8  # edges that are asked whether they hide a box
 
 
 def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarray:
@@ -29,10 +42,21 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     low = points.min(axis=0)
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
     start, items = _fill(points, edges, low, size, cells)
-    order = np.unique(site).astype(np.int32)
+    order = _near_each_other(points, np.unique(site).astype(np.int32))
+    boxes = _boxes(points, order)
     return _diagonals(
-        points, edges, following, corner_of, first, order, low, size, cells, start, items
+        points, edges, following, corner_of, first, order, boxes, low, size, cells, start, items
     )
+
+
+def _near_each_other(points: np.ndarray, sites: np.ndarray) -> np.ndarray:
+    """Order sites along a Z-shaped curve, by the bits of x and y in turns (Morton order)."""
+    low = points.min(axis=0)
+    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    cells = np.floor((points[sites] - low) / size * 65535.0).astype(np.int64)
+    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        cells = (cells | (cells << shift)) & mask
+    return sites[np.argsort(cells[:, 0] | (cells[:, 1] << 1), kind="stable")]
 
 
 @njit(cache=True)
@@ -141,7 +165,7 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 
 @njit(cache=True)
-def _clear(
+def _meeting(
     points: np.ndarray,
     edges: np.ndarray,
     a: int,
@@ -151,7 +175,8 @@ def _clear(
     cells: int,
     start: np.ndarray,
     items: np.ndarray,
-) -> bool:
+) -> int:
+    """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     first, last = _columns(ax, bx, low[0], size[0], cells)
     step = 1 if bx >= ax else -1  # from a on: what blocks is often near
@@ -166,11 +191,99 @@ def _clear(
                     # Edges at an end leave it elsewhere, or the segment would not start inside;
                     # unless one is the segment itself.
                     if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
-                        return False
+                        return -2
                     continue
                 if _meets(points, a, b, c, d):
-                    return False
-    return True
+                    return items[place]
+    return -1
+
+
+@njit(cache=True)
+def _boxes(points: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Return a binary tree of boxes (2 k, 2, 2), low and high corner: node i has 2 i and 2 i + 1.
+
+    Node k + l holds the sites `order[8 l:8 l + 8]`; boxes of nothing have low > high.
+    """
+    leaves = 1
+    while leaves * _BUCKET < len(order):
+        leaves *= 2
+    boxes = np.empty((2 * leaves, 2, 2))
+    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
+    for place in range(len(order)):
+        node = leaves + place // _BUCKET
+        while node > 0:
+            for axis in range(2):
+                x = points[order[place], axis]
+                boxes[node, 0, axis] = min(boxes[node, 0, axis], x)
+                boxes[node, 1, axis] = max(boxes[node, 1, axis], x)
+            node //= 2
+    return boxes
+
+
+@njit(cache=True)
+def _behind(points: np.ndarray, a: int, c: int, d: int, x: float, y: float) -> bool:
+    """Whether the segment from a to (x, y) crosses the edge c-d, which has a on its left."""
+    ax, ay, cx, cy = points[a, 0], points[a, 1], points[c, 0], points[c, 1]
+    dx, dy = points[d, 0], points[d, 1]
+    return (
+        orient(cx, cy, dx, dy, x, y) < 0.0
+        and orient(ax, ay, cx, cy, x, y) > 0.0
+        and orient(ax, ay, dx, dy, x, y) < 0.0
+    )
+
+
+@njit(cache=True)
+def _outside(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    a: int,
+    box: np.ndarray,
+) -> bool:
+    """Whether no segment from a into a box starts into the interior."""
+    ax, ay = points[a, 0], points[a, 1]
+    for place in range(first[a], first[a + 1]):
+        e = corner_of[place]
+        before, after = edges[e, 0], edges[following[e], 1]
+        qx, qy, px, py = points[after, 0], points[after, 1], points[before, 0], points[before, 1]
+        right_of_out = right_of_in = True
+        for corner in range(4):
+            x, y = box[corner & 1, 0], box[corner >> 1, 1]
+            right_of_out &= orient(ax, ay, qx, qy, x, y) <= 0.0
+            right_of_in &= orient(px, py, ax, ay, x, y) <= 0.0
+        convex = turn(points, before, a, after) > 0.0
+        if (right_of_out and right_of_in) or (convex and (right_of_out or right_of_in)):
+            return True
+    return False
+
+
+@njit(cache=True)
+def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, count: int, box: np.ndarray) -> bool:
+    """Whether all of a box is behind one of the first `count` edges of `hiding`; it goes first."""
+    for place in range(count):
+        c, d = hiding[place, 0], hiding[place, 1]
+        if (
+            _behind(points, a, c, d, box[0, 0], box[0, 1])
+            and _behind(points, a, c, d, box[1, 0], box[1, 1])
+            and _behind(points, a, c, d, box[0, 0], box[1, 1])
+            and _behind(points, a, c, d, box[1, 0], box[0, 1])
+        ):
+            _to_front(hiding, place)
+            return True
+    return False
+
+
+@njit(cache=True)
+def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b: int) -> bool:
+    """Whether the site b is behind one of the first `count` edges of `hiding`; it goes first."""
+    for place in range(count):
+        c, d = hiding[place, 0], hiding[place, 1]
+        if _behind(points, a, c, d, points[b, 0], points[b, 1]):
+            _to_front(hiding, place)
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -181,6 +294,7 @@ def _diagonals(
     corner_of: np.ndarray,
     first: np.ndarray,
     order: np.ndarray,
+    boxes: np.ndarray,
     low: np.ndarray,
     size: np.ndarray,
     cells: int,
@@ -189,18 +303,120 @@ def _diagonals(
 ) -> np.ndarray:
     found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
     count = 0
+    seen = np.empty(len(order), dtype=np.int32)
     for i in range(len(order)):
-        a = order[i]
-        for j in range(i + 1, len(order)):
-            b = order[j]
-            if not _starts_inside(points, edges, following, corner_of, first, a, b):
-                continue
-            if not _starts_inside(points, edges, following, corner_of, first, b, a):
-                continue
-            if not _clear(points, edges, a, b, low, size, cells, start, items):
-                continue
-            if count == len(found):
-                found = np.concatenate((found, np.empty_like(found)))
-            found[count, 0], found[count, 1] = a, b
-            count += 1
+        more = _seen_after(
+            points,
+            edges,
+            following,
+            corner_of,
+            first,
+            order,
+            boxes,
+            i,
+            seen,
+            low,
+            size,
+            cells,
+            start,
+            items,
+        )
+        if count + more > len(found):
+            grown = np.empty((2 * (count + more), 2), dtype=np.int32)
+            grown[:count] = found[:count]
+            found = grown
+        found[count : count + more, 0] = order[i]
+        found[count : count + more, 1] = seen[:more]
+        count += more
     return found[:count]
+
+
+@njit(cache=True)
+def _seen_after(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    order: np.ndarray,
+    boxes: np.ndarray,
+    i: int,
+    seen: np.ndarray,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
+) -> int:
+    """Write the sites after `order[i]` that it sees to `seen`; return how many there are."""
+    a, leaves = order[i], len(boxes) // 2
+    waiting = np.empty(64, dtype=np.int64)
+    hiding = np.empty((_HIDING, 2), dtype=np.int32)
+    known, count = 0, 0
+    waiting[0] = 1
+    height = 1
+    while height > 0:
+        height -= 1
+        node = waiting[height]
+        begin, end = _places(node, leaves, len(order))
+        if (
+            end <= max(begin, i + 1)
+            or _outside(points, edges, following, corner_of, first, a, boxes[node])
+            or _is_hidden(points, a, hiding, known, boxes[node])
+        ):
+            continue
+        if node < leaves:
+            # The nearer one first: what is near hides what is far.
+            nearer = 2 * node + int(
+                _distance(points, a, boxes[2 * node + 1]) < _distance(points, a, boxes[2 * node])
+            )
+            waiting[height], waiting[height + 1] = nearer ^ 1, nearer
+            height += 2
+            continue
+        for b in order[max(begin, i + 1) : end]:
+            if (
+                not _starts_inside(points, edges, following, corner_of, first, a, b)
+                or not _starts_inside(points, edges, following, corner_of, first, b, a)
+                or _is_behind_one(points, a, hiding, known, b)
+            ):
+                continue
+            met = _meeting(points, edges, a, b, low, size, cells, start, items)
+            if met == -1:
+                seen[count] = b
+                count += 1
+            elif met >= 0:
+                c, d = edges[met, 0], edges[met, 1]
+                way = turn(points, c, d, a)
+                if way != 0.0:
+                    known = min(known + 1, _HIDING)
+                    hiding[known - 1, 0] = c if way > 0.0 else d
+                    hiding[known - 1, 1] = d if way > 0.0 else c
+                    _to_front(hiding, known - 1)
+    return count
+
+
+@njit(cache=True)
+def _distance(points: np.ndarray, a: int, box: np.ndarray) -> float:
+    """Return the squared distance of a site from a box."""
+    x = max(box[0, 0] - points[a, 0], points[a, 0] - box[1, 0], 0.0)
+    y = max(box[0, 1] - points[a, 1], points[a, 1] - box[1, 1], 0.0)
+    return x * x + y * y
+
+
+@njit(cache=True)
+def _places(node: int, leaves: int, count: int) -> tuple[int, int]:
+    """Return the first place of a node's sites, and the one after the last."""
+    span = _BUCKET
+    while node < leaves:
+        node *= 2
+        span *= 2
+    begin = (node - leaves) * _BUCKET
+    return begin, min(begin + span, count)
+
+
+@njit(cache=True)
+def _to_front(hiding: np.ndarray, place: int) -> None:
+    c, d = hiding[place, 0], hiding[place, 1]
+    for at in range(place, 0, -1):
+        hiding[at] = hiding[at - 1]
+    hiding[0, 0], hiding[0, 1] = c, d

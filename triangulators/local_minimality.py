@@ -13,6 +13,10 @@ Nothing is used but that the cost sums over triangles. Therefore an edge goes if
 triangles that are left on its two sides could be flipped to less weight, and with it the
 triangles that have it as a side; that may take others with it, until nothing more goes. With the
 noise of `units` there are next to no ties, which would keep both diagonals of a rectangle.
+
+A polygon of 100,000 vertices may have some hundred million triangles. `thin` looks at each edge
+once and works out its triangles from what its ends see, so that nothing needs to be kept but edges;
+`exclude` goes on with the few triangles that are left.
 """
 
 from typing import Any
@@ -20,23 +24,43 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from triangulators.candidates import Candidates
-from triangulators.cost import Cost
+from triangulators.candidates import Candidates, holds_ring
+from triangulators.cost import Cost, triangle_cost
 from triangulators.predicates import turn
+from triangulators.sight import Sight
 from triangulators.units import Units, lowest_first, weight
 
 
+def thin(sight: Sight, cost: Cost, units: Units) -> np.ndarray:
+    """Return edges that are in no optimum, in the order in which that is seen."""
+    queue = _longest_first(sight.points, sight.edges)
+    excluded = np.empty(len(queue), dtype=np.int32)
+    how_many = _thin(*sight, queue, excluded, *cost[:4], units.scale, units.factor, units.bits)
+    return excluded[:how_many].copy()
+
+
+def largest_cost(sight: Sight, cost: Cost) -> float:
+    """Return the largest absolute cost of three sites that see each other."""
+    return float(_largest(sight.points, sight.edges, sight.begin, sight.near, *cost[:3]))
+
+
 def exclude(
-    candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units
+    candidates: Candidates,
+    weights: np.ndarray,
+    cost: Cost,
+    units: Units,
+    out: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (excluded edges in their order, which triangles (t,) are left).
 
-    weights: (t,) of the triangles, in `units`.
+    weights: (t,) of the triangles, in `units`; out (e,): edges that are excluded already.
     """
-    spans = np.abs(np.diff(candidates.points[candidates.edges], axis=1)).sum(axis=(1, 2))
-    queue = np.argsort(-spans, kind="stable")  # long edges go first and take many triangles along
+    queue = _longest_first(candidates.points, candidates.edges)
     excluded = np.empty(len(queue), dtype=np.int32)
     alive = np.ones(len(candidates.triangles), dtype=np.bool_)
+    if out is not None:
+        alive = ~out[candidates.sides].any(axis=1)
+        queue = queue[~out[queue]]
     how_many = _exclude(
         *candidates,
         weights,
@@ -49,6 +73,137 @@ def exclude(
         units.bits,
     )
     return excluded[:how_many].copy(), alive
+
+
+def _longest_first(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return edges in the order in which to look at them: a long one takes many triangles along."""
+    spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
+    return np.argsort(-spans, kind="stable")
+
+
+@njit(cache=True, nogil=True)
+def _largest(
+    points: np.ndarray,
+    edges: np.ndarray,
+    begin: np.ndarray,
+    near: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+) -> float:
+    most = 0.0
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        i, j = begin[a], begin[b]
+        while i < begin[a + 1] and j < begin[b + 1]:
+            if near[i] < near[j]:
+                i += 1
+            elif near[i] > near[j]:
+                j += 1
+            else:
+                c = near[i]
+                i += 1
+                j += 1
+                if c < b:
+                    continue
+                ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+                x, y = points[c, 0], points[c, 1]
+                value = triangle_cost(weights, function, custom, ax, ay, bx, by, x, y)
+                most = max(most, abs(value))
+    return most
+
+
+@njit(cache=True, nogil=True)
+def _thin(
+    points: np.ndarray,
+    edges: np.ndarray,
+    side: np.ndarray,
+    rings: np.ndarray,
+    begin: np.ndarray,
+    near: np.ndarray,
+    by: np.ndarray,
+    queue: np.ndarray,
+    excluded: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> int:
+    """Write the excluded edges; return how many they are."""
+    terms = (weights, function, custom, sign, scale, factor, bits)
+    gone = np.zeros(len(edges), dtype=np.bool_)
+    apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
+    count = np.empty(2, dtype=np.int64)
+    found = 0
+    for e in queue:
+        if side[e] != 0:
+            continue
+        a, b = edges[e, 0], edges[e, 1]
+        _apexes(points, side, begin, near, by, gone, a, b, apex, count)
+        for left in range(2):
+            for k in range(count[left]):
+                i, j, m = lowest_first(a, b, apex[left, k])
+                if left == 0:
+                    i, j, m = lowest_first(b, a, apex[left, k])
+                value[left, k] = weight(points, i, j, m, *terms)
+        kept = False
+        for p in range(count[1]):
+            for q in range(count[0]):
+                c, d = apex[1, p], apex[0, q]
+                total = value[1, p] + value[0, q]
+                if (
+                    not _can_be_flipped(points, a, b, c, d, total, *terms)
+                    and not holds_ring(points, rings, a, b, c, 1)
+                    and not holds_ring(points, rings, a, b, d, -1)
+                ):
+                    kept = True
+                    break
+            if kept:
+                break
+        if not kept:
+            gone[e] = True
+            excluded[found] = e
+            found += 1
+    return found
+
+
+@njit(cache=True)
+def _apexes(
+    points: np.ndarray,
+    side: np.ndarray,
+    begin: np.ndarray,
+    near: np.ndarray,
+    by: np.ndarray,
+    gone: np.ndarray,
+    a: int,
+    b: int,
+    apex: np.ndarray,
+    count: np.ndarray,
+) -> None:
+    """Write the third corners of the triangles left of a-b to `apex[1]`, of the others to [0]."""
+    count[:] = 0
+    i, j = begin[a], begin[b]
+    while i < begin[a + 1] and j < begin[b + 1]:
+        if near[i] < near[j]:
+            i += 1
+        elif near[i] > near[j]:
+            j += 1
+        else:
+            c, p, q = near[i], by[i], by[j]
+            i += 1
+            j += 1
+            if gone[p] or gone[q]:
+                continue
+            # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b.
+            left = turn(points, a, b, c) > 0.0
+            way = 1 if left else -1
+            b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
+            if side[q] != -b_to_c and side[p] != -c_to_a:
+                apex[int(left), count[int(left)]] = c
+                count[int(left)] += 1
 
 
 @njit(cache=True)
@@ -105,7 +260,7 @@ def _exclude(
     waiting = side == 0
     again = np.empty(count, dtype=np.int32)
     head, height, found = 0, 0, 0
-    while head < count or height > 0:
+    while head < len(queue) or height > 0:
         if height > 0:
             height -= 1
             e = again[height]

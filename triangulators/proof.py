@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.candidates import MOST, Candidates, candidates_of
+from triangulators.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
-from triangulators.local_minimality import exclude
+from triangulators.local_minimality import exclude, largest_cost, thin
 from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
 from triangulators.program import Solution, solve
+from triangulators.sight import Sight, sight_of
 from triangulators.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.units import Units, costs_of, units_for, weights_of
 
@@ -24,6 +25,8 @@ _WHOLE = 1e-6
 _MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
 _QUICK_WORK, _QUICK_ROWS = 10**7, 40_000  # the same, and rows of a program: some seconds
 _QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
+_MOST = 10**9  # the same: looking at each takes some minutes
+_LISTED = 2_000_000  # the same: beyond, edges are thinned before triangles are listed
 _ENDLESS = 2**60 - 1  # weight that no triangulation reaches
 
 
@@ -42,14 +45,12 @@ class Proof(NamedTuple):
 class _Search:
     """Branch and bound over one polygon's candidates."""
 
-    def __init__(
-        self, candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units, seconds: float
-    ) -> None:
-        self.candidates, self.weights, self.cost = candidates, weights, cost
-        self.units, self.seconds = units, seconds
+    def __init__(self, posed: "_Posed", cost: Cost, seconds: float) -> None:
+        self.candidates, self.weights, self.units = posed.candidates, posed.weights, posed.units
+        self.posed, self.cost, self.seconds = posed, cost, seconds
         # Without a time limit, work is limited to what takes seconds on any machine.
         self.timed = _is_timed(seconds)
-        self.light = weights / units.factor
+        self.light = posed.weights / posed.units.factor
         self.best = np.empty(0, dtype=np.int64)
         self.least = np.inf
 
@@ -67,16 +68,16 @@ class _Search:
             if table is not None:
                 if len(table.chosen):
                     self.offer(table.chosen)
-                return Leaf(table.potentials, 0)
+                return self._leaf(table.potentials, 0)
         elif parts.number == 2:
             across = ways_across(self.candidates, allowed, parts.of)
             most = _MOST_WORK if self.timed else _QUICK_WORK
             if across is not None and len(across.ways) * int(allowed.sum()) <= most:
                 return self._each_way(allowed, across, depth)
         if depth == 0:
-            self.offer(self._searched())
+            self._search()
         if self.seconds == 0.0 or (not self.timed and int(allowed.sum()) > _QUICK_ROWS):
-            return self._leaf(allowed, np.zeros(len(self.candidates.edges)))
+            return self._rounded(allowed, np.zeros(len(self.candidates.edges)))
         found = solve(self.candidates, self.light, allowed, self.best, self.seconds)
         if found.solved:
             whole = found.share > 1.0 - _WHOLE
@@ -85,12 +86,14 @@ class _Search:
                 self.offer(np.flatnonzero(whole))
             elif found.bound < self.least / self.units.factor - _WHOLE and depth < 40:
                 return self._branch(allowed, found, depth)
-        return self._leaf(allowed, found.potentials)
+        return self._rounded(allowed, found.potentials)
 
-    def _searched(self) -> np.ndarray:
+    def _search(self) -> None:
         """Improve the best by the local search, as a start that the linear program goes on from."""
         c = self.candidates
-        return _numbers(c, search_cuts(c.points, c.triangles[self.best], self.cost))
+        found = _numbers(c, search_cuts(c.points, c.triangles[self.best], self.cost))
+        if (found >= 0).all():  # otherwise it has edges that are in no optimum
+            self.offer(found)
 
     def _each_way(self, allowed: np.ndarray, across: Across, depth: int) -> Leaf | Branch:
         """Take each way to the other part as given; there must be one."""
@@ -104,7 +107,7 @@ class _Search:
         # No triangle is left at this side of the boundary: its potential may be what it likes.
         potentials = np.zeros(len(c.edges), dtype=np.int64)
         potentials[across.edge] = int(c.side[across.edge]) * _ENDLESS
-        node: Leaf | Branch = Leaf(potentials, 0)
+        node: Leaf | Branch = self._leaf(potentials, 0)
         for pair, within_it in reversed(found):
             node = Branch(pair, node, within_it)
         return node
@@ -121,14 +124,19 @@ class _Search:
         within = allowed & ~crossed(c.points, c.edges, a, b)[c.sides].any(axis=1)
         return Branch((a, b), self.node(without, depth + 1), self.node(within, depth + 1))
 
-    def _leaf(self, allowed: np.ndarray, light: np.ndarray) -> Leaf:
+    def _rounded(self, allowed: np.ndarray, light: np.ndarray) -> Leaf:
         """Round potentials to integers; the lift makes up for what that breaks."""
         c = self.candidates
         potentials = np.rint(light * self.units.factor).astype(np.int64)
         ahead = c.triangles < np.roll(c.triangles, -1, axis=1)
         around = np.where(ahead, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
         slack = (self.weights - around)[allowed]
-        return Leaf(potentials, min(int(slack.min()), 0) if len(slack) else 0)
+        return self._leaf(potentials, min(int(slack.min()), 0) if len(slack) else 0)
+
+    def _leaf(self, potentials: np.ndarray, lift: int) -> Leaf:
+        of_all = np.zeros(self.posed.edges, dtype=np.int64)
+        of_all[self.posed.kept] = potentials
+        return Leaf(of_all, lift)
 
 
 def prove(
@@ -140,42 +148,88 @@ def prove(
     seconds are infinite, programs of more than 40,000 triangles are not tried, and where they are 0
     none is, which gives a weak bound, too. None if the polygon has too many candidates.
     """
-    candidates = candidates_of(outline, triangles, MOST if _is_timed(seconds) else _QUICK)
-    if candidates is None:
+    sight = sight_of(outline, triangles)
+    most = _MOST if _is_timed(seconds) else _QUICK
+    many = how_many(sight, most)
+    if many > most:
         return None
-    costs = costs_of(candidates.points, candidates.triangles, *cost[:4])
-    start = _numbers(candidates, triangles)
-    largest, total = float(np.abs(costs).max()), float(np.abs(costs[start].sum()))
-    units = units_for(candidates.points, cost, largest, total, outline.expected_triangles)
-    weights = weights_of(candidates.points, candidates.triangles, *cost[:4], *units[:3])
-    excluded, alive = exclude(candidates, weights, cost, units)
-    search = _Search(candidates, weights, cost, units, seconds)
-    search.offer(start)
+    posed = _posed(outline, sight, triangles, cost, many > _LISTED)
+    candidates, units = posed.candidates, posed.units
+    excluded, alive = exclude(candidates, posed.weights, cost, units, posed.out)
+    search = _Search(posed, cost, seconds)
+    search.offer(_numbers(candidates, triangles))
     root = search.node(alive, 0)
-    evidence = Evidence(*units[:3], candidates.edges, excluded, root)
+    order = np.concatenate((posed.thinned, posed.kept[excluded]))
+    evidence = Evidence(*units[:3], sight.edges, order, root)
     total, factor = int(search.least), units.factor
-    bound = _bound(candidates, root, outline.expected_triangles)
+    bound = _bound(sight.side, root, outline.expected_triangles)
     gap = 0.0 if bound // factor >= total // factor else (total - bound) / abs(total)
     return Proof(candidates.triangles[search.best], evidence, gap)
+
+
+class _Posed(NamedTuple):
+    """What is searched: candidates with their weights (t,), among `edges` edges of the polygon.
+
+    kept (e,): the candidates' edges, by their numbers in the polygon; thinned (k,): edges that are
+    excluded before, in that order; out (e,): those of them that the start needs and that are kept.
+    """
+
+    candidates: Candidates
+    weights: np.ndarray
+    units: Units
+    edges: int
+    kept: np.ndarray
+    thinned: np.ndarray
+    out: np.ndarray
+
+
+def _posed(outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, many: bool) -> _Posed:
+    """Return candidates with weights; where there are `many`, edges are thinned before."""
+    points, count = sight.points, outline.expected_triangles
+    total = float(np.abs(costs_of(points, start, *cost[:4]).sum()))
+    thinned, out = np.empty(0, dtype=np.int32), np.zeros(len(sight.edges), dtype=np.bool_)
+    if many:
+        units = units_for(points, cost, largest_cost(sight, cost), total, count)
+        thinned = thin(sight, cost, units)
+        out[thinned] = True
+        kept = np.flatnonzero(~out | _has_edges(sight.edges, start, len(points)))
+        candidates = candidates_of(sight, kept)
+    else:
+        kept = np.arange(len(sight.edges))
+        candidates = candidates_of(sight)
+        costs = costs_of(points, candidates.triangles, *cost[:4])
+        units = units_for(points, cost, float(np.abs(costs).max()), total, count)
+    weights = weights_of(points, candidates.triangles, *cost[:4], *units[:3])
+    return _Posed(candidates, weights, units, len(sight.edges), kept, thinned, out[kept])
+
+
+def _has_edges(edges: np.ndarray, triangles: np.ndarray, n: int) -> np.ndarray:
+    """Return which edges (e,) are sides of triangles (m, 3)."""
+    sides = np.sort(np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1), axis=-1)
+    sides = sides.reshape(-1, 2).astype(np.int64)
+    keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]
+    return np.isin(keys, sides[:, 0] * n + sides[:, 1])
 
 
 def _is_timed(seconds: float) -> bool:
     return 0.0 < seconds < np.inf
 
 
-def _bound(candidates: Candidates, node: Leaf | Branch, count: int) -> int:
+def _bound(side: np.ndarray, node: Leaf | Branch, count: int) -> int:
     """Return the bound that evidence gives a triangulation of `count` triangles, in weights."""
     if isinstance(node, Branch):
-        return min(_bound(candidates, case, count) for case in (node.without, node.within))
-    return sum((node.potentials * candidates.side).tolist()) + node.lift * count
+        return min(_bound(side, case, count) for case in (node.without, node.within))
+    return sum((node.potentials * side).tolist()) + node.lift * count
 
 
 def _numbers(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the number of each triangle among the candidates."""
+    """Return the number of each triangle among the candidates, -1 where it is none."""
     n = len(candidates.points)
     keys = _keys(candidates.triangles, n)
     order = np.argsort(keys)
-    return order[np.searchsorted(keys[order], _keys(triangles, n))]
+    wanted = _keys(triangles, n)
+    at = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
 
 
 def _keys(triangles: np.ndarray, n: int) -> np.ndarray:

@@ -182,6 +182,7 @@ def test_what_is_proven_is_said_below():
     whole = {"proven": 500, "largest_gap": 0.0}
     some = {"proven": 497, "largest_gap": 0.00123}
     searched = {"proven": 0, "largest_gap": None}
+    unbounded = {"proven": 499, "largest_gap": 0.99999}
     text = printed(
         [
             record("ear-clipping"),
@@ -189,10 +190,12 @@ def test_what_is_proven_is_said_below():
             record("optimal:half-perimeter", 0.8, **whole),
             record("optimal:shape", 0.95, **some),
             record("optimal:edge-length", 0.97, **searched),
+            record("optimal:expected-quads", 0.97, **unbounded),
         ]
     )
     said = " ".join(text.split())
     assert "every polygon: optimal:overdraw, optimal:half-perimeter" in said
     assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in said
     assert "0 of 500 polygons: optimal:edge-length; the others were searched" in said
+    assert "499 of 500 polygons: optimal:expected-quads; of the others, some have no" in said
     assert "proven" not in printed(RECORDS)

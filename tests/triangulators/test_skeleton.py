@@ -12,6 +12,7 @@ from triangulators.certifying import certificate_of
 from triangulators.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
 from triangulators.proof import prove
+from triangulators.sight import sight_of
 from triangulators.starts import best_start
 
 
@@ -71,7 +72,7 @@ def test_connected_skeletons_need_no_program(monkeypatch):
 def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
     polygon = annulus(12, seed)
     outline, cost = posed(polygon)
-    everything = candidates_of(outline, best_start(outline, cost))
+    everything = candidates_of(sight_of(outline, best_start(outline, cost)))
     count = len(everything.triangles)
     # With nothing excluded the skeleton is the boundary alone, and all ways are many.
     parts = skeleton.parts_of(everything, np.ones(count, np.bool_))

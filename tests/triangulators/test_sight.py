@@ -1,0 +1,100 @@
+"""Search and checker find the same edges, each in its own way; thinning loses no optimum."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.triangulators.cases import shared, smooth, star, with_holes
+from tests.triangulators.test_skeleton import annulus, posed, proven
+from tests.triangulators.touching import touching_polygons
+from triangulators import certifying, proof, triangulate
+from triangulators.checker_visibility import visible
+from triangulators.sight import sight_of
+from triangulators.starts import best_start
+
+
+def comb(teeth: int) -> shapely.Polygon:
+    """Teeth that hide each other: long edges that stand in the way of most pairs."""
+    x = np.repeat(np.arange(teeth) * 4.0, 2)
+    shape = np.column_stack([x, np.tile([60.0, 2.0], teeth)])
+    return shapely.Polygon([(-3.0, 0.0), (4.0 * teeth, 0.0), *shape[::-1].tolist()])
+
+
+def sieve(seed: int) -> shapely.Polygon:
+    """A smooth outline with a hundred triangles for holes."""
+    rng = np.random.default_rng(seed)
+    shell = shapely.Polygon(shapely.get_coordinates(smooth(200)))
+    low_x, low_y, high_x, high_y = shell.bounds
+    size = min(high_x - low_x, high_y - low_y) / 16
+    holes = []
+    for x in np.arange(low_x, high_x, size):
+        for y in np.arange(low_y, high_y, size):
+            corners = np.rint((rng.uniform(0.1, 0.9, (3, 2)) * size + [x, y]) * 256) / 256
+            hole = shapely.Polygon(corners)
+            if hole.area > 0.01 * size**2 and shell.contains_properly(hole):
+                holes.append(corners)
+    return shapely.Polygon(shell.exterior, holes)
+
+
+def sites_in_many_boxes():
+    yield from (star(700, spread=0.5), smooth(900), comb(150), sieve(0), sieve(1))
+    yield from (polygon for _, polygon in shared("helsinki.json")[::60])
+
+
+def edges_of_both(polygon):
+    outline, cost = posed(polygon)
+    sight = sight_of(outline, best_start(outline, cost))
+    own = visible(outline.points, outline.edges, outline.site)
+    return sight.edges[sight.side == 0], np.sort(own, axis=1)
+
+
+def test_search_and_checker_see_the_same():
+    many = 0
+    for polygon in sites_in_many_boxes():
+        ours, checkers = edges_of_both(polygon)
+        assert len(np.unique(checkers, axis=0)) == len(checkers)
+        assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
+        many += len(ours)
+    assert many > 20_000
+
+
+def test_they_do_where_rings_touch():
+    for polygon in touching_polygons(5, 150):
+        ours, checkers = edges_of_both(polygon)
+        assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
+
+
+def test_neighbours_are_listed_in_order():
+    outline, cost = posed(star(60))
+    sight = sight_of(outline, best_start(outline, cost))
+    for v in range(len(sight.points)):
+        near = sight.near[sight.begin[v] : sight.begin[v + 1]]
+        over = sight.edges[sight.by[sight.begin[v] : sight.begin[v + 1]]]
+        assert (np.diff(near) > 0).all()
+        assert np.array_equal(np.sort(over, axis=1), np.sort(np.c_[np.full_like(near, v), near]))
+    assert len(sight.near) == 2 * len(sight.edges)
+
+
+@pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])
+def test_thinned_before_they_are_listed_candidates_prove_the_same(monkeypatch, name):
+    rng = np.random.default_rng(3)
+    polygons = [with_holes(rng, 40, 3), annulus(16, 1), star(150)]
+    expected = [proven(polygon, name)[0] for polygon in polygons]
+    monkeypatch.setattr(proof, "_LISTED", 0)
+    for polygon, cost in zip(polygons, expected, strict=True):
+        found, evidence = proven(polygon, name)
+        assert found == cost
+        assert len(evidence.excluded) > 0
+
+
+def test_a_start_of_excluded_edges_is_improved(monkeypatch):
+    polygon = star(80)
+    outline, cost = posed(polygon)
+    worst = outline.site[triangulate(polygon, "worst:half-perimeter")]
+    monkeypatch.setattr(proof, "_LISTED", 0)
+    found = proof.prove(outline, worst, cost)
+    optimum = certifying.certificate_of(outline, found.triangles, cost, found.evidence)
+    given = certifying.certificate_of(outline, worst, cost, found.evidence)
+    assert optimum.proven
+    assert not given.proven
+    assert given.lower_bound == optimum.lower_bound == proven(polygon)[0] < given.cost
