@@ -1,6 +1,5 @@
 """Millions of small polygons at once, over ragged arrays and in parallel."""
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
@@ -23,6 +22,7 @@ from triangulators.refined import refine_many, take_many, test_of
 from triangulators.registry import parse, triangulate
 from triangulators.small_holes import MOST_HOLES
 from triangulators.small_ring import SMALL
+from triangulators.threads import cores
 
 _CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 _ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
@@ -50,7 +50,7 @@ def attempt_many(
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    _attempt(polygons, name, check, threads or _cores(), CPU, parameters, work)
+    _attempt(polygons, name, check, threads or cores(), CPU, parameters, work)
     return Attempt(Triangulations(work.triangles, work.starts), work.done)
 
 
@@ -84,7 +84,7 @@ def triangulate_many(
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _Work.of(arrays)
-    _attempt(polygons, name, check, threads or _cores(), device, parameters, work)
+    _attempt(polygons, name, check, threads or cores(), device, parameters, work)
     if work.done.all():
         return Triangulations(work.triangles, work.starts, compiled=work.done)
     return _finish(arrays, polygons, name, parameters, work)
@@ -228,12 +228,6 @@ def _clipped(
             out = (work.starts, work.triangles, work.done)
             running.append(pool.submit(finish, first, last, *arrays, *how, *out))
         _wait(running)
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _share(

@@ -15,12 +15,16 @@ is enough to ask the box's corners, and orientations are exact. The edges asked 
 something from a before: what is near hides much.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numba import njit
 
 from triangulators.predicates import orient, turn
+from triangulators.threads import cores
 
 _BUCKET = 8  # sites in a box
+_FEW, _SLICES = 2000, 16  # sites from which on they are shared out among threads; slices
 _HIDING = 8  # edges that are asked whether they hide a box
 
 
@@ -44,9 +48,16 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     start, items = _fill(points, edges, low, size, cells)
     order = _near_each_other(points, np.unique(site).astype(np.int32))
     boxes = _boxes(points, order)
-    return _diagonals(
-        points, edges, following, corner_of, first, order, boxes, low, size, cells, start, items
-    )
+    sides = (points, edges, following, corner_of, first)
+    grid = (low, size, cells, start, items)
+    slices = _SLICES if len(order) > _FEW else 1
+
+    def each(number: int) -> np.ndarray:
+        found: np.ndarray = _diagonals(*sides, order, boxes, number, slices, *grid)
+        return found
+
+    with ThreadPoolExecutor(cores()) as pool:
+        return np.concatenate(list(pool.map(each, range(slices))))
 
 
 def _near_each_other(points: np.ndarray, sites: np.ndarray) -> np.ndarray:
@@ -175,8 +186,13 @@ def _meeting(
     cells: int,
     start: np.ndarray,
     items: np.ndarray,
+    asked: np.ndarray,
+    stamp: int,
 ) -> int:
-    """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge."""
+    """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge.
+
+    asked (b,): the stamp of the segment that each edge was last asked about.
+    """
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     first, last = _columns(ax, bx, low[0], size[0], cells)
     step = 1 if bx >= ax else -1  # from a on: what blocks is often near
@@ -186,6 +202,9 @@ def _meeting(
         for row in range(bottom, top + 1):
             cell = column * cells + row
             for place in range(start[cell], start[cell + 1]):
+                if asked[items[place]] == stamp:  # long edges are in many cells
+                    continue
+                asked[items[place]] = stamp
                 c, d = edges[items[place], 0], edges[items[place], 1]
                 if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
                     # Edges at an end leave it elsewhere, or the segment would not start inside;
@@ -286,7 +305,7 @@ def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _diagonals(
     points: np.ndarray,
     edges: np.ndarray,
@@ -295,16 +314,20 @@ def _diagonals(
     first: np.ndarray,
     order: np.ndarray,
     boxes: np.ndarray,
+    number: int,
+    slices: int,
     low: np.ndarray,
     size: np.ndarray,
     cells: int,
     start: np.ndarray,
     items: np.ndarray,
 ) -> np.ndarray:
+    """Return the pairs of every `slices`-th site of `order`, from `number` on, with later ones."""
     found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
     count = 0
     seen = np.empty(len(order), dtype=np.int32)
-    for i in range(len(order)):
+    asked = np.full(len(edges), -1, dtype=np.int64)
+    for i in range(number, len(order), slices):
         more = _seen_after(
             points,
             edges,
@@ -320,6 +343,7 @@ def _diagonals(
             cells,
             start,
             items,
+            asked,
         )
         if count + more > len(found):
             grown = np.empty((2 * (count + more), 2), dtype=np.int32)
@@ -347,6 +371,7 @@ def _seen_after(
     cells: int,
     start: np.ndarray,
     items: np.ndarray,
+    asked: np.ndarray,
 ) -> int:
     """Write the sites after `order[i]` that it sees to `seen`; return how many there are."""
     a, leaves = order[i], len(boxes) // 2
@@ -380,7 +405,8 @@ def _seen_after(
                 or _is_behind_one(points, a, hiding, known, b)
             ):
                 continue
-            met = _meeting(points, edges, a, b, low, size, cells, start, items)
+            stamp = np.int64(a) * len(points) + b
+            met = _meeting(points, edges, a, b, low, size, cells, start, items, asked, stamp)
             if met == -1:
                 seen[count] = b
                 count += 1

@@ -19,6 +19,7 @@ once and works out its triangles from what its ends see, so that nothing needs t
 `exclude` goes on with the few triangles that are left.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -28,15 +29,30 @@ from triangulators.candidates import Candidates, holds_ring
 from triangulators.cost import Cost, triangle_cost
 from triangulators.predicates import turn
 from triangulators.sight import Sight
+from triangulators.threads import cores
 from triangulators.units import Units, lowest_first, weight
+
+_AT_ONCE, _SLICES = 50_000, 8  # edges that are thinned at once, and in how many slices
 
 
 def thin(sight: Sight, cost: Cost, units: Units) -> np.ndarray:
     """Return edges that are in no optimum, in the order in which that is seen."""
     queue = _longest_first(sight.points, sight.edges)
-    excluded = np.empty(len(queue), dtype=np.int32)
-    how_many = _thin(*sight, queue, excluded, *cost[:4], units.scale, units.factor, units.bits)
-    return excluded[:how_many].copy()
+    terms = (*cost[:4], units.scale, units.factor, units.bits)
+    gone = np.zeros(len(sight.edges), dtype=np.bool_)
+    found = []
+    with ThreadPoolExecutor(cores()) as pool:
+        for begin in range(0, len(queue), _AT_ONCE):
+            # Each slice knows what went before all of them and what goes in itself. That does not
+            # depend on how many threads there are; and what goes with more triangles there, goes
+            # with fewer, so one slice's edges may come after another's.
+            slices = np.array_split(queue[begin : begin + _AT_ONCE], _SLICES)
+            jobs = [pool.submit(_thin, *sight, each, gone.copy(), *terms) for each in slices]
+            for job in jobs:
+                excluded = job.result()
+                gone[excluded] = True
+                found.append(excluded)
+    return np.concatenate(found)
 
 
 def largest_cost(sight: Sight, cost: Cost) -> float:
@@ -123,7 +139,7 @@ def _thin(
     near: np.ndarray,
     by: np.ndarray,
     queue: np.ndarray,
-    excluded: np.ndarray,
+    gone: np.ndarray,
     weights: np.ndarray,
     function: Any,
     custom: bool,
@@ -131,10 +147,10 @@ def _thin(
     scale: float,
     factor: int,
     bits: int,
-) -> int:
-    """Write the excluded edges; return how many they are."""
+) -> np.ndarray:
+    """Return edges of `queue` that are excluded, in order; marks them in `gone` (e,), too."""
+    excluded = np.empty(len(queue), dtype=np.int32)
     terms = (weights, function, custom, sign, scale, factor, bits)
-    gone = np.zeros(len(edges), dtype=np.bool_)
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
     count = np.empty(2, dtype=np.int64)
     found = 0
@@ -167,7 +183,7 @@ def _thin(
             gone[e] = True
             excluded[found] = e
             found += 1
-    return found
+    return excluded[:found].copy()
 
 
 @njit(cache=True)
