@@ -19,6 +19,7 @@ Shared with the rest of the package are the definitions: a polygon's boundary, t
 orientation and the criteria's features.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +30,9 @@ from triangulators.checker_visibility import visible
 from triangulators.cost import Cost, triangle_cost
 from triangulators.polygon import Boundary
 from triangulators.predicates import turn
+from triangulators.threads import cores
 
+_FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 _TOO_LARGE = 2**60  # weight of a triangle whose weight does not fit
 
 
@@ -42,23 +45,31 @@ def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     order = order[order >= 0]  # what is no edge needs no excluding
     if len(np.unique(order)) != len(order):
         raise Refused("an edge is excluded twice")
-    wrong = _replay(
-        edges.points,
-        edges.ends,
-        edges.ways,
-        edges.holes,
-        *_fans(edges.ends, len(edges.points)),
-        order,
-        excluded,
-        *_terms(cost, evidence),
-    )
-    if wrong == _TOO_LARGE:
-        raise Refused("a weight is too large for exact arithmetic")
-    if wrong >= 0:
-        a, b = edges.ends[wrong].tolist()
-        raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
+    _check_excluded(edges, order, _terms(cost, evidence))
+    excluded[order] = True
     problem = _problem_of(edges, excluded, cost, evidence)
     return _bound(problem, evidence, evidence.root, excluded, outline.expected_triangles)
+
+
+def _check_excluded(edges: "_Edges", order: np.ndarray, terms: tuple[Any, ...]) -> None:
+    """Raise `Refused` unless each edge of `order` may be excluded after those before it."""
+    turn_of = np.full(len(edges.ends), len(edges.ends), dtype=np.int64)
+    turn_of[order] = np.arange(len(order))
+    given = (edges.points, edges.ends, edges.ways, edges.holes)
+    fans = _fans(edges.ends, len(edges.points))
+    slices = _SLICES if len(order) > _FEW else 1
+
+    def wrong_one(number: int) -> int:
+        return int(_replay(*given, *fans, order[number::slices], turn_of, *terms))
+
+    # Each is checked by itself: which ones went before is known from their turns.
+    with ThreadPoolExecutor(cores()) as pool:
+        wrong = [number for number in pool.map(wrong_one, range(slices)) if number >= 0]
+    if _TOO_LARGE in wrong:
+        raise Refused("a weight is too large for exact arithmetic")
+    if wrong:
+        a, b = edges.ends[min(wrong, key=lambda e: turn_of[e])].tolist()
+        raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
 
 
 class _Edges(NamedTuple):
@@ -270,14 +281,16 @@ def _third_corners(
     start: np.ndarray,
     other: np.ndarray,
     over: np.ndarray,
-    out: np.ndarray,
+    turn_of: np.ndarray,
+    now: int,
     a: int,
     b: int,
     corners: np.ndarray,
 ) -> int:
     """Write c of each triangle a-b-c, counter-clockwise, to `corners`; return how many there are.
 
-    Triangles of edges that are not `out`. Those round a hole are among them.
+    Triangles of edges whose turn to be excluded is not before `now`. Those round a hole are among
+    them.
     """
     found = 0
     p, q = start[a], start[b]
@@ -290,7 +303,8 @@ def _third_corners(
         else:
             from_b, to_a = over[q], over[p]
             wrong = (1 if b > c else -1) * ways[from_b] > 0 or (1 if c > a else -1) * ways[to_a] > 0
-            if not (out[from_b] or out[to_a] or wrong) and turn(points, a, b, c) > 0.0:
+            there = turn_of[from_b] >= now and turn_of[to_a] >= now
+            if there and not wrong and turn(points, a, b, c) > 0.0:
                 corners[found] = c
                 found += 1
             p += 1
@@ -298,7 +312,7 @@ def _third_corners(
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _replay(
     points: np.ndarray,
     ends: np.ndarray,
@@ -307,8 +321,8 @@ def _replay(
     start: np.ndarray,
     other: np.ndarray,
     over: np.ndarray,
-    order: np.ndarray,
-    out: np.ndarray,
+    which: np.ndarray,
+    turn_of: np.ndarray,
     weights: np.ndarray,
     function: Any,
     custom: bool,
@@ -317,19 +331,21 @@ def _replay(
     factor: int,
     bits: int,
 ) -> int:
-    """Mark excluded edges in `out`; return the first that must not be excluded, or -1.
+    """Return the first edge of `which` that must not be excluded in its turn, or -1.
 
-    `_TOO_LARGE` where a weight is.
+    turn_of (e,): those that are excluded before it have a lower turn. `_TOO_LARGE` where a weight
+    is.
     """
     terms = (weights, function, custom, sign, scale, factor, bits)
     left, right = np.empty(len(points), dtype=np.int32), np.empty(len(points), dtype=np.int32)
     lefts, rights = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-    for e in order:
+    for e in which:
         if ways[e] != 0:
             return e
         a, b = ends[e, 0], ends[e, 1]
-        on_left = _third_corners(points, ways, start, other, over, out, a, b, left)
-        on_right = _third_corners(points, ways, start, other, over, out, b, a, right)
+        now = turn_of[e]
+        on_left = _third_corners(points, ways, start, other, over, turn_of, now, a, b, left)
+        on_right = _third_corners(points, ways, start, other, over, turn_of, now, b, a, right)
         for p in range(on_left):
             lefts[p] = _weight(points, a, b, left[p], *terms)
         for q in range(on_right):
@@ -349,7 +365,6 @@ def _replay(
                     and not _around_hole(points, holes, b, a, d, 1)
                 ):
                     return e
-        out[e] = True
     return -1
 
 

@@ -1,5 +1,7 @@
 """Search and checker find the same edges, each in its own way; thinning loses no optimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -7,7 +9,8 @@ import shapely
 from tests.triangulators.cases import shared, smooth, star, with_holes
 from tests.triangulators.test_skeleton import annulus, posed, proven
 from tests.triangulators.touching import touching_polygons
-from triangulators import certifying, proof, triangulate
+from triangulators import certifying, checker, checker_visibility, proof, triangulate
+from triangulators.certificate import Refused
 from triangulators.checker_visibility import visible
 from triangulators.sight import sight_of
 from triangulators.starts import best_start
@@ -98,3 +101,19 @@ def test_a_start_of_excluded_edges_is_improved(monkeypatch):
     assert optimum.proven
     assert not given.proven
     assert given.lower_bound == optimum.lower_bound == proven(polygon)[0] < given.cost
+
+
+def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
+    polygon = star(300)
+    outline, cost = posed(polygon)
+    found = proof.prove(outline, best_start(outline, cost), cost)
+    alone = visible(outline.points, outline.edges, outline.site)
+    bound = checker.lower_bound(outline, cost, found.evidence)
+    monkeypatch.setattr(checker_visibility, "_FEW", 0)
+    monkeypatch.setattr(checker, "_FEW", 0)
+    shared_out = visible(outline.points, outline.edges, outline.site)
+    assert set(map(tuple, shared_out.tolist())) == set(map(tuple, alone.tolist()))
+    assert checker.lower_bound(outline, cost, found.evidence) == bound
+    early = replace(found.evidence, excluded=found.evidence.excluded[::-1].copy())
+    with pytest.raises(Refused, match="is excluded, but"):
+        checker.lower_bound(outline, cost, early)
