@@ -157,7 +157,7 @@ def _proven(records: Sequence[Record]) -> list[str]:
 
 
 def _unproven(gap: float | None) -> str:
-    """Say how far polygons may be from the optimum; costs are not negative, so 100 % is anything."""
+    """Say how far polygons may be from the optimum; no cost is negative, so 100 % says nothing."""
     if gap is None:
         return "the others were searched"
     if round(gap, 4) >= 1.0:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
@@ -94,7 +95,13 @@ class GeoParquetWriter:
             if pa.types.is_null(kind):  # nothing but missing values in this batch
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
-        geometry = pa.array(_wkb(mesh, self._about), pa.binary())
+        starts, data = _wkb(mesh, self._about)
+        # Offsets of 64 bits only where 32 do not suffice: not every reader knows large_binary.
+        large = starts[-1] > np.iinfo(np.int32).max
+        offsets = starts if large else starts.astype(np.int32)
+        buffers = [None, pa.py_buffer(offsets), pa.py_buffer(data)]
+        kind = pa.large_binary() if large else pa.binary()
+        geometry = pa.Array.from_buffers(kind, mesh.polygons, buffers)
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
@@ -146,8 +153,11 @@ def _fitted(table: Any, schema: Any, pa: Any) -> Any:
         raise UsageError(f"the attributes change their type within the source: {error}") from error
 
 
-def _wkb(mesh: Mesh, about: About) -> list[bytes]:
-    """Each polygon's triangles as a little-endian WKB multi-polygon."""
+def _wkb(mesh: Mesh, about: About) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Each polygon's triangles as a little-endian WKB multi-polygon.
+
+    Returns (starts, data): polygon i is `data[starts[i]:starts[i + 1]]`.
+    """
     vertices: NDArray[np.float64] = about.in_source(mesh.vertices)
     dimensions = vertices.shape[1]
     extra = _WITH_Z if dimensions == 3 else 0
@@ -169,8 +179,17 @@ def _wkb(mesh: Mesh, about: About) -> list[bytes]:
     head = np.empty(mesh.polygons, np.dtype([("order", "u1"), ("type", "<u4"), ("parts", "<u4")]))
     head["order"], head["type"] = 1, _MULTIPOLYGON + extra
     head["parts"] = np.diff(mesh.triangle_starts)
-    heads, body, size = head.tobytes(), triangles.tobytes(), record.itemsize
-    starts = (mesh.triangle_starts * size).tolist()
-    return [
-        heads[9 * i : 9 * i + 9] + body[starts[i] : starts[i + 1]] for i in range(mesh.polygons)
-    ]
+    rows = np.arange(mesh.polygons + 1)
+    starts = mesh.triangle_starts * np.int64(record.itemsize) + rows * head.itemsize
+    data = np.empty(starts[-1], np.uint8)
+    data[starts[:-1, np.newaxis] + np.arange(head.itemsize)] = _bytes(head)
+    # A triangle's bytes are a window of the data, after one head more than polygons before it.
+    heads = np.repeat(rows[1:], np.diff(mesh.triangle_starts))
+    first = np.arange(len(triangles)) * record.itemsize + heads * head.itemsize
+    if len(first):
+        sliding_window_view(data, record.itemsize, writeable=True)[first] = _bytes(triangles)
+    return starts, data
+
+
+def _bytes(records: NDArray[Any]) -> NDArray[np.uint8]:
+    return records.view(np.uint8).reshape(len(records), records.itemsize)
