@@ -32,7 +32,7 @@ from triangulators.sight import Sight
 from triangulators.threads import cores
 from triangulators.units import Units, lowest_first, weight
 
-_AT_ONCE, _SLICES = 50_000, 8  # edges that are thinned at once, and in how many slices
+_AT_ONCE, _SLICES = 500, 4  # edges that are thinned at once, and in how many slices
 
 
 def thin(sight: Sight, cost: Cost, units: Units) -> np.ndarray:
@@ -43,15 +43,13 @@ def thin(sight: Sight, cost: Cost, units: Units) -> np.ndarray:
     found = []
     with ThreadPoolExecutor(cores()) as pool:
         for begin in range(0, len(queue), _AT_ONCE):
-            # Each slice knows what went before all of them and what goes in itself. That does not
-            # depend on how many threads there are; and what goes with more triangles there, goes
-            # with fewer, so one slice's edges may come after another's.
+            # Each slice knows what went before all of them, however many threads there are. What
+            # goes with more triangles there, goes with fewer, so they may come in any order.
             slices = np.array_split(queue[begin : begin + _AT_ONCE], _SLICES)
-            jobs = [pool.submit(_thin, *sight, each, gone.copy(), *terms) for each in slices]
-            for job in jobs:
-                excluded = job.result()
-                gone[excluded] = True
-                found.append(excluded)
+            jobs = [pool.submit(_thin, *sight, each, gone, *terms) for each in slices]
+            excluded = np.concatenate([job.result() for job in jobs])
+            gone[excluded] = True
+            found.append(excluded)
     return np.concatenate(found)
 
 
@@ -148,7 +146,7 @@ def _thin(
     factor: int,
     bits: int,
 ) -> np.ndarray:
-    """Return edges of `queue` that are excluded, in order; marks them in `gone` (e,), too."""
+    """Return edges of `queue` that are excluded where those in `gone` (e,) are."""
     excluded = np.empty(len(queue), dtype=np.int32)
     terms = (weights, function, custom, sign, scale, factor, bits)
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
@@ -180,7 +178,6 @@ def _thin(
             if kept:
                 break
         if not kept:
-            gone[e] = True
             excluded[found] = e
             found += 1
     return excluded[:found].copy()
