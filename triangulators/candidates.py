@@ -52,10 +52,11 @@ def candidates_of(sight: Sight, kept: np.ndarray | None = None) -> Candidates:
     return Candidates(points, edges, side, found, sides, start, items)
 
 
-def how_many(sight: Sight, most: int) -> int:
-    """Return at least how many candidates a polygon has at most; stops counting beyond `most`."""
-    first = np.searchsorted(sight.edges[:, 0], np.arange(len(sight.points) + 1))
-    return int(_count(first, sight.edges, len(sight.points), most))
+def how_many(sight: Sight, most: int, kept: np.ndarray | None = None) -> int:
+    """Return a number that a polygon's candidates do not exceed; stops counting beyond `most`."""
+    edges = sight.edges if kept is None else sight.edges[kept]
+    first = np.searchsorted(edges[:, 0], np.arange(len(sight.points) + 1))
+    return int(_count(first, edges, len(sight.points), most))
 
 
 @njit(cache=True, nogil=True)

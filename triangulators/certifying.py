@@ -38,7 +38,8 @@ def certify(
     bound is the table over all sub-polygons. Otherwise it is a linear program's over all empty
     triangles, checked in integers by `checker`; costs that are not whole on a grid are rounded
     down at the tenth digit of the total first. seconds: for each linear program; where they do not
-    suffice the bound is lower than it could be and nothing is proven.
+    suffice the bound is lower than it could be and nothing is proven. A polygon with more than
+    eight million empty triangles gets no bound if few of its edges can be excluded.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
     `InvalidPolygon`, `UnknownName`, and `ValueError` for a criterion that is a maximum.

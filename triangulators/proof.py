@@ -12,7 +12,7 @@ import numpy as np
 from triangulators.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
-from triangulators.local_minimality import exclude, largest_cost, thin
+from triangulators.local_minimality import exclude, largest_cost, share_thinned, thin
 from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
 from triangulators.program import Solution, solve
@@ -26,7 +26,9 @@ _MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
 _QUICK_WORK, _QUICK_ROWS = 10**7, 40_000  # the same, and rows of a program: some seconds
 _QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
 _MOST = 10**9  # the same: looking at each takes some minutes
-_LISTED = 2_000_000  # the same: beyond, edges are thinned before triangles are listed
+_LISTED = 8_000_000  # the same: beyond, edges are thinned before triangles are listed
+_LEFT = 64_000_000  # the same, after thinning: they are 6 GB
+_WORTH = 0.1  # share of edges to be excluded for thinning to be tried
 _ENDLESS = 2**60 - 1  # weight that no triangulation reaches
 
 
@@ -154,6 +156,8 @@ def prove(
     if many > most:
         return None
     posed = _posed(outline, sight, triangles, cost, many > _LISTED)
+    if posed is None:
+        return None
     candidates, units = posed.candidates, posed.units
     excluded, alive = exclude(candidates, posed.weights, cost, units, posed.out)
     search = _Search(posed, cost, seconds)
@@ -183,16 +187,25 @@ class _Posed(NamedTuple):
     out: np.ndarray
 
 
-def _posed(outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, many: bool) -> _Posed:
-    """Return candidates with weights; where there are `many`, edges are thinned before."""
+def _posed(
+    outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, many: bool
+) -> _Posed | None:
+    """Return candidates with weights; where there are `many`, edges are thinned before.
+
+    None where thinning leaves too many.
+    """
     points, count = sight.points, outline.expected_triangles
     total = float(np.abs(costs_of(points, start, *cost[:4]).sum()))
     thinned, out = np.empty(0, dtype=np.int32), np.zeros(len(sight.edges), dtype=np.bool_)
     if many:
         units = units_for(points, cost, largest_cost(sight, cost), total, count)
+        if share_thinned(sight, cost, units) < _WORTH:
+            return None
         thinned = thin(sight, cost, units)
         out[thinned] = True
         kept = np.flatnonzero(~out | _has_edges(sight.edges, start, len(points)))
+        if how_many(sight, _LEFT, kept) > _LEFT:
+            return None
         candidates = candidates_of(sight, kept)
     else:
         kept = np.arange(len(sight.edges))

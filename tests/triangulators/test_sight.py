@@ -84,10 +84,22 @@ def test_thinned_before_they_are_listed_candidates_prove_the_same(monkeypatch, n
     polygons = [with_holes(rng, 40, 3), annulus(16, 1), star(150)]
     expected = [proven(polygon, name)[0] for polygon in polygons]
     monkeypatch.setattr(proof, "_LISTED", 0)
+    monkeypatch.setattr(proof, "_WORTH", 0.0)
     for polygon, cost in zip(polygons, expected, strict=True):
         found, evidence = proven(polygon, name)
         assert found == cost
         assert len(evidence.excluded) > 0
+
+
+@pytest.mark.parametrize(("name", "value"), [("_WORTH", 1.0), ("_LEFT", 10)])
+def test_where_thinning_does_not_pay_there_is_no_bound_and_no_claim(monkeypatch, name, value):
+    polygon = annulus(16, 1)
+    triangles = triangulate(polygon, "delaunay")
+    monkeypatch.setattr(proof, "_LISTED", 0)
+    monkeypatch.setattr(proof, "_WORTH", 0.0)
+    monkeypatch.setattr(proof, name, value)
+    given = certifying.certify(polygon, triangles)
+    assert (given.proven, given.gap, given.lower_bound) == (False, np.inf, -np.inf)
 
 
 def test_a_start_of_excluded_edges_is_improved(monkeypatch):
