@@ -47,22 +47,25 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure with its interval, and whether it bears the claim out."""
+    """A figure with its interval, and whether it bears the claim out.
+
+    beside : what it is set against, in words
+    """
 
     value: float
     low: float
     high: float
     holds: bool
     percent: bool = False
+    beside: str = ""
 
     @property
     def written(self) -> str:
         """The figure and its interval."""
         form = "{:.2%}" if self.percent else "{:.3f}"
         value, low, high = (form.format(each) for each in (self.value, self.low, self.high))
-        return (
-            value if np.isnan(self.low) or self.low == self.high else f"{value} ({low} to {high})"
-        )
+        point = np.isnan(self.low) or self.low == self.high
+        return (value if point else f"{value} ({low} to {high})") + self.beside
 
 
 @dataclass(frozen=True)
@@ -116,9 +119,10 @@ def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Fig
     def check(evidence: Evidence) -> Figure | None:
         one = _correlation(evidence.correlations, criterion, measure)
         two = _correlation(evidence.correlations, other, measure)
-        if one is None or two is None:
-            return None
-        return Figure(*_ends(one), holds=one.low > two.high)
+        if one is None or two is None or (one.low == one.high and two.low == two.high):
+            return None  # of one polygon there is no interval
+        beside = f", {find(other).symbol} {two.written}"
+        return Figure(*_ends(one), holds=one.low > two.high, beside=beside)
 
     return check
 

@@ -148,3 +148,13 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     assert "validate: triangles" in out
     assert "no polygon without holes" in out
     assert Path("study/triangles/choice/gains.csv").is_file()
+
+
+def test_what_is_set_against_another_shows_both_and_needs_intervals():
+    table = correlations(**USUAL)
+    told = page([("city", Evidence(correlations=table))], "here")
+    assert "0.980 (0.970 to 0.990), A 0.860 (0.850 to 0.870) | holds" in told
+    alone = table.assign(ci_low=table["value"], ci_high=table["value"], polygons=1)
+    judged = verdicts(Evidence(correlations=alone))
+    better = [said for sentence, said in judged.items() if "intervals do not meet" in sentence]
+    assert better == [None, None]
