@@ -34,18 +34,17 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(sight: Sight, kept: np.ndarray | None = None) -> Candidates:
+def candidates_of(sight: Sight, room: int, kept: np.ndarray | None = None) -> Candidates:
     """Return the candidates of a polygon.
 
-    kept (e,): which of its edges may be used; all of them if None.
+    room: what `how_many` says; kept (e,): which of its edges may be used; all of them if None.
     """
     points, edges, side = sight[:3]
     if kept is not None:
         edges, side = edges[kept], side[kept]
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
-    count = _count(first, edges, len(points), 2**62)
-    found = np.empty((count, 3), dtype=np.int32)
-    sides = np.empty((count, 3), dtype=np.int32)
+    found = np.empty((room, 3), dtype=np.int32)
+    sides = np.empty((room, 3), dtype=np.int32)
     written = _list(points, first, edges, side, sight.rings, found, sides)
     found, sides = found[:written].copy(), sides[:written].copy()
     start, items = _by_edge(found, sides, len(edges))

@@ -19,7 +19,6 @@ Shared with the rest of the package are the definitions: a polygon's boundary, t
 orientation and the criteria's features.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from triangulators.checker_visibility import visible
 from triangulators.cost import Cost, triangle_cost
 from triangulators.polygon import Boundary
 from triangulators.predicates import turn
-from triangulators.threads import cores
+from triangulators.threads import shared_out
 
 _FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 _TOO_LARGE = 2**60  # weight of a triangle whose weight does not fit
@@ -63,8 +62,7 @@ def _check_excluded(edges: "_Edges", order: np.ndarray, terms: tuple[Any, ...]) 
         return int(_replay(*given, *fans, order[number::slices], turn_of, *terms))
 
     # Each is checked by itself: which ones went before is known from their turns.
-    with ThreadPoolExecutor(cores()) as pool:
-        wrong = [number for number in pool.map(wrong_one, range(slices)) if number >= 0]
+    wrong = [number for number in shared_out(wrong_one, slices) if number >= 0]
     if _TOO_LARGE in wrong:
         raise Refused("a weight is too large for exact arithmetic")
     if wrong:

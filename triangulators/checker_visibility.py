@@ -4,26 +4,25 @@ A segment is a diagonal if it starts into the interior at both ends and meets no
 edge. Boundary edges are kept by the cells of a grid, and a segment looks only into the cells that
 it runs through: which cells is computed with a margin, orientations are exact.
 
-Not every pair is tried. Sites that are near each other are kept in boxes, and these in a tree of
-boxes. From a site a,
-a box is passed over where all of it is behind one edge c-d of the boundary,
-
-    turn(a, c, x) > 0,  turn(a, d, x) < 0,  turn(c, d, x) < 0   with a on the left of c-d,
-
-or outside the angle between the sides at a. Both are made of half-planes, which are convex, so it
-is enough to ask the box's corners, and orientations are exact. The edges asked are those that hid
-something from a before: what is near hides much.
+Not every pair is tried: boxes of sites that one edge hides are passed over (`checker_boxes`), and
+those outside the angle between the sides at a site.
 """
-
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
 
+from triangulators.checker_boxes import (
+    boxes_of,
+    distance,
+    is_behind_one,
+    is_hidden,
+    near_each_other,
+    places_of,
+    to_front,
+)
 from triangulators.predicates import orient, turn
-from triangulators.threads import cores
+from triangulators.threads import shared_out
 
-_BUCKET = 8  # sites in a box
 _FEW, _SLICES = 2000, 16  # sites from which on they are shared out among threads; slices
 _HIDING = 8  # edges that are asked whether they hide a box
 
@@ -46,8 +45,8 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     low = points.min(axis=0)
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
     start, items = _fill(points, edges, low, size, cells)
-    order = _near_each_other(points, np.unique(site).astype(np.int32))
-    boxes = _boxes(points, order)
+    order = near_each_other(points, np.unique(site).astype(np.int32))
+    boxes = boxes_of(points, order)
     sides = (points, edges, following, corner_of, first)
     grid = (low, size, cells, start, items)
     slices = _SLICES if len(order) > _FEW else 1
@@ -56,18 +55,7 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
         found: np.ndarray = _diagonals(*sides, order, boxes, number, slices, *grid)
         return found
 
-    with ThreadPoolExecutor(cores()) as pool:
-        return np.concatenate(list(pool.map(each, range(slices))))
-
-
-def _near_each_other(points: np.ndarray, sites: np.ndarray) -> np.ndarray:
-    """Order sites along a Z-shaped curve, by the bits of x and y in turns (Morton order)."""
-    low = points.min(axis=0)
-    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
-    cells = np.floor((points[sites] - low) / size * 65535.0).astype(np.int64)
-    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        cells = (cells | (cells << shift)) & mask
-    return sites[np.argsort(cells[:, 0] | (cells[:, 1] << 1), kind="stable")]
+    return np.concatenate(shared_out(each, slices))
 
 
 @njit(cache=True)
@@ -218,40 +206,6 @@ def _meeting(
 
 
 @njit(cache=True)
-def _boxes(points: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return a binary tree of boxes (2 k, 2, 2), low and high corner: node i has 2 i and 2 i + 1.
-
-    Node k + l holds the sites `order[8 l:8 l + 8]`; boxes of nothing have low > high.
-    """
-    leaves = 1
-    while leaves * _BUCKET < len(order):
-        leaves *= 2
-    boxes = np.empty((2 * leaves, 2, 2))
-    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
-    for place in range(len(order)):
-        node = leaves + place // _BUCKET
-        while node > 0:
-            for axis in range(2):
-                x = points[order[place], axis]
-                boxes[node, 0, axis] = min(boxes[node, 0, axis], x)
-                boxes[node, 1, axis] = max(boxes[node, 1, axis], x)
-            node //= 2
-    return boxes
-
-
-@njit(cache=True)
-def _behind(points: np.ndarray, a: int, c: int, d: int, x: float, y: float) -> bool:
-    """Whether the segment from a to (x, y) crosses the edge c-d, which has a on its left."""
-    ax, ay, cx, cy = points[a, 0], points[a, 1], points[c, 0], points[c, 1]
-    dx, dy = points[d, 0], points[d, 1]
-    return (
-        orient(cx, cy, dx, dy, x, y) < 0.0
-        and orient(ax, ay, cx, cy, x, y) > 0.0
-        and orient(ax, ay, dx, dy, x, y) < 0.0
-    )
-
-
-@njit(cache=True)
 def _outside(
     points: np.ndarray,
     edges: np.ndarray,
@@ -274,33 +228,6 @@ def _outside(
             right_of_in &= orient(px, py, ax, ay, x, y) <= 0.0
         convex = turn(points, before, a, after) > 0.0
         if (right_of_out and right_of_in) or (convex and (right_of_out or right_of_in)):
-            return True
-    return False
-
-
-@njit(cache=True)
-def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, count: int, box: np.ndarray) -> bool:
-    """Whether all of a box is behind one of the first `count` edges of `hiding`; it goes first."""
-    for place in range(count):
-        c, d = hiding[place, 0], hiding[place, 1]
-        if (
-            _behind(points, a, c, d, box[0, 0], box[0, 1])
-            and _behind(points, a, c, d, box[1, 0], box[1, 1])
-            and _behind(points, a, c, d, box[0, 0], box[1, 1])
-            and _behind(points, a, c, d, box[1, 0], box[0, 1])
-        ):
-            _to_front(hiding, place)
-            return True
-    return False
-
-
-@njit(cache=True)
-def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b: int) -> bool:
-    """Whether the site b is behind one of the first `count` edges of `hiding`; it goes first."""
-    for place in range(count):
-        c, d = hiding[place, 0], hiding[place, 1]
-        if _behind(points, a, c, d, points[b, 0], points[b, 1]):
-            _to_front(hiding, place)
             return True
     return False
 
@@ -383,17 +310,17 @@ def _seen_after(
     while height > 0:
         height -= 1
         node = waiting[height]
-        begin, end = _places(node, leaves, len(order))
+        begin, end = places_of(node, leaves, len(order))
         if (
             end <= max(begin, i + 1)
             or _outside(points, edges, following, corner_of, first, a, boxes[node])
-            or _is_hidden(points, a, hiding, known, boxes[node])
+            or is_hidden(points, a, hiding, known, boxes[node])
         ):
             continue
         if node < leaves:
             # The nearer one first: what is near hides what is far.
             nearer = 2 * node + int(
-                _distance(points, a, boxes[2 * node + 1]) < _distance(points, a, boxes[2 * node])
+                distance(points, a, boxes[2 * node + 1]) < distance(points, a, boxes[2 * node])
             )
             waiting[height], waiting[height + 1] = nearer ^ 1, nearer
             height += 2
@@ -402,7 +329,7 @@ def _seen_after(
             if (
                 not _starts_inside(points, edges, following, corner_of, first, a, b)
                 or not _starts_inside(points, edges, following, corner_of, first, b, a)
-                or _is_behind_one(points, a, hiding, known, b)
+                or is_behind_one(points, a, hiding, known, b)
             ):
                 continue
             stamp = np.int64(a) * len(points) + b
@@ -417,32 +344,5 @@ def _seen_after(
                     known = min(known + 1, _HIDING)
                     hiding[known - 1, 0] = c if way > 0.0 else d
                     hiding[known - 1, 1] = d if way > 0.0 else c
-                    _to_front(hiding, known - 1)
+                    to_front(hiding, known - 1)
     return count
-
-
-@njit(cache=True)
-def _distance(points: np.ndarray, a: int, box: np.ndarray) -> float:
-    """Return the squared distance of a site from a box."""
-    x = max(box[0, 0] - points[a, 0], points[a, 0] - box[1, 0], 0.0)
-    y = max(box[0, 1] - points[a, 1], points[a, 1] - box[1, 1], 0.0)
-    return x * x + y * y
-
-
-@njit(cache=True)
-def _places(node: int, leaves: int, count: int) -> tuple[int, int]:
-    """Return the first place of a node's sites, and the one after the last."""
-    span = _BUCKET
-    while node < leaves:
-        node *= 2
-        span *= 2
-    begin = (node - leaves) * _BUCKET
-    return begin, min(begin + span, count)
-
-
-@njit(cache=True)
-def _to_front(hiding: np.ndarray, place: int) -> None:
-    c, d = hiding[place, 0], hiding[place, 1]
-    for at in range(place, 0, -1):
-        hiding[at] = hiding[at - 1]
-    hiding[0, 0], hiding[0, 1] = c, d

@@ -28,7 +28,7 @@ from numba import njit
 from triangulators.candidates import Candidates, holds_ring
 from triangulators.cost import Cost, triangle_cost
 from triangulators.predicates import turn
-from triangulators.sight import Sight
+from triangulators.sight import Fans, Sight
 from triangulators.threads import cores
 from triangulators.units import Units, lowest_first, weight
 
@@ -36,36 +36,33 @@ _SAMPLE = 1000  # edges to judge by whether thinning is worth its time
 _AT_ONCE, _SLICES = 500, 4  # edges that are thinned at once, and in how many slices
 
 
-def thin(sight: Sight, cost: Cost, units: Units) -> np.ndarray:
-    """Return edges that are in no optimum, in the order in which that is seen."""
+def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np.ndarray | None:
+    """Return edges that are in no optimum, in the order in which that is seen.
+
+    None where less than the share `worth` of a few edges is seen to be in none.
+    """
     queue = _longest_first(sight.points, sight.edges)
-    terms = (*cost[:4], units.scale, units.factor, units.bits)
+    given, terms = (*sight, *fans), (*cost[:4], units.scale, units.factor, units.bits)
     gone = np.zeros(len(sight.edges), dtype=np.bool_)
+    few = queue[:: max(1, len(queue) // _SAMPLE)]
+    if len(_thin(*given, few, gone, *terms)) < worth * len(few):
+        return None
     found = []
     with ThreadPoolExecutor(cores()) as pool:
         for begin in range(0, len(queue), _AT_ONCE):
             # Each slice knows what went before all of them, however many threads there are. What
             # goes with more triangles there, goes with fewer, so they may come in any order.
             slices = np.array_split(queue[begin : begin + _AT_ONCE], _SLICES)
-            jobs = [pool.submit(_thin, *sight, each, gone, *terms) for each in slices]
+            jobs = [pool.submit(_thin, *given, each, gone, *terms) for each in slices]
             excluded = np.concatenate([job.result() for job in jobs])
             gone[excluded] = True
             found.append(excluded)
     return np.concatenate(found)
 
 
-def share_thinned(sight: Sight, cost: Cost, units: Units) -> float:
-    """Return about what share of the edges `thin` would exclude, at least, by looking at a few."""
-    queue = _longest_first(sight.points, sight.edges)
-    few = queue[:: max(1, len(queue) // _SAMPLE)]
-    none = np.zeros(len(sight.edges), dtype=np.bool_)
-    terms = (*cost[:4], units.scale, units.factor, units.bits)
-    return len(_thin(*sight, few, none, *terms)) / len(few)
-
-
-def largest_cost(sight: Sight, cost: Cost) -> float:
+def largest_cost(sight: Sight, fans: Fans, cost: Cost) -> float:
     """Return the largest absolute cost of three sites that see each other."""
-    return float(_largest(sight.points, sight.edges, sight.begin, sight.near, *cost[:3]))
+    return float(_largest(sight.points, sight.edges, fans.begin, fans.near, *cost[:3]))
 
 
 def exclude(
@@ -116,21 +113,13 @@ def _largest(
     custom: bool,
 ) -> float:
     most = 0.0
+    both = np.empty((len(points), 2), dtype=np.int64)
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
-        i, j = begin[a], begin[b]
-        while i < begin[a + 1] and j < begin[b + 1]:
-            if near[i] < near[j]:
-                i += 1
-            elif near[i] > near[j]:
-                j += 1
-            else:
-                c = near[i]
-                i += 1
-                j += 1
-                if c < b:
-                    continue
-                ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+        for k in range(_seen_by_both(begin, near, a, b, both)):
+            c = near[both[k, 0]]
+            if c > b:
                 x, y = points[c, 0], points[c, 1]
                 value = triangle_cost(weights, function, custom, ax, ay, bx, by, x, y)
                 most = max(most, abs(value))
@@ -160,13 +149,13 @@ def _thin(
     excluded = np.empty(len(queue), dtype=np.int32)
     terms = (weights, function, custom, sign, scale, factor, bits)
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
-    count = np.empty(2, dtype=np.int64)
+    count, both = np.empty(2, dtype=np.int64), np.empty((len(points), 2), dtype=np.int64)
     found = 0
     for e in queue:
         if side[e] != 0:
             continue
         a, b = edges[e, 0], edges[e, 1]
-        _apexes(points, side, begin, near, by, gone, a, b, apex, count)
+        _apexes(points, side, begin, near, by, gone, a, b, apex, count, both)
         for left in range(2):
             for k in range(count[left]):
                 i, j, m = lowest_first(a, b, apex[left, k])
@@ -205,9 +194,27 @@ def _apexes(
     b: int,
     apex: np.ndarray,
     count: np.ndarray,
+    both: np.ndarray,
 ) -> None:
     """Write the third corners of the triangles left of a-b to `apex[1]`, of the others to [0]."""
     count[:] = 0
+    for k in range(_seen_by_both(begin, near, a, b, both)):
+        c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]
+        if gone[p] or gone[q]:
+            continue
+        # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b.
+        left = turn(points, a, b, c) > 0.0
+        way = 1 if left else -1
+        b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
+        if side[q] != -b_to_c and side[p] != -c_to_a:
+            apex[int(left), count[int(left)]] = c
+            count[int(left)] += 1
+
+
+@njit(cache=True)
+def _seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.ndarray) -> int:
+    """Write where the sites that a and b see stand in `near`, for each of them; return how many."""
+    found = 0
     i, j = begin[a], begin[b]
     while i < begin[a + 1] and j < begin[b + 1]:
         if near[i] < near[j]:
@@ -215,18 +222,11 @@ def _apexes(
         elif near[i] > near[j]:
             j += 1
         else:
-            c, p, q = near[i], by[i], by[j]
+            both[found, 0], both[found, 1] = i, j
+            found += 1
             i += 1
             j += 1
-            if gone[p] or gone[q]:
-                continue
-            # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b.
-            left = turn(points, a, b, c) > 0.0
-            way = 1 if left else -1
-            b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
-            if side[q] != -b_to_c and side[p] != -c_to_a:
-                apex[int(left), count[int(left)]] = c
-                count[int(left)] += 1
+    return found
 
 
 @njit(cache=True)

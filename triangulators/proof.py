@@ -12,11 +12,11 @@ import numpy as np
 from triangulators.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
-from triangulators.local_minimality import exclude, largest_cost, share_thinned, thin
+from triangulators.local_minimality import exclude, largest_cost, thin
 from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
 from triangulators.program import Solution, solve
-from triangulators.sight import Sight, sight_of
+from triangulators.sight import Sight, fans_of, sight_of
 from triangulators.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.units import Units, costs_of, units_for, weights_of
 
@@ -152,10 +152,10 @@ def prove(
     """
     sight = sight_of(outline, triangles)
     most = _MOST if _is_timed(seconds) else _QUICK
-    many = how_many(sight, most)
-    if many > most:
+    room = how_many(sight, most)
+    if room > most:
         return None
-    posed = _posed(outline, sight, triangles, cost, many > _LISTED)
+    posed = _posed(outline, sight, triangles, cost, room)
     if posed is None:
         return None
     candidates, units = posed.candidates, posed.units
@@ -188,28 +188,30 @@ class _Posed(NamedTuple):
 
 
 def _posed(
-    outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, many: bool
+    outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, room: int
 ) -> _Posed | None:
-    """Return candidates with weights; where there are `many`, edges are thinned before.
+    """Return candidates with weights; where there are many, edges are thinned before.
 
-    None where thinning leaves too many.
+    room: what `how_many` says. None where thinning leaves too many, or does not pay.
     """
     points, count = sight.points, outline.expected_triangles
     total = float(np.abs(costs_of(points, start, *cost[:4]).sum()))
-    thinned, out = np.empty(0, dtype=np.int32), np.zeros(len(sight.edges), dtype=np.bool_)
-    if many:
-        units = units_for(points, cost, largest_cost(sight, cost), total, count)
-        if share_thinned(sight, cost, units) < _WORTH:
+    out = np.zeros(len(sight.edges), dtype=np.bool_)
+    if room > _LISTED:
+        fans = fans_of(sight)
+        units = units_for(points, cost, largest_cost(sight, fans, cost), total, count)
+        thinned = thin(sight, fans, cost, units, _WORTH)
+        if thinned is None:
             return None
-        thinned = thin(sight, cost, units)
         out[thinned] = True
         kept = np.flatnonzero(~out | _has_edges(sight.edges, start, len(points)))
-        if how_many(sight, _LEFT, kept) > _LEFT:
+        room = how_many(sight, _LEFT, kept)
+        if room > _LEFT:
             return None
-        candidates = candidates_of(sight, kept)
+        candidates = candidates_of(sight, room, kept)
     else:
-        kept = np.arange(len(sight.edges))
-        candidates = candidates_of(sight)
+        thinned, kept = np.empty(0, dtype=np.int32), np.arange(len(sight.edges))
+        candidates = candidates_of(sight, room)
         costs = costs_of(points, candidates.triangles, *cost[:4])
         units = units_for(points, cost, float(np.abs(costs).max()), total, count)
     weights = weights_of(points, candidates.triangles, *cost[:4], *units[:3])

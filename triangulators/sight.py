@@ -15,14 +15,21 @@ class Sight(NamedTuple):
 
     points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
     boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. rings (h, 4):
-    sites of each hole (see `holds_ring` of `candidates`). begin (n + 1,), near (2 e,) and by
-    (2 e,): `near[begin[v]:begin[v + 1]]` are the sites that v sees, ascending, over the edges `by`.
+    sites of each hole (see `holds_ring` of `candidates`).
     """
 
     points: np.ndarray
     edges: np.ndarray
     side: np.ndarray
     rings: np.ndarray
+
+
+class Fans(NamedTuple):
+    """What each site sees: v the sites `near[begin[v]:begin[v + 1]]`, ascending.
+
+    begin (n + 1,); near (2 e,); by (2 e,): the numbers of the edges over which they are seen.
+    """
+
     begin: np.ndarray
     near: np.ndarray
     by: np.ndarray
@@ -39,7 +46,12 @@ def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
     pairs = visible_sites(points, triangles, neighbours(triangles, len(points)))
     edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     side = _sides_of_boundary(edges, outline.edges, len(points))
-    return Sight(points, edges, side, _ring_samples(outline), *_lists(edges, len(points)))
+    return Sight(points, edges, side, _ring_samples(outline))
+
+
+def fans_of(sight: Sight) -> Fans:
+    """Return the edges by their ends, from both."""
+    return Fans(*_lists(sight.edges, len(sight.points)))
 
 
 def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> np.ndarray:
@@ -67,7 +79,7 @@ def _ring_samples(outline: Boundary) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _lists(edges: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (begin, near, by) of `Sight`."""
+    """Return (begin, near, by) of `Fans`."""
     begin = np.zeros(count + 1, dtype=np.int64)
     for e in range(len(edges)):
         begin[edges[e, 0] + 1] += 1

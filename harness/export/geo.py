@@ -21,6 +21,7 @@ from harness.export.writer import About, Output, plain
 from scenes.projection import system
 
 _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
+_MOST_BYTES = 2**31 - 1  # that offsets of 32 bits reach
 
 
 class GeoJsonWriter:
@@ -95,13 +96,7 @@ class GeoParquetWriter:
             if pa.types.is_null(kind):  # nothing but missing values in this batch
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
-        starts, data = _wkb(mesh, self._about)
-        # Offsets of 64 bits only where 32 do not suffice: not every reader knows large_binary.
-        large = starts[-1] > np.iinfo(np.int32).max
-        offsets = starts if large else starts.astype(np.int32)
-        buffers = [None, pa.py_buffer(offsets), pa.py_buffer(data)]
-        kind = pa.large_binary() if large else pa.binary()
-        geometry = pa.Array.from_buffers(kind, mesh.polygons, buffers)
+        geometry = _binary(*_wkb(mesh, self._about), pa)
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
@@ -151,6 +146,23 @@ def _fitted(table: Any, schema: Any, pa: Any) -> Any:
         return table.select(schema.names).cast(schema)
     except (pa.ArrowException, KeyError, ValueError) as error:
         raise UsageError(f"the attributes change their type within the source: {error}") from error
+
+
+def _binary(starts: NDArray[np.int64], data: NDArray[np.uint8], pa: Any) -> Any:
+    """Return a chunked array of `data[starts[i]:starts[i + 1]]`; 32 bits count each chunk."""
+    chunks: list[Any] = []
+    first, rows = 0, len(starts) - 1
+    while first < rows or not chunks:
+        last = int(np.searchsorted(starts, starts[first] + _MOST_BYTES, side="right")) - 1
+        last = min(max(last, first + 1), rows)
+        if starts[last] - starts[first] > _MOST_BYTES:
+            raise UsageError("a polygon's triangles take more than 2 GiB: write another format")
+        offsets = (starts[first : last + 1] - starts[first]).astype(np.int32)
+        part = data[starts[first] : starts[last]]
+        buffers = [None, pa.py_buffer(offsets), pa.py_buffer(part)]
+        chunks.append(pa.Array.from_buffers(pa.binary(), last - first, buffers))
+        first = last
+    return pa.chunked_array(chunks, pa.binary())
 
 
 def _wkb(mesh: Mesh, about: About) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow
 import pyogrio
 import pytest
 import shapely
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from harness.errors import UsageError
-from harness.export import FORMATS, export_file
+from harness.export import FORMATS, export_file, geo
 from harness.export.mesh import heights
 from scenes import SceneError, load
 
@@ -397,3 +398,15 @@ def test_a_sqlite_file_is_no_output_format(tmp_path):
     sqlite3.connect(path).close()
     with pytest.raises(UsageError, match="no suffix of a known format"):
         export_file("paper", path)
+
+
+def test_geometry_beyond_what_offsets_count_is_cut_into_chunks(monkeypatch):
+    starts, data = np.array([0, 3, 3, 7, 12]), np.arange(12, dtype=np.uint8)
+    for most in (5, 7, 2**31 - 1):
+        monkeypatch.setattr(geo, "_MOST_BYTES", most)
+        found = geo._binary(starts, data, pyarrow)
+        assert found.to_pylist() == [b"\0\1\2", b"", b"\3\4\5\6", bytes(range(7, 12))]
+        assert found.type == pyarrow.binary()
+    monkeypatch.setattr(geo, "_MOST_BYTES", 4)
+    with pytest.raises(UsageError, match="2 GiB"):
+        geo._binary(starts, data, pyarrow)

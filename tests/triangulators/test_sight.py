@@ -12,7 +12,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import certifying, checker, checker_visibility, proof, triangulate
 from triangulators.certificate import Refused
 from triangulators.checker_visibility import visible
-from triangulators.sight import sight_of
+from triangulators.sight import fans_of, sight_of
 from triangulators.starts import best_start
 
 
@@ -70,12 +70,13 @@ def test_they_do_where_rings_touch():
 def test_neighbours_are_listed_in_order():
     outline, cost = posed(star(60))
     sight = sight_of(outline, best_start(outline, cost))
+    fans = fans_of(sight)
     for v in range(len(sight.points)):
-        near = sight.near[sight.begin[v] : sight.begin[v + 1]]
-        over = sight.edges[sight.by[sight.begin[v] : sight.begin[v + 1]]]
+        near = fans.near[fans.begin[v] : fans.begin[v + 1]]
+        over = sight.edges[fans.by[fans.begin[v] : fans.begin[v + 1]]]
         assert (np.diff(near) > 0).all()
         assert np.array_equal(np.sort(over, axis=1), np.sort(np.c_[np.full_like(near, v), near]))
-    assert len(sight.near) == 2 * len(sight.edges)
+    assert len(fans.near) == 2 * len(sight.edges)
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])

@@ -6,7 +6,7 @@ import shapely
 
 from tests.triangulators.cases import glyphs, with_holes
 from triangulators import criteria, program, proof, skeleton
-from triangulators.candidates import candidates_of
+from triangulators.candidates import candidates_of, how_many
 from triangulators.certificate import Branch, Leaf
 from triangulators.certifying import certificate_of
 from triangulators.cost import cost_of
@@ -72,7 +72,8 @@ def test_connected_skeletons_need_no_program(monkeypatch):
 def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
     polygon = annulus(12, seed)
     outline, cost = posed(polygon)
-    everything = candidates_of(sight_of(outline, best_start(outline, cost)))
+    sight = sight_of(outline, best_start(outline, cost))
+    everything = candidates_of(sight, how_many(sight, proof._LISTED))
     count = len(everything.triangles)
     # With nothing excluded the skeleton is the boundary alone, and all ways are many.
     parts = skeleton.parts_of(everything, np.ones(count, np.bool_))
