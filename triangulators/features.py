@@ -12,6 +12,8 @@ import math
 import numpy as np
 from numba import njit, types
 
+from triangulators.predicates import twice_area
+
 SIGNATURE = types.float64(*[types.float64] * 6)
 """The form of a feature and of a user's own criterion: three points as six numbers."""
 
@@ -46,7 +48,7 @@ def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 @njit(cache=True)
 def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Deviation from equilateral (D): |60-q| + |60-r| + |60-n| over the angles, in degrees."""
-    cross = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    cross = twice_area(ax, ay, bx, by, cx, cy)
     q = math.atan2(cross, (bx - ax) * (cx - ax) + (by - ay) * (cy - ay))
     r = math.atan2(cross, (ax - bx) * (cx - bx) + (ay - by) * (cy - by))
     third = math.pi / 3.0

@@ -1,4 +1,7 @@
-"""The orientation predicate, exact in sign for every double (no overflow or underflow).
+"""The orientation predicate, exact in sign for doubles up to 1e150 (no overflow).
+
+Where products would fall below what a double holds, all is scaled up first. That reaches down to
+1e-290 of the largest coordinate: what two smaller ones have as their product counts as nothing.
 
 A float64 filter decides almost all calls; the rest are evaluated without rounding as an expansion.
 Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
@@ -10,6 +13,9 @@ from numba import njit
 
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
 FILTER = 3.3306690738754716e-16
+_NEARLY_NOTHING = 1e-250  # a product above it has an error that float64 holds
+_NO_UNDERFLOW = 1e-125  # its square does not fall below that
+_ACCURATE = 1e-4  # share of its products that a determinant keeps, which so has eleven digits
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
@@ -49,13 +55,32 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    largest, least = 0.0, np.inf
+    for x in (ax, ay, bx, by, cx, cy):
+        largest = max(largest, abs(x))
+        least = abs(x) if 0.0 < abs(x) < least else least
+    if least >= _NO_UNDERFLOW:
+        return _expanded(ax, ay, bx, by, cx, cy)
+    # Powers of two change no digit: make the largest 2^500, so that its products have room below.
+    up = 2.0 ** (500 - np.ceil(np.log2(largest))) if largest > 2.0**-500 else 2.0**1000
+    found = _expanded(ax * up, ay * up, bx * up, by * up, cx * up, cy * up)
+    down = found / up / up
+    return down if down != 0.0 or found == 0.0 else np.copysign(5e-324, found)
+
+
+@njit(cache=True, nogil=True)
+def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     expansion = np.empty(13)
     length = 0
     for left, right in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
         rounded, error = _product(left, right)
         length = _grow(expansion, length, error)
         length = _grow(expansion, length, rounded)
-    return expansion[length - 1]
+    # Components do not overlap: the last has the sign, the others up to half of the value.
+    total = 0.0
+    for index in range(length):
+        total += expansion[index]
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -76,15 +101,33 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     left = (ax - cx) * (by - cy)
     right = (ay - cy) * (bx - cx)
     determinant = left - right
-    if abs(determinant) > FILTER * (abs(left) + abs(right)):
+    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _NEARLY_NOTHING:
         return determinant
-    if _exact_difference(ax, cx, by, cy) and _exact_difference(ay, cy, bx, cx):
+    if (
+        _exact_difference(ax, cx, by, cy)
+        and _exact_difference(ay, cy, bx, cx)
+        and (abs(left) > _NEARLY_NOTHING or ax == cx or by == cy)
+        and (abs(right) > _NEARLY_NOTHING or ay == cy or bx == cx)
+    ):
         left, left_error = _product(ax - cx, by - cy)
         right, right_error = _product(ay - cy, bx - cx)
         determinant = (left - right) + (left_error - right_error)
         if determinant != 0.0 or left == right:
             return determinant
     return _exact(ax, ay, bx, by, cx, cy)
+
+
+@njit(cache=True, nogil=True)
+def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return twice the area of a, b, c, to eleven digits, also of slivers.
+
+    Rounding leaves few digits of a sliver's determinant, others for each corner it begins with.
+    """
+    left = (bx - ax) * (cy - ay)
+    right = (by - ay) * (cx - ax)
+    if abs(left - right) > _ACCURATE * (abs(left) + abs(right)) + _NEARLY_NOTHING:
+        return abs(left - right)
+    return abs(_exact(ax, ay, bx, by, cx, cy))
 
 
 @njit(cache=True, nogil=True)

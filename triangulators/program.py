@@ -28,6 +28,7 @@ from triangulators.components import join
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
 _MOST_STEPS = 300_000  # of the simplex method in a round: a limit that is the same on any machine
 _MOST_ADDED = 4000  # constraints added in a round
+_HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
 
 
 class Solution(NamedTuple):
@@ -57,7 +58,7 @@ def solve(
     edges, triangles = candidates.edges, candidates.triangles
     signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
     inside = np.flatnonzero(allowed)
-    weights = np.where(allowed, weights, weights + 10.0 * np.abs(weights[start]).sum())
+    weights = np.where(allowed, weights, weights + _HEAVY * np.abs(weights[start]).sum())
     free = _off_tree(len(candidates.points), edges, candidates.side, candidates.sides[start])
     model = highspy.Highs()
     model.setOptionValue("output_flag", False)

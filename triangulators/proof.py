@@ -29,6 +29,7 @@ _MOST = 10**9  # the same: looking at each takes some minutes
 _LISTED = 8_000_000  # the same: beyond, edges are thinned before triangles are listed
 _LEFT = 64_000_000  # the same, after thinning: they are 6 GB
 _WORTH = 0.1  # share of edges to be excluded for thinning to be tried
+_HEAVIEST = 2.0**59  # potential
 _ENDLESS = 2**60 - 1  # weight that no triangulation reaches
 
 
@@ -127,9 +128,15 @@ class _Search:
         return Branch((a, b), self.node(without, depth + 1), self.node(within, depth + 1))
 
     def _rounded(self, allowed: np.ndarray, light: np.ndarray) -> Leaf:
-        """Round potentials to integers; the lift makes up for what that breaks."""
+        """Round potentials to integers; the lift makes up for what that breaks.
+
+        Where no triangulation is left, a program's potentials may grow without end. A part of them
+        is as good: nothing asks for more than a share of each triangle's weight.
+        """
         c = self.candidates
-        potentials = np.rint(light * self.units.factor).astype(np.int64)
+        heavy = light * self.units.factor
+        heavy *= min(1.0, _HEAVIEST / max(float(np.abs(heavy).max()), 1.0))
+        potentials = np.rint(heavy).astype(np.int64)
         ahead = c.triangles < np.roll(c.triangles, -1, axis=1)
         around = np.where(ahead, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
         slack = (self.weights - around)[allowed]

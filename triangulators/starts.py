@@ -5,14 +5,18 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators import delaunay, ear_clipping
+from triangulators.checker_visibility import visible
 from triangulators.cost import Cost, evaluate
 from triangulators.errors import Skipped, TriangulationError
+from triangulators.plane import shortest_first
 from triangulators.polygon import Boundary
 from triangulators.predicates import turns
 from triangulators.repair import insert_dropped_vertices
 from triangulators.unfold import neighbours
 from triangulators.verify import verify_boundary
 from triangulators.visibility import visible_pairs
+
+_EXACT = 1000  # vertices up to which all pairs of them are tried
 
 
 class Cycle(NamedTuple):
@@ -65,7 +69,8 @@ def _covers(points: np.ndarray, triangles: np.ndarray) -> bool:
 def starts(outline: Boundary) -> list[np.ndarray]:
     """Return the conforming ones of ear clipping and Delaunay, dropped vertices put back.
 
-    Raises `TriangulationError` if there are none.
+    Where neither is, because they leave out slivers that float64 can tell from nothing, the greedy
+    triangulation by exact orientations. Raises `TriangulationError` if that fails, too.
     """
     found = []
     for method in (ear_clipping, delaunay):
@@ -76,6 +81,12 @@ def starts(outline: Boundary) -> list[np.ndarray]:
         triangles = insert_dropped_vertices(outline, left_turning(outline.points, raw))
         if verify_boundary(outline, triangles).conforming:
             found.append(outline.site[triangles])
+    if not found and len(outline.points) <= _EXACT:
+        # Which sites see each other is found from the boundary alone, as the checker does.
+        pairs = visible(outline.points, outline.edges, outline.site)
+        triangles = shortest_first(outline, pairs)
+        if verify_boundary(outline, triangles).conforming:
+            found.append(triangles)
     if not found:
         raise TriangulationError(
             "neither ear clipping nor Delaunay gave a valid triangulation to start from"

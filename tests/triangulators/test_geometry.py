@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.triangulators.cases import diagonals, random_simple, star
 from triangulators.polygon import boundary
-from triangulators.predicates import on_grid, orient
+from triangulators.predicates import on_grid, orient, twice_area
 from triangulators.starts import cycle_of, starts
 from triangulators.unfold import fold_back, grow, neighbours, unfold
 from triangulators.verify import verify
@@ -17,11 +17,20 @@ from triangulators.visibility import visible_sites
 
 doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
 base = st.floats(0.1, 1.0)
+minute = st.sampled_from([-1.0, 0.0, 1.0]).flatmap(
+    lambda sign: st.floats(1e-280, 9.0).map(lambda value: sign * value)
+)
+denormal = st.integers(-9, 9).map(lambda k: k * 5e-324)
+six = st.one_of(*(st.lists(each, min_size=6, max_size=6) for each in (minute, denormal)))
+
+
+def exact_area(*values):
+    ax, ay, bx, by, cx, cy = map(Fraction, values)
+    return (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
 
 
 def exact_sign(*values):
-    ax, ay, bx, by, cx, cy = map(Fraction, values)
-    value = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
+    value = exact_area(*values)
     return (value > 0) - (value < 0)
 
 
@@ -38,6 +47,27 @@ def test_orientation_is_exact_next_to_a_line(x, y, up, right, k, m):
     point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
     values = (x, y, *point, x * m, y * m)
     assert np.sign(orient(*values)) == exact_sign(*values)
+
+
+@settings(deadline=None)
+@given(six)
+def test_orientation_is_exact_where_products_underflow(values):
+    assert np.sign(orient(*values)) == exact_sign(*values)
+
+
+def test_orientation_beside_a_side_by_a_denormal():
+    assert orient(0.0, 0.011, 0.0, 0.007, 5e-324, 0.009) > 0.0
+    assert orient(0.0, 0.007, 0.0, 0.011, 5e-324, 0.009) < 0.0
+
+
+@settings(deadline=None)
+@given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
+def test_a_sliver_has_one_area_whichever_corner_is_first(x, y, up, right, k, m):
+    point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
+    a, b, c = (x, y), point, (x * m, y * m)
+    area = float(abs(exact_area(*a, *b, *c)))
+    for first, second, third in ((a, b, c), (b, c, a), (c, a, b), (c, b, a)):
+        assert twice_area(*first, *second, *third) == pytest.approx(area, rel=1e-11, abs=0.0)
 
 
 def test_grids_are_recognised():

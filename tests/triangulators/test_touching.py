@@ -1,10 +1,10 @@
-"""Holes that touch a ring off the grid: triangulated exactly, or refused in one line."""
+"""Holes that touch a ring off the grid: triangulated exactly."""
 
 import pytest
 import shapely
 
 from tests.triangulators.touching import touching_polygons
-from triangulators import TriangulationError, triangulate
+from triangulators import triangulate
 from triangulators.verify import verify
 
 NAMES = ("optimal:half-perimeter", "greedy", "worst:half-perimeter", "optimal:overdraw")
@@ -12,17 +12,8 @@ NAMES = ("optimal:half-perimeter", "greedy", "worst:half-perimeter", "optimal:ov
 
 @pytest.mark.parametrize("number", range(len(NAMES)))
 def test_300_hostile_polygons_are_triangulated(number):
-    done, refused = 0, []
     for polygon in touching_polygons(seed=number, count=75):
-        try:
-            triangles = triangulate(polygon, NAMES[number])
-        except TriangulationError as error:
-            refused.append(str(error))
-            continue
-        assert verify(polygon, triangles).conforming, polygon.wkt
-        done += 1
-    assert not any("\n" in message for message in refused)
-    assert done >= 73, refused  # what is refused is GEOS's and earcut's failure to begin with
+        assert verify(polygon, triangulate(polygon, NAMES[number])).conforming, polygon.wkt
 
 
 def test_two_holes_that_touch_an_edge_at_one_point():
