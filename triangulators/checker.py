@@ -44,7 +44,8 @@ def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     order = order[order >= 0]  # what is no edge needs no excluding
     if len(np.unique(order)) != len(order):
         raise Refused("an edge is excluded twice")
-    _check_excluded(edges, order, _terms(cost, evidence))
+    if len(order):
+        _check_excluded(edges, order, _terms(cost, evidence))
     excluded[order] = True
     problem = _problem_of(edges, excluded, cost, evidence)
     return _bound(problem, evidence, evidence.root, excluded, outline.expected_triangles)

@@ -30,7 +30,7 @@ from triangulators.cost import Cost, triangle_cost
 from triangulators.predicates import turn
 from triangulators.sight import Fans, Sight
 from triangulators.threads import cores
-from triangulators.units import Units, lowest_first, weight
+from triangulators.units import Units, noise, units_of
 
 _SAMPLE = 1000  # edges to judge by whether thinning is worth its time
 _AT_ONCE, _SLICES = 500, 4  # edges that are thinned at once, and in how many slices
@@ -42,7 +42,7 @@ def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np
     None where less than the share `worth` of a few edges is seen to be in none.
     """
     queue = _longest_first(sight.points, sight.edges)
-    given, terms = (*sight, *fans), (*cost[:4], units.scale, units.factor, units.bits)
+    given, terms = (*sight, *fans), (*cost[:4], units.scale, units.bits)
     gone = np.zeros(len(sight.edges), dtype=np.bool_)
     few = queue[:: max(1, len(queue) // _SAMPLE)]
     if len(_thin(*given, few, gone, *terms)) < worth * len(few):
@@ -84,13 +84,12 @@ def exclude(
         queue = queue[~out[queue]]
     how_many = _exclude(
         *candidates,
-        weights,
+        weights // units.factor,
         queue,
         excluded,
         alive,
         *cost[:4],
         units.scale,
-        units.factor,
         units.bits,
     )
     return excluded[:how_many].copy(), alive
@@ -142,12 +141,11 @@ def _thin(
     custom: bool,
     sign: float,
     scale: float,
-    factor: int,
     bits: int,
 ) -> np.ndarray:
     """Return edges of `queue` that are excluded where those in `gone` (e,) are."""
     excluded = np.empty(len(queue), dtype=np.int32)
-    terms = (weights, function, custom, sign, scale, factor, bits)
+    terms = (weights, function, custom, sign, scale)
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
     count, both = np.empty(2, dtype=np.int64), np.empty((len(points), 2), dtype=np.int64)
     found = 0
@@ -158,17 +156,15 @@ def _thin(
         _apexes(points, side, begin, near, by, gone, a, b, apex, count, both)
         for left in range(2):
             for k in range(count[left]):
-                i, j, m = lowest_first(a, b, apex[left, k])
-                if left == 0:
-                    i, j, m = lowest_first(b, a, apex[left, k])
-                value[left, k] = weight(points, i, j, m, *terms)
+                i, j = (a, b) if left else (b, a)
+                value[left, k] = units_of(points, i, j, apex[left, k], *terms)
         kept = False
         for p in range(count[1]):
             for q in range(count[0]):
                 c, d = apex[1, p], apex[0, q]
                 total = value[1, p] + value[0, q]
                 if (
-                    not _can_be_flipped(points, a, b, c, d, total, *terms)
+                    not _can_be_flipped(points, a, b, c, d, total, *terms, bits)
                     and not holds_ring(points, rings, a, b, c, 1)
                     and not holds_ring(points, rings, a, b, d, -1)
                 ):
@@ -242,17 +238,20 @@ def _can_be_flipped(
     custom: bool,
     sign: float,
     scale: float,
-    factor: int,
     bits: int,
 ) -> np.bool_:
-    """Whether a-b-c and b-a-d, of weight `value` together, weigh less with the diagonal c-d."""
+    """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
+
+    The noise of the four sides is the same before and after. That of the diagonals, which counts
+    twice, decides where units are equal: it is less than one of them.
+    """
     if turn(points, d, b, c) <= 0.0 or turn(points, c, a, d) <= 0.0:
         return np.bool_(False)
-    i, j, k = lowest_first(d, b, c)
-    units = (scale, factor, bits)
-    flipped = weight(points, i, j, k, weights, function, custom, sign, *units)
-    i, j, k = lowest_first(c, a, d)
-    return flipped + weight(points, i, j, k, weights, function, custom, sign, *units) < value
+    terms = (weights, function, custom, sign, scale)
+    flipped = units_of(points, d, b, c, *terms) + units_of(points, c, a, d, *terms)
+    if flipped == value:
+        return noise(c, d, bits) < noise(a, b, bits)
+    return flipped < value
 
 
 @njit(cache=True, nogil=True)
@@ -273,11 +272,11 @@ def _exclude(
     custom: bool,
     sign: float,
     scale: float,
-    factor: int,
     bits: int,
 ) -> int:
     """Write the excluded edges, mark what they leave in `alive`; return how many they are."""
     count = len(edges)
+    terms = (weights, function, custom, sign, scale, bits)
     # Where the search for a pair that cannot be flipped stands; a pair that can be, always can.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
     waiting = side == 0
@@ -299,17 +298,12 @@ def _exclude(
         kept = False
         while left < middle and not kept:
             t = items[left]
+            c = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - a - b
             while alive[t] and right < end:
                 u = items[right]
-                if alive[u] and not _can_be_flipped(
-                    points,
-                    a,
-                    b,
-                    triangles[t].sum() - a - b,
-                    triangles[u].sum() - a - b,
-                    value[t] + value[u],
-                    *(weights, function, custom, sign, scale, factor, bits),
-                ):
+                d = triangles[u, 0] + triangles[u, 1] + triangles[u, 2] - a - b
+                total = value[t] + value[u]
+                if alive[u] and not _can_be_flipped(points, a, b, c, d, total, *terms):
                     kept = True
                     break
                 right += 1

@@ -12,10 +12,11 @@ when the edge is run the other way:
     subject to  y(ab) + y(bc) + y(ca) <= weight(abc)   for each triangle abc.
 
 Potentials of a spanning tree may be set to zero: adding p(b) - p(a) to each y(ab) changes no
-sum round a triangle or a ring. Few of the constraints matter, so they are added as they are found
-to be violated; the program is solved anew from where it was (HiGHS, dual simplex).
+sum round a triangle or a ring. Few of the constraints matter. The dual simplex method is given
+more of them as they are found to be violated, and goes on from where it was.
 """
 
+import math
 from typing import NamedTuple
 
 import highspy
@@ -27,7 +28,9 @@ from triangulators.components import join
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
 _MOST_STEPS = 300_000  # of the simplex method in a round: a limit that is the same on any machine
+_MOST_ROUNDS = 300  # of the interior-point method, likewise
 _MOST_ADDED = 4000  # constraints added in a round
+_TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
 _HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
 
 
@@ -43,80 +46,114 @@ class Solution(NamedTuple):
     solved: bool
 
 
-def solve(
-    candidates: Candidates,
-    weights: np.ndarray,
-    allowed: np.ndarray,
-    start: np.ndarray,
-    seconds: float,
-) -> Solution:
-    """Solve the program over the `allowed` triangles (t,); weights: (t,) float64.
+class Program:
+    """A polygon's linear program over the `allowed` triangles (t,); weights: (t,) float64.
 
     start: numbers of triangles that are a triangulation; with them the program has a solution from
     the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
     """
-    edges, triangles = candidates.edges, candidates.triangles
-    signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
-    inside = np.flatnonzero(allowed)
-    weights = np.where(allowed, weights, weights + _HEAVY * np.abs(weights[start]).sum())
-    free = _off_tree(len(candidates.points), edges, candidates.side, candidates.sides[start])
-    model = highspy.Highs()
-    model.setOptionValue("output_flag", False)
-    model.setOptionValue("time_limit", seconds)
-    model.setOptionValue("simplex_iteration_limit", _MOST_STEPS)
-    model.setOptionValue("presolve", "off")
-    model.setOptionValue("primal_feasibility_tolerance", 1e-9)
-    model.setOptionValue("dual_feasibility_tolerance", 1e-9)
-    count = len(edges)
-    infinite = np.where(free, highspy.kHighsInf, 0.0)
-    model.addVars(count, -infinite, infinite)
-    model.changeColsCost(count, np.arange(count, dtype=np.int32), candidates.side.astype(float))
-    model.changeObjectiveSense(highspy.ObjSense.kMaximize)
-    there = np.zeros(len(triangles), dtype=np.bool_)
-    fresh = np.union1d(
-        start, inside if len(inside) <= _ALL else _light(candidates, weights, allowed)
-    )
-    rows = np.empty(0, dtype=np.int64)
-    potentials = np.zeros(count)
-    while len(fresh):
-        there[fresh] = True
-        rows = np.concatenate((rows, fresh))
-        model.addRows(
-            len(fresh),
-            np.full(len(fresh), -highspy.kHighsInf),
-            weights[fresh],
-            3 * len(fresh),
-            np.arange(0, 3 * len(fresh), 3, dtype=np.int32),
-            candidates.sides[fresh].astype(np.int32).ravel(),
-            signs[fresh].ravel(),
-        )
+
+    def __init__(
+        self, candidates: Candidates, weights: np.ndarray, allowed: np.ndarray, start: np.ndarray
+    ) -> None:
+        total = float(np.abs(weights[start]).sum())
+        self.scale = 2.0 ** (_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0
+        self.weights = np.where(allowed, weights, weights + _HEAVY * total) * self.scale
+        self.candidates, self.start = candidates, start
+        self.inside = np.flatnonzero(allowed)
+        triangles = candidates.triangles
+        self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
+        inner = candidates.sides[start]
+        self.free = _off_tree(len(candidates.points), candidates.edges, candidates.side, inner)
+
+    def by_interior_point(self, seconds: float) -> Solution:
+        """Solve with all constraints at once, by the interior-point method of HiGHS.
+
+        It is many times faster than the simplex method where there are tens of thousands, as many
+        of them are met with equality. The potentials are accurate to about twelve digits.
+        """
+        model = self._model(seconds)
+        model.setOptionValue("solver", "ipm")
+        model.setOptionValue("run_crossover", "off")
+        model.setOptionValue("threads", 1)
+        model.setOptionValue("ipm_iteration_limit", _MOST_ROUNDS)
+        model.setOptionValue("ipm_optimality_tolerance", 1e-12)
+        model.setOptionValue("primal_feasibility_tolerance", 1e-10)
+        model.setOptionValue("dual_feasibility_tolerance", 1e-10)
+        rows = np.union1d(self.start, self.inside)
+        self._add(model, rows)
         model.run()
-        solved = model.getModelStatus() == highspy.HighsModelStatus.kOptimal
-        if not solved:
-            break
-        potentials = np.array(model.getSolution().col_value)
-        excess = (signs[inside] * potentials[candidates.sides[inside]]).sum(axis=1) - weights[
-            inside
-        ]
-        violated = np.flatnonzero((excess > 1e-7) & ~there[inside])
-        fresh = inside[violated]
-        if len(fresh) > _MOST_ADDED:
-            fresh = _worst_by_edge(candidates, fresh, excess[violated])
-    share = np.zeros(len(triangles))
-    if solved:
-        share[rows] = np.abs(model.getSolution().row_dual)
-    bound = float(np.dot(candidates.side, potentials))
-    return Solution(potentials, share, bound, solved)
+        # HiGHS calls it unknown whether a solution is optimal that is not at a corner.
+        ends = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
+        if model.getModelStatus() not in ends:
+            return self._unsolved(np.zeros(len(self.free)))
+        return self._solved(model, rows)
 
+    def by_simplex(self, seconds: float) -> Solution:
+        """Solve with few constraints first; those that are violated are added until none is."""
+        model = self._model(seconds)
+        model.setOptionValue("simplex_iteration_limit", _MOST_STEPS)
+        model.setOptionValue("presolve", "off")
+        model.setOptionValue("primal_feasibility_tolerance", 1e-9)
+        model.setOptionValue("dual_feasibility_tolerance", 1e-9)
+        c, inside = self.candidates, self.inside
+        there = np.zeros(len(c.triangles), dtype=np.bool_)
+        few = inside if len(inside) <= _ALL else _per_edge(c, inside, self.weights[inside], 2)
+        fresh = np.union1d(self.start, few)
+        rows = np.empty(0, dtype=np.int64)
+        potentials = np.zeros(len(c.edges))
+        while len(fresh):
+            there[fresh] = True
+            rows = np.concatenate((rows, fresh))
+            self._add(model, fresh)
+            model.run()
+            if model.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+                return self._unsolved(potentials)
+            potentials = np.array(model.getSolution().col_value)
+            around = (self.signs[inside] * potentials[c.sides[inside]]).sum(axis=1)
+            excess = around - self.weights[inside]
+            violated = np.flatnonzero((excess > 1e-7) & ~there[inside])
+            fresh = inside[violated]
+            if len(fresh) > _MOST_ADDED:
+                fresh = _per_edge(c, fresh, -excess[violated], 1)
+        return self._solved(model, rows)
 
-def _light(candidates: Candidates, weights: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """Return, for each edge and side, the two lightest allowed triangles."""
-    inside = np.flatnonzero(allowed)
-    return _per_edge(candidates, inside, weights[inside], 2)
+    def _model(self, seconds: float) -> highspy.Highs:
+        model = highspy.Highs()
+        model.setOptionValue("output_flag", False)
+        model.setOptionValue("time_limit", seconds)
+        count = len(self.candidates.edges)
+        infinite = np.where(self.free, highspy.kHighsInf, 0.0)
+        model.addVars(count, -infinite, infinite)
+        side = self.candidates.side.astype(float)
+        model.changeColsCost(count, np.arange(count, dtype=np.int32), side)
+        model.changeObjectiveSense(highspy.ObjSense.kMaximize)
+        return model
 
+    def _add(self, model: highspy.Highs, rows: np.ndarray) -> None:
+        count = len(rows)
+        model.addRows(
+            count,
+            np.full(count, -highspy.kHighsInf),
+            self.weights[rows],
+            3 * count,
+            np.arange(0, 3 * count, 3, dtype=np.int32),
+            self.candidates.sides[rows].astype(np.int32).ravel(),
+            self.signs[rows].ravel(),
+        )
 
-def _worst_by_edge(candidates: Candidates, which: np.ndarray, excess: np.ndarray) -> np.ndarray:
-    return _per_edge(candidates, which, -excess, 1)
+    def _solved(self, model: highspy.Highs, rows: np.ndarray) -> Solution:
+        found = model.getSolution()
+        share = np.zeros(len(self.candidates.triangles))
+        share[rows] = np.abs(found.row_dual)
+        potentials = np.array(found.col_value)
+        bound = float(np.dot(self.candidates.side, potentials))
+        return Solution(potentials / self.scale, share, bound / self.scale, True)
+
+    def _unsolved(self, potentials: np.ndarray) -> Solution:
+        share = np.zeros(len(self.candidates.triangles))
+        bound = float(np.dot(self.candidates.side, potentials))
+        return Solution(potentials / self.scale, share, bound / self.scale, False)
 
 
 def _per_edge(candidates: Candidates, which: np.ndarray, key: np.ndarray, most: int) -> np.ndarray:

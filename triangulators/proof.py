@@ -12,16 +12,18 @@ import numpy as np
 from triangulators.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
+from triangulators.extension import extend
 from triangulators.local_minimality import exclude, largest_cost, thin
 from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
-from triangulators.program import Solution, solve
+from triangulators.program import Program, Solution
 from triangulators.sight import Sight, fans_of, sight_of
 from triangulators.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.units import Units, costs_of, units_for, weights_of
 
 SECONDS = 60.0  # for the linear programs of one polygon
-_WHOLE = 1e-6
+_WHOLE = 1e-4  # share of a triangle that is as good as none or all of it
+_DEEPEST = 40  # branches
 _MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
 _QUICK_WORK, _QUICK_ROWS = 10**7, 40_000  # the same, and rows of a program: some seconds
 _QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
@@ -72,24 +74,61 @@ class _Search:
                 if len(table.chosen):
                     self.offer(table.chosen)
                 return self._leaf(table.potentials, 0)
-        elif parts.number == 2:
-            across = ways_across(self.candidates, allowed, parts.of)
-            most = _MOST_WORK if self.timed else _QUICK_WORK
-            if across is not None and len(across.ways) * int(allowed.sum()) <= most:
-                return self._each_way(allowed, across, depth)
+        rows = int(allowed.sum())
+        program = None
+        if self.seconds > 0.0 and (self.timed or rows <= _QUICK_ROWS):
+            program = Program(self.candidates, self.light, allowed, self.best)
+        found = program.by_interior_point(self.seconds) if program else None
+        leaf = self._tried(allowed, found)
+        if self._is_proof(leaf):
+            return leaf
         if depth == 0:
             self._search()
-        if self.seconds == 0.0 or (not self.timed and int(allowed.sum()) > _QUICK_ROWS):
+        if parts.number == 2:
+            across = ways_across(self.candidates, allowed, parts.of)
+            most = _MOST_WORK if self.timed else _QUICK_WORK
+            if across is not None and len(across.ways) * rows <= most:
+                return self._each_way(allowed, across, depth)
+        if program is None or found is None:
+            return leaf
+        if not self._splits(found):
+            found = program.by_simplex(self.seconds)
+            leaf = self._tried(allowed, found)
+        if depth < _DEEPEST and not self._is_proof(leaf) and self._splits(found):
+            return self._branch(allowed, found, depth)
+        return leaf
+
+    def _tried(self, allowed: np.ndarray, found: Solution | None) -> Leaf:
+        """Offer a program's solution; return the leaf that its potentials make."""
+        if found is None:
             return self._rounded(allowed, np.zeros(len(self.candidates.edges)))
-        found = solve(self.candidates, self.light, allowed, self.best, self.seconds)
         if found.solved:
-            whole = found.share > 1.0 - _WHOLE
-            split = (found.share > _WHOLE) & ~whole
-            if not split.any() and whole.any():
-                self.offer(np.flatnonzero(whole))
-            elif found.bound < self.least / self.units.factor - _WHOLE and depth < 40:
-                return self._branch(allowed, found, depth)
+            self._offer_rounded(found.share)
         return self._rounded(allowed, found.potentials)
+
+    def _splits(self, found: Solution) -> bool:
+        """Whether a solution has triangles that are chosen in part, and could be improved on."""
+        split = (found.share > _WHOLE) & (found.share < 1.0 - _WHOLE)
+        better = found.bound < self.least / self.units.factor - _WHOLE
+        return found.solved and better and bool(split.any())
+
+    def _offer_rounded(self, share: np.ndarray) -> None:
+        """Offer the triangles that are chosen by more than half, if they are a triangulation."""
+        c = self.candidates
+        chosen = np.flatnonzero(share > 0.5)
+        ahead = c.triangles[chosen] < np.roll(c.triangles[chosen], -1, axis=1)
+        ways = np.where(ahead, 1, -1).ravel()
+        # Each side of the boundary once, each diagonal as often from the left as from the right.
+        if np.array_equal(np.bincount(c.sides[chosen].ravel(), ways, len(c.edges)), c.side):
+            self.offer(chosen)
+
+    def _is_proof(self, leaf: Leaf) -> bool:
+        """Whether a leaf shows that nothing is better than the best by a unit."""
+        of_kept = leaf.potentials[self.posed.kept]
+        on = self.candidates.side != 0
+        around = sum((of_kept[on] * self.candidates.side[on]).tolist())
+        bound = int(around) + leaf.lift * len(self.best)
+        return bound // self.units.factor >= self.least // self.units.factor
 
     def _search(self) -> None:
         """Improve the best by the local search, as a start that the linear program goes on from."""
@@ -170,12 +209,23 @@ def prove(
     search = _Search(posed, cost, seconds)
     search.offer(_numbers(candidates, triangles))
     root = search.node(alive, 0)
-    order = np.concatenate((posed.thinned, posed.kept[excluded]))
-    evidence = Evidence(*units[:3], sight.edges, order, root)
+    evidence = _evidence(posed, sight.edges, excluded, root)
     total, factor = int(search.least), units.factor
     bound = _bound(sight.side, root, outline.expected_triangles)
     gap = 0.0 if bound // factor >= total // factor else (total - bound) / abs(total)
     return Proof(candidates.triangles[search.best], evidence, gap)
+
+
+def _evidence(
+    posed: "_Posed", edges: np.ndarray, excluded: np.ndarray, root: Leaf | Branch
+) -> Evidence:
+    """Return evidence in which, if possible, potentials stand in for exclusions."""
+    units = posed.units[:3]
+    if isinstance(root, Leaf) and len(posed.kept) == len(edges):
+        potentials = extend(posed.candidates, posed.weights, excluded, root.potentials)
+        if potentials is not None:
+            return Evidence(*units, edges, excluded[:0], Leaf(potentials, root.lift))
+    return Evidence(*units, edges, np.concatenate((posed.thinned, posed.kept[excluded])), root)
 
 
 class _Posed(NamedTuple):

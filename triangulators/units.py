@@ -48,6 +48,16 @@ def noise(a: int, b: int, bits: int) -> np.int64:
 
 
 @njit(cache=True)
+def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
+    """Turn a triangle so that its lowest corner is the first."""
+    if b < a and b < c:
+        return b, c, a
+    if c < a and c < b:
+        return c, a, b
+    return a, b, c
+
+
+@njit(cache=True)
 def weight(
     points: np.ndarray,
     a: int,
@@ -62,11 +72,28 @@ def weight(
     bits: int,
 ) -> np.int64:
     """Return the weight of one triangle."""
+    units = units_of(points, a, b, c, weights, function, custom, sign, scale)
+    return units * factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
+
+
+@njit(cache=True)
+def units_of(
+    points: np.ndarray,
+    a: int,
+    b: int,
+    c: int,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+) -> np.int64:
+    """Return the cost of one triangle in units; the lowest corner goes first."""
+    a, b, c = lowest_first(a, b, c)
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     cost = triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
     cost = sign * cost if custom else cost
-    mixed = noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
-    return np.int64(np.floor(cost * scale)) * factor + mixed
+    return np.int64(np.floor(cost * scale))
 
 
 @njit(cache=True, nogil=True)
@@ -87,19 +114,9 @@ def weights_of(
     """
     result = np.empty(len(triangles), dtype=np.int64)
     for t in range(len(triangles)):
-        a, b, c = lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         result[t] = weight(points, a, b, c, weights, function, custom, sign, scale, factor, bits)
     return result
-
-
-@njit(cache=True)
-def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
-    """Turn a triangle so that its lowest corner is the first."""
-    if b < a and b < c:
-        return b, c, a
-    if c < a and c < b:
-        return c, a, b
-    return a, b, c
 
 
 @njit(cache=True, nogil=True)

@@ -119,6 +119,7 @@ def test_a_start_of_excluded_edges_is_improved(monkeypatch):
 def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
+    monkeypatch.setattr(proof, "extend", lambda *_: None)  # so that there are exclusions
     found = proof.prove(outline, best_start(outline, cost), cost)
     alone = visible(outline.points, outline.edges, outline.site)
     bound = checker.lower_bound(outline, cost, found.evidence)

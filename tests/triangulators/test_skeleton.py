@@ -10,6 +10,8 @@ from triangulators.candidates import candidates_of, how_many
 from triangulators.certificate import Branch, Leaf
 from triangulators.certifying import certificate_of
 from triangulators.cost import cost_of
+from triangulators.extension import extend
+from triangulators.local_minimality import exclude
 from triangulators.polygon import boundary, boundary_area
 from triangulators.proof import prove
 from triangulators.sight import sight_of
@@ -57,6 +59,41 @@ def test_the_table_finds_what_the_program_finds(monkeypatch, name):
         assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
+@pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])
+def test_potentials_stand_in_for_exclusions(monkeypatch, name):
+    excluded = 0
+    for polygon in [*holed(), annulus(9, 1)]:
+        cost, evidence = proven(polygon, name)
+        assert len(evidence.excluded) == 0
+        with monkeypatch.context() as patch:
+            patch.setattr(proof, "extend", lambda *_: None)
+            same, other = proven(polygon, name)
+        assert same == cost
+        excluded += len(other.excluded)
+        sides = np.isin(np.arange(len(other.edges)), other.excluded, invert=True)
+        assert (evidence.root.potentials[sides] == other.root.potentials[sides]).all()
+    assert excluded > 500
+
+
+def test_a_lift_is_not_made_worse():
+    outline, cost = posed(annulus(14, 3), "overdraw")
+    start = best_start(outline, cost)
+    sight = sight_of(outline, start)
+    posed_ = proof._posed(outline, sight, start, cost, how_many(sight, proof._LISTED))
+    c, weights = posed_.candidates, posed_.weights
+    order, alive = exclude(c, weights, cost, posed_.units)
+    ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
+    rng = np.random.default_rng(0)
+    for size in (0, 1, 10**6, 10**12):
+        given = rng.integers(-size, size + 1, len(c.edges))
+        slack = weights - (ahead * given[c.sides]).sum(axis=1)
+        lift = min(int(slack[alive].min()), 0)
+        found = extend(c, weights, order, given)
+        slack = weights - (ahead * found[c.sides]).sum(axis=1)
+        assert int(slack.min()) >= lift
+        assert (np.delete(found, order) == np.delete(given, order)).all()
+
+
 def test_connected_skeletons_need_no_program(monkeypatch):
     monkeypatch.setattr(program, "highspy", None)
     needed = 0
@@ -88,6 +125,7 @@ def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
     monkeypatch.setattr(
         proof, "exclude", lambda *_: (np.empty(0, np.int32), np.ones(count, np.bool_))
     )
+    monkeypatch.setattr(proof._Search, "_is_proof", lambda *_: False)  # by the program, at once
     cost_each_way, evidence = proven(polygon)
     assert isinstance(evidence.root, Branch)
     monkeypatch.undo()
