@@ -7,10 +7,10 @@ What is checked, from the polygon's boundary and the criterion alone:
    a triangle is three edges that run round no hole. Their weights are integers (see `Evidence`).
 2. Each excluded edge, in the evidence's order: every pair of triangles of edges not yet excluded,
    one on each of its sides, makes a convex quadrilateral whose other diagonal weighs less. So no
-   triangulation of least weight contains the edge (flipping would make it lighter). The triangles
-   at an edge are found from what its two ends see: only those of edges that stay are ever listed.
+   triangulation of least weight contains the edge (flipping would make it lighter).
 3. With y the potential of an edge (its negative, run the other way), y(ab) + y(bc) + y(ca) + lift
-   is at most the weight of abc, for every triangle of edges that are not excluded. Summed over a
+   is at most the weight of abc, for every triangle of edges that are not excluded. Triangles are
+   found from what the two ends of an edge see, one after the other: none are kept. Summed over a
    triangulation the potentials of diagonals cancel: what is left is the sum over the boundary plus
    lift times the number of triangles. That is the lower bound. Where the evidence branches, once
    with an edge and once without it, the lower of the two bounds holds.
@@ -47,8 +47,8 @@ def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     if len(order):
         _check_excluded(edges, order, _terms(cost, evidence))
     excluded[order] = True
-    problem = _problem_of(edges, excluded, cost, evidence)
-    return _bound(problem, evidence, evidence.root, excluded, outline.expected_triangles)
+    given = _Given(edges, evidence, edges.find(evidence.edges), _terms(cost, evidence))
+    return _bound(given, evidence.root, excluded, outline.expected_triangles)
 
 
 def _check_excluded(edges: "_Edges", order: np.ndarray, terms: tuple[Any, ...]) -> None:
@@ -92,16 +92,13 @@ class _Edges(NamedTuple):
         return np.where(self.keys[at] == wanted, at, -1)
 
 
-class _Problem(NamedTuple):
-    """Empty triangles (t, 3) of edges that are not excluded, and their weights (t,).
-
-    sides (t, 3): the edge from corner k to k + 1.
-    """
+class _Given(NamedTuple):
+    """Evidence about edges; at (k,): the numbers of its own edges; terms of `_weight`."""
 
     edges: _Edges
-    triangles: np.ndarray
-    sides: np.ndarray
-    weights: np.ndarray
+    evidence: Evidence
+    at: np.ndarray
+    terms: tuple[Any, ...]
 
 
 def _terms(cost: Cost, evidence: Evidence) -> tuple[Any, ...]:
@@ -131,23 +128,9 @@ def _edges_of(outline: Boundary) -> _Edges:
     return _Edges(points, pairs[order].astype(np.int32), keys[order], ways[order], holes)
 
 
-def _problem_of(edges: _Edges, excluded: np.ndarray, cost: Cost, evidence: Evidence) -> _Problem:
-    left = np.flatnonzero(~excluded)
-    n = len(edges.points)
-    starts = np.searchsorted(edges.keys[left], np.arange(n + 1, dtype=np.int64) * n)
-    triangles, sides = _triangles(
-        edges.points, edges.ends[left], edges.ways[left], starts, edges.holes
-    )
-    weights = _weights(edges.points, triangles, *_terms(cost, evidence))
-    if len(weights) and weights.max() >= _TOO_LARGE:
-        raise Refused("a weight is too large for exact arithmetic")
-    return _Problem(edges, triangles, left[sides].astype(np.int32), weights)
-
-
-def _bound(
-    problem: _Problem, evidence: Evidence, node: Leaf | Branch, out: np.ndarray, count: int
-) -> int:
-    edges = problem.edges
+def _bound(given: _Given, node: Leaf | Branch, out: np.ndarray, count: int) -> int:
+    """Return the bound for triangulations of `count` triangles without the edges that are out."""
+    edges = given.edges
     if isinstance(node, Branch):
         edge = int(edges.find(np.array([node.edge]))[0])
         if edge < 0 or edges.ways[edge] != 0:
@@ -156,26 +139,39 @@ def _bound(
         without[edge] = True
         crossing |= _crossed(edges.points, edges.ends, *edges.ends[edge].tolist())
         return min(
-            _bound(problem, evidence, node.without, without, count),
-            _bound(problem, evidence, node.within, crossing, count),
+            _bound(given, node.without, without, count),
+            _bound(given, node.within, crossing, count),
         )
-    at = edges.find(evidence.edges)
-    potential = np.zeros(len(edges.ends), dtype=np.int64)
-    given = np.asarray(node.potentials, dtype=np.int64)
-    if len(given) != len(at):
+    potentials = np.asarray(node.potentials, dtype=np.int64)
+    if len(potentials) != len(given.at):
         raise Refused("potentials and edges differ in number")
-    if len(given) and max(int(given.max()), -int(given.min())) >= 2**60:
+    if len(potentials) and max(int(potentials.max()), -int(potentials.min())) >= 2**60:
         raise Refused("a potential is too large for exact arithmetic")
-    potential[at[at >= 0]] = given[at >= 0]
-    left = ~out[problem.sides].any(axis=1)
-    ahead = problem.triangles < np.roll(problem.triangles, -1, axis=1)
-    around = np.where(ahead, potential[problem.sides], -potential[problem.sides]).sum(axis=1)
-    slack = problem.weights[left] - around[left]
-    if len(slack) and int(slack.min()) < node.lift:
-        worst = problem.triangles[left][int(slack.argmin())].tolist()
-        raise Refused(f"the potentials exceed the weight of the triangle {worst}")
+    potential = np.zeros(len(edges.ends), dtype=np.int64)
+    potential[given.at[given.at >= 0]] = potentials[given.at >= 0]
+    _check_triangles(given, potential, node.lift, np.flatnonzero(~out))
     on = edges.ways != 0
     return int(sum((potential[on] * edges.ways[on]).tolist())) + node.lift * count
+
+
+def _check_triangles(given: _Given, potential: np.ndarray, lift: int, left: np.ndarray) -> None:
+    """Raise `Refused` unless every empty triangle of the edges that are left holds potentials."""
+    edges = given.edges
+    n = len(edges.points)
+    starts = np.searchsorted(edges.keys[left], np.arange(n + 1, dtype=np.int64) * n)
+    of_left = (edges.points, edges.ends[left], edges.ways[left], starts, edges.holes)
+    least = max(min(lift, _TOO_LARGE), -_TOO_LARGE)
+    held: tuple[Any, ...] = (*of_left, potential[left], least, *given.terms)
+    slices = _SLICES if len(left) > _FEW else 1
+
+    def worst_of(number: int) -> list[int]:
+        return list(_exceeded(*(*held, number, slices)).tolist())
+
+    wrong = [each for each in shared_out(worst_of, slices) if each]
+    if wrong and len(wrong[0]) == 1:
+        raise Refused("a weight is too large for exact arithmetic")
+    if wrong:
+        raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
 
 
 @njit(cache=True)
@@ -221,36 +217,6 @@ def _weight(
         return np.int64(_TOO_LARGE)
     units = np.int64(np.floor(cost * scale))
     return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
-
-
-@njit(cache=True)
-def _weights(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
-) -> np.ndarray:
-    result = np.empty(len(triangles), dtype=np.int64)
-    for t in range(len(triangles)):
-        result[t] = _weight(
-            points,
-            triangles[t, 0],
-            triangles[t, 1],
-            triangles[t, 2],
-            weights,
-            function,
-            custom,
-            sign,
-            scale,
-            factor,
-            bits,
-        )
-    return result
 
 
 @njit(cache=True)
@@ -380,40 +346,57 @@ def _crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarra
     return result
 
 
-@njit(cache=True)
-def _triangles(
-    points: np.ndarray, edges: np.ndarray, ways: np.ndarray, starts: np.ndarray, samples: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the empty triangles, counter-clockwise, and their sides, by merging sorted lists."""
-    size, found = max(16, 4 * len(edges)), 0
-    triangles = np.empty((size, 3), dtype=np.int32)
-    sides = np.empty((size, 3), dtype=np.int32)
-    for e in range(len(edges)):
-        a, b = edges[e, 0], edges[e, 1]
+@njit(cache=True, nogil=True)
+def _exceeded(
+    points: np.ndarray,
+    ends: np.ndarray,
+    ways: np.ndarray,
+    starts: np.ndarray,
+    samples: np.ndarray,
+    potential: np.ndarray,
+    lift: int,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+    number: int,
+    slices: int,
+) -> np.ndarray:
+    """Return an empty triangle whose weight the potentials exceed by more than -lift.
+
+    Triangles are found by merging the sorted lists of what the ends of an edge see, from every
+    `slices`-th edge on. An empty array if there is none, one of length 1 where a weight is too
+    large.
+    """
+    for e in range(number, len(ends), slices):
+        a, b = ends[e, 0], ends[e, 1]
         p, q = e + 1, starts[b]
         while p < starts[a + 1] and q < starts[b + 1]:
-            if edges[p, 1] < edges[q, 1]:
+            if ends[p, 1] < ends[q, 1]:
                 p += 1
-            elif edges[p, 1] > edges[q, 1]:
+            elif ends[p, 1] > ends[q, 1]:
                 q += 1
             else:
-                c = edges[p, 1]
-                left = turn(points, a, b, c) > 0.0
-                run = 1 if left else -1
+                c = ends[p, 1]
+                run = 1 if turn(points, a, b, c) > 0.0 else -1
                 wrong = ways[e] == -run or ways[q] == -run or ways[p] == run
                 if not wrong and not _around_hole(points, samples, a, b, c, run):
-                    if found == size:
-                        size *= 2
-                        triangles = np.concatenate((triangles, np.empty_like(triangles)))
-                        sides = np.concatenate((sides, np.empty_like(sides)))
-                    triangles[found, 0] = a
-                    triangles[found, 1], triangles[found, 2] = (b, c) if left else (c, b)
-                    sides[found, 0], sides[found, 2] = (e, p) if left else (p, e)
-                    sides[found, 1] = q
-                    found += 1
+                    i, j, k = (a, b, c) if run > 0 else (a, c, b)
+                    weight = _weight(
+                        points, i, j, k, weights, function, custom, sign, scale, factor, bits
+                    )
+                    if weight >= _TOO_LARGE:
+                        return np.zeros(1, dtype=np.int32)
+                    # Counter-clockwise a-b-c runs a to b, b to c and c to a.
+                    around = run * (potential[e] + potential[q] - potential[p])
+                    if weight - around < lift:
+                        return np.array((i, j, k), dtype=np.int32)
                 p += 1
                 q += 1
-    return triangles[:found], sides[:found]
+    return np.empty(0, dtype=np.int32)
 
 
 @njit(cache=True)

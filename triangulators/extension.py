@@ -22,29 +22,66 @@ lighter pair.) No potential of the boundary changes, and so neither does the bou
 which every triangle may exceed its weight by, half of what is missing goes to either side.
 """
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
-from triangulators.candidates import Candidates
+from triangulators.candidates import Candidates, holds_ring
+from triangulators.cost import Cost
+from triangulators.local_minimality import seen_by_both
+from triangulators.predicates import turn
+from triangulators.sight import Fans, Sight
+from triangulators.units import Units, weight
 
-_FAR = np.int64(2**60)  # no potential reaches it
+TOO_LARGE = 2**60  # for a potential
+_FAR = np.int64(TOO_LARGE)
 
 
 def extend(
-    candidates: Candidates, weights: np.ndarray, excluded: np.ndarray, potentials: np.ndarray
+    candidates: Candidates,
+    weights: np.ndarray,
+    excluded: np.ndarray,
+    potentials: np.ndarray,
+    out: np.ndarray,
 ) -> np.ndarray | None:
     """Return potentials (e,) that also hold for triangles with excluded edges.
 
     weights (t,); excluded (k,): in their order; potentials (e,): those of excluded edges do not
-    matter. None where one would be too large.
+    matter; out (e,): edges that were excluded before. None where one would be too large.
     """
     c = candidates
     found = potentials.copy()
-    given = np.ones(len(c.edges), dtype=np.bool_)
+    given = ~out
     given[excluded] = False
     backwards = excluded[::-1].astype(np.int64)
     done = _extend(c.triangles, c.sides, c.start, c.items, weights, backwards, given, found)
     return found if done else None
+
+
+def extend_thinned(
+    sight: Sight,
+    fans: Fans,
+    thinned: np.ndarray,
+    potentials: np.ndarray,
+    cost: Cost,
+    units: Units,
+) -> None:
+    """Give the edges that `thin` excluded, in their order, potentials (e,), in place.
+
+    Their triangles are worked out anew from what the two ends see, as `thin` does it.
+    """
+    given = np.ones(len(sight.edges), dtype=np.bool_)
+    given[thinned] = False
+    backwards = thinned[::-1].astype(np.int64)
+    terms: tuple[Any, ...] = (*cost[:4], units.scale, units.factor, units.bits)
+    _extend_thinned(*sight, *fans, *(backwards, given, potentials), *terms)
+
+
+@njit(cache=True)
+def _between(low: np.int64, high: np.int64) -> Any:
+    """Return what is nearest to zero of low to high; where nothing is, half-way."""
+    return min(max(0, low), high) if low <= high else (low + high) // 2
 
 
 @njit(cache=True, nogil=True)
@@ -75,8 +112,52 @@ def _extend(
                 high = min(high, room)
             elif whole:
                 low = max(low, -room)
-        potentials[e] = min(max(0, low), high) if low <= high else (low + high) // 2
+        potentials[e] = _between(low, high)
         if abs(potentials[e]) >= _FAR:
             return False
         given[e] = True
     return True
+
+
+@njit(cache=True, nogil=True)
+def _extend_thinned(
+    points: np.ndarray,
+    edges: np.ndarray,
+    side: np.ndarray,
+    rings: np.ndarray,
+    begin: np.ndarray,
+    near: np.ndarray,
+    by: np.ndarray,
+    backwards: np.ndarray,
+    given: np.ndarray,
+    potentials: np.ndarray,
+    weights: np.ndarray,
+    function: Any,
+    custom: bool,
+    sign: float,
+    scale: float,
+    factor: int,
+    bits: int,
+) -> None:
+    both = np.empty((len(points), 2), dtype=np.int64)
+    for e in backwards:
+        a, b = edges[e, 0], edges[e, 1]
+        low, high = -_FAR, _FAR
+        for k in range(seen_by_both(begin, near, a, b, both)):
+            c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]
+            if not (given[p] and given[q]):
+                continue
+            # On the left of a-b the triangle runs b to c and c to a, otherwise the other way.
+            way = 1 if turn(points, a, b, c) > 0.0 else -1
+            from_b, to_a = (way if b < c else -way), (way if c < a else -way)
+            if side[q] == -from_b or side[p] == -to_a or holds_ring(points, rings, a, b, c, way):
+                continue
+            i, j, m = (a, b, c) if way > 0 else (a, c, b)
+            room = weight(points, i, j, m, weights, function, custom, sign, scale, factor, bits)
+            room -= from_b * potentials[q] + to_a * potentials[p]
+            if way > 0:
+                high = min(high, room)
+            else:
+                low = max(low, -room)
+        potentials[e] = _between(low, high)
+        given[e] = True

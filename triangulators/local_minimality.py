@@ -116,7 +116,7 @@ def _largest(
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
         ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-        for k in range(_seen_by_both(begin, near, a, b, both)):
+        for k in range(seen_by_both(begin, near, a, b, both)):
             c = near[both[k, 0]]
             if c > b:
                 x, y = points[c, 0], points[c, 1]
@@ -194,7 +194,7 @@ def _apexes(
 ) -> None:
     """Write the third corners of the triangles left of a-b to `apex[1]`, of the others to [0]."""
     count[:] = 0
-    for k in range(_seen_by_both(begin, near, a, b, both)):
+    for k in range(seen_by_both(begin, near, a, b, both)):
         c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]
         if gone[p] or gone[q]:
             continue
@@ -208,7 +208,7 @@ def _apexes(
 
 
 @njit(cache=True)
-def _seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.ndarray) -> int:
+def seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.ndarray) -> int:
     """Write where the sites that a and b see stand in `near`, for each of them; return how many."""
     found = 0
     i, j = begin[a], begin[b]

@@ -12,12 +12,12 @@ import numpy as np
 from triangulators.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate import Branch, Evidence, Leaf
 from triangulators.cost import Cost
-from triangulators.extension import extend
+from triangulators.extension import TOO_LARGE, extend, extend_thinned
 from triangulators.local_minimality import exclude, largest_cost, thin
 from triangulators.local_search import search_cuts
 from triangulators.polygon import Boundary
 from triangulators.program import Program, Solution
-from triangulators.sight import Sight, fans_of, sight_of
+from triangulators.sight import Fans, Sight, fans_of, sight_of
 from triangulators.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.units import Units, costs_of, units_for, weights_of
 
@@ -25,7 +25,7 @@ SECONDS = 60.0  # for the linear programs of one polygon
 _WHOLE = 1e-4  # share of a triangle that is as good as none or all of it
 _DEEPEST = 40  # branches
 _MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
-_QUICK_WORK, _QUICK_ROWS = 10**7, 40_000  # the same, and rows of a program: some seconds
+_QUICK_WORK, _QUICK_ROWS = 10**7, 100_000  # the same, and rows of a program: some seconds
 _QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
 _MOST = 10**9  # the same: looking at each takes some minutes
 _LISTED = 8_000_000  # the same: beyond, edges are thinned before triangles are listed
@@ -192,9 +192,9 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), between sites, and find evidence of how good it is.
 
-    seconds: for each linear program; one that is not solved in time gives a weak bound. Where
-    seconds are infinite, programs of more than 40,000 triangles are not tried, and where they are 0
-    none is, which gives a weak bound, too. None if the polygon has too many candidates.
+    seconds: for each linear program; one that is not solved in time gives a weak bound. Where they
+    are infinite, programs of more than 100,000 triangles are not tried; where they are 0 none is,
+    which gives a weak bound, too. None if the polygon has too many candidates.
     """
     sight = sight_of(outline, triangles)
     most = _MOST if _is_timed(seconds) else _QUICK
@@ -209,7 +209,7 @@ def prove(
     search = _Search(posed, cost, seconds)
     search.offer(_numbers(candidates, triangles))
     root = search.node(alive, 0)
-    evidence = _evidence(posed, sight.edges, excluded, root)
+    evidence = _evidence(posed, sight, excluded, root, cost)
     total, factor = int(search.least), units.factor
     bound = _bound(sight.side, root, outline.expected_triangles)
     gap = 0.0 if bound // factor >= total // factor else (total - bound) / abs(total)
@@ -217,22 +217,30 @@ def prove(
 
 
 def _evidence(
-    posed: "_Posed", edges: np.ndarray, excluded: np.ndarray, root: Leaf | Branch
+    posed: "_Posed", sight: Sight, excluded: np.ndarray, root: Leaf | Branch, cost: Cost
 ) -> Evidence:
     """Return evidence in which, if possible, potentials stand in for exclusions."""
-    units = posed.units[:3]
-    if isinstance(root, Leaf) and len(posed.kept) == len(edges):
-        potentials = extend(posed.candidates, posed.weights, excluded, root.potentials)
-        if potentials is not None:
-            return Evidence(*units, edges, excluded[:0], Leaf(potentials, root.lift))
-    return Evidence(*units, edges, np.concatenate((posed.thinned, posed.kept[excluded])), root)
+    if isinstance(root, Leaf):
+        of_kept = root.potentials[posed.kept]
+        kept = extend(posed.candidates, posed.weights, excluded, of_kept, posed.out)
+        potentials = np.zeros(len(sight.edges), dtype=np.int64)
+        if kept is not None:
+            potentials[posed.kept] = kept
+            if posed.fans is not None:
+                extend_thinned(sight, posed.fans, posed.thinned, potentials, cost, posed.units)
+            if np.abs(potentials).max() < TOO_LARGE:
+                leaf = Leaf(potentials, root.lift)
+                return Evidence(*posed.units[:3], sight.edges, excluded[:0], leaf)
+    order = np.concatenate((posed.thinned, posed.kept[excluded]))
+    return Evidence(*posed.units[:3], sight.edges, order, root)
 
 
 class _Posed(NamedTuple):
     """What is searched: candidates with their weights (t,), among `edges` edges of the polygon.
 
     kept (e,): the candidates' edges, by their numbers in the polygon; thinned (k,): edges that are
-    excluded before, in that order; out (e,): those of them that the start needs and that are kept.
+    excluded before, in that order, by `fans`, if any; out (e,): those of them that the start needs
+    and that are kept.
     """
 
     candidates: Candidates
@@ -242,6 +250,7 @@ class _Posed(NamedTuple):
     kept: np.ndarray
     thinned: np.ndarray
     out: np.ndarray
+    fans: Fans | None
 
 
 def _posed(
@@ -253,7 +262,7 @@ def _posed(
     """
     points, count = sight.points, outline.expected_triangles
     total = float(np.abs(costs_of(points, start, *cost[:4]).sum()))
-    out = np.zeros(len(sight.edges), dtype=np.bool_)
+    out, fans = np.zeros(len(sight.edges), dtype=np.bool_), None
     if room > _LISTED:
         fans = fans_of(sight)
         units = units_for(points, cost, largest_cost(sight, fans, cost), total, count)
@@ -272,7 +281,7 @@ def _posed(
         costs = costs_of(points, candidates.triangles, *cost[:4])
         units = units_for(points, cost, float(np.abs(costs).max()), total, count)
     weights = weights_of(points, candidates.triangles, *cost[:4], *units[:3])
-    return _Posed(candidates, weights, units, len(sight.edges), kept, thinned, out[kept])
+    return _Posed(candidates, weights, units, len(sight.edges), kept, thinned, out[kept], fans)
 
 
 def _has_edges(edges: np.ndarray, triangles: np.ndarray, n: int) -> np.ndarray:

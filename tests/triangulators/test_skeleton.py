@@ -88,7 +88,7 @@ def test_a_lift_is_not_made_worse():
         given = rng.integers(-size, size + 1, len(c.edges))
         slack = weights - (ahead * given[c.sides]).sum(axis=1)
         lift = min(int(slack[alive].min()), 0)
-        found = extend(c, weights, order, given)
+        found = extend(c, weights, order, given, posed_.out)
         slack = weights - (ahead * found[c.sides]).sum(axis=1)
         assert int(slack.min()) >= lift
         assert (np.delete(found, order) == np.delete(given, order)).all()
