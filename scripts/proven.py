@@ -31,15 +31,23 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="for each linear program")
     given = parser.parse_args()
     print(f"{'scene':<10} polygons  proven  largest gap  median ms  largest ms")
+    rows = []
     for name in given.scenes:
         frame = make_frame(load(name).polygons, View())
         chosen = [p for p in frame.polygons if p.interiors or not given.holes]
         chosen = [p for p in chosen if len(vertices(p)) <= given.most]
         if chosen:
             solve(chosen[0], given.criterion)  # compiles
-            proven, gap, times = _measure(chosen, given.criterion, given.seconds)
-            row = f"{name:<10} {len(chosen):>8} {proven:>7} {gap:>12.2g}"
-            print(f"{row} {np.median(times):>10.1f} {max(times):>11.1f}", flush=True)
+            rows.append(_measure(chosen, given.criterion, given.seconds))
+            _print(name, *rows[-1])
+    if len(rows) > 1:
+        proven, gaps, times = zip(*rows, strict=True)
+        _print("all", sum(proven), max(gaps), [each for some in times for each in some])
+
+
+def _print(name: str, proven: int, gap: float, times: list[float]) -> None:
+    row = f"{name:<10} {len(times):>8} {proven:>7} {gap:>12.2g}"
+    print(f"{row} {np.median(times):>10.1f} {max(times):>11.1f}", flush=True)
 
 
 def _measure(
