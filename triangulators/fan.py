@@ -31,9 +31,19 @@ def triangulate(outline: Boundary) -> np.ndarray:
     """Return a fan; raises `Skipped` for holes and where no vertex sees the whole polygon."""
     if outline.holes:
         raise Skipped("fan: the polygon has holes")
-    ring = outline.edges[:, 0]
-    centre = fan_centre(outline.points, ring)
-    if centre < 0:
+    triangles = _fan(outline.points, outline.edges)
+    if len(triangles) == 0:
         raise Skipped("fan: no vertex sees the whole polygon")
-    ring = np.roll(ring, -centre)
-    return np.column_stack((np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]))
+    return triangles
+
+
+@njit(cache=True)
+def _fan(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    n = len(edges)
+    centre = fan_centre(points, edges[:, 0])
+    triangles = np.empty((n - 2 if centre >= 0 else 0, 3), dtype=np.int32)
+    for row in range(len(triangles)):
+        triangles[row, 0] = edges[centre, 0]
+        triangles[row, 1] = edges[(centre + row + 1) % n, 0]
+        triangles[row, 2] = edges[(centre + row + 2) % n, 0]
+    return triangles
