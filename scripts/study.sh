@@ -26,7 +26,7 @@ few() { # scene, polygons: fewer where all have hundreds of vertices
     "${harness[@]}" calibrate --device llvmpipe --resolution 512 --budget 0.2 --quiet
 
 # What does the choice buy? As each triangulator gives its triangles, and all in one kind of order.
-peers=ear-clipping,delaunay,sweep,manifold,max-area,greedy,optimal:overdraw,optimal:shape
+peers=ear-clipping,delaunay,sweep,manifold,max-area,greedy,refined,optimal:overdraw,optimal:shape
 peers+=,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
