@@ -33,6 +33,10 @@ for scene in city helsinki glyphs counties; do
         --resolution 256,512,1024,2048,4096 --triangulators $peers --budget 1
 done
 
+once $to/llvmpipe/gains-counties-refined "${harness[@]}" run --scene counties --device llvmpipe \
+    --resolution 256,1024,4096 --triangulators ear-clipping,delaunay,refined,optimal:half-perimeter \
+    --budget 1
+
 # Does a criterion predict what was measured? Twice: the second study must say the same.
 for name in validate-city validate-city-again; do
     once $to/llvmpipe/$name "${harness[@]}" validate --scene city --resolution 512 \
