@@ -51,15 +51,21 @@ class Program:
 
     start: numbers of triangles that are a triangulation; with them the program has a solution from
     the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
+    most: what potentials may be, at most; without it some may be much more than is needed.
     """
 
     def __init__(
-        self, candidates: Candidates, weights: np.ndarray, allowed: np.ndarray, start: np.ndarray
+        self,
+        candidates: Candidates,
+        weights: np.ndarray,
+        allowed: np.ndarray,
+        start: np.ndarray,
+        most: float,
     ) -> None:
         total = float(np.abs(weights[start]).sum())
         self.scale = 2.0 ** (_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0
         self.weights = np.where(allowed, weights, weights + _HEAVY * total) * self.scale
-        self.candidates, self.start = candidates, start
+        self.candidates, self.start, self.most = candidates, start, most * self.scale
         self.inside = np.flatnonzero(allowed)
         triangles = candidates.triangles
         self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
@@ -123,8 +129,8 @@ class Program:
         model.setOptionValue("output_flag", False)
         model.setOptionValue("time_limit", seconds)
         count = len(self.candidates.edges)
-        infinite = np.where(self.free, highspy.kHighsInf, 0.0)
-        model.addVars(count, -infinite, infinite)
+        most = np.where(self.free, self.most, 0.0)
+        model.addVars(count, -most, most)
         side = self.candidates.side.astype(float)
         model.changeColsCost(count, np.arange(count, dtype=np.int32), side)
         model.changeObjectiveSense(highspy.ObjSense.kMaximize)
