@@ -114,7 +114,7 @@ def metrics() -> str:
 
 def devices() -> str:
     """Return a table of the devices whose summaries people brought."""
-    from harness.devices import table
+    from harness.page.devices import table
 
     return table(ROOT / "results" / "devices")
 

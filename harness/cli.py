@@ -16,7 +16,7 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from harness import __version__, system
+from harness import __version__
 from harness.commands import (
     calibrate,
     catalogue,
@@ -47,6 +47,7 @@ from harness.errors import (
     ReaderGone,
     of_system,
 )
+from harness.machine import system
 from harness.progress import let_go_of_terminal
 from scenes import SceneError
 from triangulators import TriangulationError, UnknownName

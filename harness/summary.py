@@ -24,7 +24,7 @@ from harness.figures.registry import (
     predictions,
     value_of,
 )
-from harness.looks import plain_table
+from harness.pictures.style import plain_table
 from harness.stored.folder import Record
 
 MOST_COLUMNS = 4

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenes.clean import Cleaned, clean
-from scenes.placing import Placing
-from scenes.projection import Projection
-from scenes.reader import GDAL, Raw, Source, reader_of
+from scenes.cleaning.clean import Cleaned, clean
+from scenes.cleaning.projection import Projection
+from scenes.readers.placing import Placing
+from scenes.readers.reader import GDAL, Raw, Source, reader_of
+from scenes.readers.where import matching
 from scenes.scene import Note, Scene, SceneError
-from scenes.where import matching
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,9 +50,9 @@ def read(
 
     Each part of a multi-polygon becomes a polygon and heights are dropped. Longitude and latitude
     are projected to metres, by default if the file's reference system is geographic: see
-    `scenes.projection`. `project=False` keeps degrees, `project=True` takes coordinates without a
-    known reference system as those of WGS 84. `limit` stops after that many polygons. Raises
-    SceneError if the file is missing, cannot be read, or holds no polygon.
+    `scenes.cleaning.projection`. `project=False` keeps degrees, `project=True` takes coordinates
+    without a known reference system as those of WGS 84. `limit` stops after that many polygons.
+    Raises SceneError if the file is missing, cannot be read, or holds no polygon.
     """
     if limit is not None and limit < 1:
         raise SceneError(f"limit={limit} leaves no polygon of {path}: give 1 or more")

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.clean import clean
-from scenes.damage import debugging, reason
+from scenes.cleaning.clean import clean
 from scenes.names import suggestion
+from scenes.readers.damage import debugging, reason
 from scenes.scene import Scene, SceneError, UnknownScene
 from scenes.spec import arguments_for, converted, exists, is_function, is_path, parsed
 
@@ -58,10 +58,14 @@ class Entry:
 ENTRIES = {
     entry.name: entry
     for entry in (
-        Entry("city", "scenes.city:build", "generated city plan: blocks, streets, footprints"),
+        Entry(
+            "city",
+            "scenes.generated.city:build",
+            "generated city plan: blocks, streets, footprints",
+        ),
         Entry(
             "helsinki",
-            "scenes.helsinki:build",
+            "scenes.real.helsinki:build",
             "footprints and areas of central Helsinki from OpenStreetMap",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="helsinki",
@@ -69,7 +73,7 @@ ENTRIES = {
         ),
         Entry(
             "counties",
-            "scenes.counties:build",
+            "scenes.real.counties:build",
             "outlines of the counties or states of the U.S.",
             "public domain, U.S. Census Bureau",
             extra="counties",
@@ -77,16 +81,24 @@ ENTRIES = {
         ),
         Entry(
             "glyphs",
-            "scenes.glyphs:build",
+            "scenes.real.glyphs:build",
             "glyph outlines of a font",
             "Bitstream Vera licence (DejaVu), or the font's own",
         ),
-        Entry("cad", "scenes.cad:build", "sheet metal parts: slots, bolt holes, gears, letters"),
-        Entry("paper", "scenes.paper:build", "test polygon of the paper's Table 1", "facts"),
-        Entry("stress", "scenes.stress:build", "combs, spirals, needles, fractals, random"),
+        Entry(
+            "cad",
+            "scenes.generated.cad:build",
+            "sheet metal parts: slots, bolt holes, gears, letters",
+        ),
+        Entry(
+            "paper", "scenes.generated.paper:build", "test polygon of the paper's Table 1", "facts"
+        ),
+        Entry(
+            "stress", "scenes.generated.stress:build", "combs, spirals, needles, fractals, random"
+        ),
         Entry(
             "meshes",
-            "scenes.meshes:build",
+            "scenes.generated.meshes:build",
             "n-gon faces of a 3D model, each in its plane",
             "generated, or the model's own",
         ),

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pyogrio
 
-from scenes import damage
 from scenes.files import existing, read_chunks
-from scenes.geoparquet import geometry_column, pyarrow_parquet
-from scenes.reader import Source, reader_of
+from scenes.readers import damage
+from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
+from scenes.readers.reader import Source, reader_of
+from scenes.readers.vector import layer_of
 from scenes.scene import SceneError
-from scenes.vector import layer_of
 
 LEAST, MOST = 20_000, 50_000
 """Rows of a slice: fewer are joined with their neighbours, more are cut, where the file allows."""
@@ -69,7 +69,7 @@ def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices
     """
     file = existing(path)
     reader = reader_of(file)
-    if reader.function == "scenes.geoparquet:read":
+    if reader.function == "scenes.readers.geoparquet:read":
         with damage.refused(path, reader.kind):
             return _of_parquet(Source(file, layer), where)
     sliced = file.suffix.lower() in RANDOM and where is None

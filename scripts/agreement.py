@@ -33,8 +33,8 @@ from tests.triangulators.test_batch_equal import polygons as with_holes
 from tests.triangulators.touching import touching_polygons
 from triangulators import TriangulationError, triangulate, triangulate_many, vertices
 from triangulators.criteria import find
-from triangulators.dense import box_optimum
 from triangulators.dropin import triangulate_float64
+from triangulators.optimum.full_table import box_optimum
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 

@@ -26,7 +26,7 @@ def draw(scene: str, resolution: int, name: str) -> None:
     from harness.measuring.loading import load_scene
     from harness.progress import Reporter
     from harness.rasterisers.base import Options
-    from harness.study.calibrate import read_coefficients
+    from harness.study.calibration_draws import read_coefficients
     from harness.triangulating.frames import triangulate_polygons
     from harness.triangulating.names import parse
 

@@ -17,9 +17,9 @@ import pyarrow as pa
 import shapely
 from pyarrow import parquet
 
-from harness.stored import whole
+from harness.stored import atomic
 from scenes import load
-from scenes.projection import system
+from scenes.cleaning.projection import system
 
 CITY = 100_000
 ROW_GROUP = 25_000
@@ -79,7 +79,7 @@ def _write_file(file: Path, polygons: np.ndarray, first: int, seed: int) -> None
     made = file.with_suffix(".writing")
     schema = table.schema.with_metadata({"geo": json.dumps(geo)})
     parquet.write_table(table.cast(schema), made, row_group_size=ROW_GROUP)
-    whole.move(made, file)
+    atomic.move(made, file)
 
 
 if __name__ == "__main__":

@@ -21,8 +21,8 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, smooth, snapped, star
 from triangulators import Ragged, triangulate_many, vertices
+from triangulators.batch.ragged import ragged
 from triangulators.gpu import engine
-from triangulators.ragged import ragged
 
 NAMES = ("optimal:half-perimeter", "worst:half-perimeter")
 SCENES = ("city", "helsinki", "cad", "glyphs", "counties", "meshes", "stress", "paper")

@@ -27,13 +27,13 @@ from tests.triangulators.cases import star
 from tests.triangulators.test_batch_equal import polygons as with_holes
 from tests.triangulators.touching import touching_polygons
 from triangulators import TriangulationError, triangulate, vertices
-from triangulators.certificate import Refused
-from triangulators.cost import cost_of, evaluate
+from triangulators.checking.evidence import Refused
 from triangulators.criteria import find
-from triangulators.local_search import search_cuts
-from triangulators.optimal import solve
+from triangulators.criteria.cost import cost_of, evaluate
+from triangulators.methods.optimal import solve
+from triangulators.optimum.local_search import search_cuts
 from triangulators.polygon import boundary, boundary_area
-from triangulators.starts import best_start
+from triangulators.starting.starts import best_start
 
 CRITERIA = ("half-perimeter", "overdraw", "expected-quads", "edge-length", "shape")
 CLOSE = 1e-9

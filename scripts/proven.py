@@ -16,7 +16,7 @@ from shapely import Polygon
 from harness.frame import View, make_frame
 from scenes import load
 from triangulators import vertices
-from triangulators.optimal import solve
+from triangulators.methods.optimal import solve
 
 SCENES = ("city", "helsinki", "cad", "glyphs", "counties", "meshes", "stress")
 

@@ -24,10 +24,10 @@ import numpy as np
 import psutil
 
 from harness.progress import Reporter
-from harness.scaling.crew import DaskCrew
+from harness.scaling.cluster import DaskCrew
 from harness.scaling.dataset import MANIFEST, Dataset
+from harness.scaling.task_queue import Alone, Crew, work_through
 from harness.scaling.triangulated import Options
-from harness.scaling.working import Alone, Crew, work_through
 from scripts.footprints import CITY, write
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
-from harness.heatmaps import lane_maps
+from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, find_device, get
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.names import parse

@@ -79,7 +79,7 @@ def harness(
 @pytest.fixture
 def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out a run's plots: tests/report and test_cli look at them, elsewhere they take time."""
-    monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+    monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
 
 
 @pytest.fixture

@@ -19,9 +19,10 @@ rounding error of an edge counts as on it when they are verified or repaired.
 """
 
 from triangulators import criteria
-from triangulators.batch import Ragged, Triangulations, triangulate_many
-from triangulators.certificate import Certificate
-from triangulators.certifying import certify
+from triangulators.batch.device_times import measure_device
+from triangulators.batch.many import Ragged, Triangulations, triangulate_many
+from triangulators.certificate.certify import certify
+from triangulators.checking.evidence import Certificate
 from triangulators.compiled import drop_stale, warm_up
 from triangulators.errors import (
     InvalidPolygon,
@@ -30,7 +31,6 @@ from triangulators.errors import (
     Unavailable,
     UnknownName,
 )
-from triangulators.gpu.measuring import measure_device
 from triangulators.polygon import vertices
 from triangulators.registry import (
     find,

@@ -11,11 +11,11 @@ import mapbox_earcut
 import numpy as np
 import shapely
 
-from triangulators import optimal
 from triangulators.errors import TriangulationError
+from triangulators.geometry.simple_ring import UNSURE, winding
+from triangulators.methods import optimal
+from triangulators.optimum.small_ring import SMALL, ring_optimum
 from triangulators.polygon import as_polygon, boundary_of_rings
-from triangulators.simple_ring import UNSURE, winding
-from triangulators.small_ring import SMALL, ring_optimum
 
 _BOX = np.array([1.0, 0.0, 0.0])
 EXACT = 2**53

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 
 from triangulators.errors import InvalidPolygon
-from triangulators.predicates import on_segment, touching
-from triangulators.simple_ring import LEFT, UNSURE, winding
+from triangulators.geometry.predicates import on_segment, touching
+from triangulators.geometry.simple_ring import LEFT, UNSURE, winding
 
 Result = TypeVar("Result")
 

@@ -14,10 +14,10 @@ import shapely
 
 from triangulators import criteria
 from triangulators.errors import TriangulationError, Unavailable, UnknownName
+from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
-from triangulators.predicates import ALL_LEFT, OUTSIDE, all_left
-from triangulators.repair import insert_dropped_vertices
-from triangulators.starts import left_turning
+from triangulators.starting.repair import insert_dropped_vertices
+from triangulators.starting.starts import left_turning
 
 ENTRY_POINTS = "raster_harness.triangulators"
 Function = Callable[..., np.ndarray]
@@ -72,41 +72,41 @@ BUILTIN = {
         Entry(
             "fan",
             "a fan from a vertex that sees the whole polygon",
-            "triangulators.fan:triangulate",
+            "triangulators.methods.fan:triangulate",
             handles_holes=False,
             any_shape=False,
         ),
         Entry(
             "strip",
             "a zigzag of diagonals, where some start allows it",
-            "triangulators.strip:triangulate",
+            "triangulators.methods.strip:triangulate",
             handles_holes=False,
             any_shape=False,
         ),
         Entry(
             "ear-clipping",
             "mapbox_earcut",
-            "triangulators.ear_clipping:triangulate",
+            "triangulators.libraries.ear_clipping:triangulate",
             conforms=False,
         ),
         Entry(
             "delaunay",
             "constrained Delaunay triangulation (GEOS, through shapely)",
-            "triangulators.delaunay:triangulate",
+            "triangulators.libraries.delaunay:triangulate",
             conforms=False,
         ),
         Entry(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
-            "triangulators.sweep:triangulate",
+            "triangulators.libraries.sweep:triangulate",
             conforms=False,
-            needs="triangulators.sweep:installed",
+            needs="triangulators.libraries.sweep:installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
         Entry(
             "manifold",
             "manifold3d's ear clipping",
-            "triangulators.manifold:triangulate",
+            "triangulators.libraries.manifold:triangulate",
             conforms=False,
             needs="manifold3d",
             install="pip install manifold3d",
@@ -114,44 +114,44 @@ BUILTIN = {
         Entry(
             "max-area",
             "largest triangle first (Persson 2009)",
-            "triangulators.max_area:triangulate",
+            "triangulators.methods.max_area:triangulate",
             handles_holes=False,
         ),
         Entry(
             "greedy",
             "shortest diagonals first",
-            "triangulators.greedy:triangulate",
+            "triangulators.methods.greedy:triangulate",
         ),
         Entry(
             "random",
             "uniform over all triangulations, by counting; seed=",
-            "triangulators.uniform:triangulate",
+            "triangulators.methods.random_uniform:triangulate",
             handles_holes=False,
         ),
         Entry(
             "pareto",
             "a point of the Pareto front of A and D, by its number from the least A on; k=",
-            "triangulators.pareto:triangulate",
+            "triangulators.methods.pareto:triangulate",
             handles_holes=False,
         ),
         Entry(
             "listed",
             "one of all that the paper's method lists, by its number from the least A on; k=",
-            "triangulators.exhaustive:triangulate_listed",
+            "triangulators.methods.exhaustive:triangulate_listed",
             handles_holes=False,
             conforms=False,
         ),
         Entry(
             "exhaustive",
             "the best of all triangulations, every one listed (the paper's method)",
-            "triangulators.exhaustive:triangulate",
+            "triangulators.methods.exhaustive:triangulate",
             handles_holes=False,
             criteria=True,
         ),
         Entry(
             "refined",
             "ear clipping, then flips by a criterion, half-perimeter by default",
-            "triangulators.refined:triangulate",
+            "triangulators.methods.refined:triangulate",
             criteria=True,
             default_criterion="half-perimeter",
         ),
@@ -159,14 +159,14 @@ BUILTIN = {
             "optimal",
             "the minimum of a criterion: exact up to 2,000 vertices, with holes nearly always;"
             " beyond by search",
-            "triangulators.optimal:triangulate",
+            "triangulators.methods.optimal:triangulate",
             criteria=True,
-            with_gap="triangulators.optimal:triangulate_with_gap",
+            with_gap="triangulators.methods.optimal:triangulate_with_gap",
         ),
         Entry(
             "worst",
             "the maximum of a criterion: exact up to 2,000 vertices without holes; else by search",
-            "triangulators.optimal:triangulate_worst",
+            "triangulators.methods.optimal:triangulate_worst",
             criteria=True,
         ),
     )

@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 
 from triangulators.criteria import predict
+from triangulators.geometry.predicates import on_segment, tolerance, turns
 from triangulators.polygon import Boundary, boundary, boundary_area
-from triangulators.predicates import on_segment, tolerance, turns
 
 Edge = tuple[int, int]
 

@@ -13,16 +13,16 @@ from rich.table import Table
 from harness import rasterisers
 from harness.commands.options import CALIBRATIONS, Quiet, Seed, split_names
 from harness.errors import Inconclusive
-from harness.looks import plain_table
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
+from harness.pictures.style import plain_table
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 
 if TYPE_CHECKING:
-    from harness.study.models import Model
+    from harness.study.model_terms import Model
 
 
 def calibrate(
@@ -60,10 +60,10 @@ def calibrate(
     A second table has the best model of each number of terms, and the fewest that predict as well.
     """
     # Statistics take a second to import, which other commands need not wait for.
-    from harness.study import calibrate as study
-    from harness.study import calibration, models
+    from harness.study import calibration_draws as study
+    from harness.study import cost_model, model_terms
 
-    allowed = models.named(split_names(terms)) or calibration.TERMS[1:]
+    allowed = model_terms.named(split_names(terms)) or cost_model.TERMS[1:]
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
@@ -99,13 +99,13 @@ def calibrate(
     table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
     for heading in ("term", "coefficient", "95 % interval", "unit"):
         table.add_column(heading)
-    for term, unit in zip(calibration.TERMS, calibration.UNITS, strict=True):
+    for term, unit in zip(cost_model.TERMS, cost_model.UNITS, strict=True):
         low, high = fit.intervals[term]
         table.add_row(term, f"{fit.coefficients[term]:.3g}", f"{low:.3g} to {high:.3g}", unit)
     console = Console(highlight=False)
     console.print(table)
     console.print(str(validation))
-    _print_models(fewer, models.fewest(fewer), console)
+    _print_models(fewer, model_terms.fewest(fewer), console)
     if not validation.good:
         raise Inconclusive(
             f"the fit is refused, for R2 below {study.LEAST_R2:g} would follow noise: close other "

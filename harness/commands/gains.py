@@ -10,7 +10,7 @@ from rich.console import Console
 
 from harness.commands.options import split_names
 from harness.errors import NothingMeasured
-from harness.looks import plain_table
+from harness.pictures.style import plain_table
 from harness.rasterisers.order import ORDERS
 from harness.stored.folder import read_run
 from harness.triangulating.names import parse_all

@@ -52,7 +52,7 @@ def history(
     --all. Studies are left out: they measure each case once.
     """
     from harness.history import Choice, find_runs, matching, read_series, worth_showing
-    from harness.history.figures import plot_history
+    from harness.history.plots import plot_history
 
     console = Console(soft_wrap=True, highlight=False, markup=False)
     found = find_runs(folders, studies=everything)
@@ -92,7 +92,7 @@ def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     import numpy as np
 
     from harness.compare.wording import figure, percent
-    from harness.history.figures import run_label
+    from harness.history.plots import run_label
 
     lines = []
     for entry in series:

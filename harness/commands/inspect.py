@@ -36,7 +36,7 @@ def inspect(
     ] = None,
 ) -> None:
     """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
-    from harness.heatmaps import draw_heatmaps
+    from harness.pictures.heatmaps import draw_heatmaps
 
     recipes = parse_all(split_names(triangulator), seed=seed)
     reporter = Reporter()

@@ -14,14 +14,14 @@ from harness.errors import INTERRUPTED, Inconclusive, UsageError
 from harness.export.certified import Certified
 from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
-from harness.scaling import gained
+from harness.scaling import census_report
 from harness.scaling.census import COUNTING, total
 from harness.scaling.census import Options as CensusOptions
-from harness.scaling.crew import DaskCrew
+from harness.scaling.cluster import DaskCrew
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.parts import files
+from harness.scaling.task_queue import Alone, Crew
 from harness.scaling.triangulated import Options
-from harness.scaling.working import Alone, Crew
 from harness.stored.folder import clear_errors
 from scenes.slices import in_degrees
 
@@ -87,10 +87,10 @@ def count_many_files(
     done = [part.key for part in dataset.cut.parts if part.key in dataset.done]
     sums = total(dataset.out, done, len(names))
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
-        gained.write(out, sums, options)
+        census_report.write(out, sums, options)
     _warn(summary, reporter)
     console = Console(highlight=False)
-    console.print(gained.table(sums, names))
+    console.print(census_report.table(sums, names))
     console.print(
         f"{os.path.relpath(out)}: {sums.footprints:,} footprints in {summary.seconds:.1f} s: "
         "census.csv, cells.csv, plots/",

@@ -66,7 +66,7 @@ def import_(
     run that was measured here, it writes its --summary and nothing else.
     """
     from harness.compare.checking import checked
-    from harness.devices import write_summary
+    from harness.page.devices import write_summary
     from harness.page.result import device_name, import_result, read_result
     from harness.report import write_report
 

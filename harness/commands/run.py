@@ -32,12 +32,12 @@ from harness.commands.results import folder_for, require_finished
 from harness.errors import Inconclusive, UsageError
 from harness.figures.groups import base_of, groups
 from harness.frame import FitMode, View
-from harness.measuring.beside import FOLDER as BASE_FOLDER
-from harness.measuring.beside import Beside, version
 from harness.measuring.plan import DEFAULT_TRIANGULATORS, Plan
 from harness.measuring.run import RunResult
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
+from harness.measuring.two_versions import FOLDER as BASE_FOLDER
+from harness.measuring.two_versions import Beside, version
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.rasterisers.order import Order
@@ -256,7 +256,7 @@ def _recipes(triangulators: str, seed: int, file: Path | None, device: str) -> t
     recipes = parse_all(split_names(triangulators), seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
         return recipes
-    from harness.study.calibrate import read_coefficients
+    from harness.study.calibration_draws import read_coefficients
 
     devices = split_names(device)
     if file is None and len(devices) != 1:
@@ -310,12 +310,12 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     print_summary(stored.records, console)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
-        from harness.plots import plot_run
         from harness.report import write_report
-        from harness.study import spread
+        from harness.report.plots import plot_run
+        from harness.study import polygon_ranking
 
         with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
-            spread.write(stored)
+            polygon_ranking.write(stored)
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
             plot_run(stored)
             write_report(stored)

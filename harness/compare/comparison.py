@@ -22,8 +22,8 @@ from harness.compare.model import (
 )
 from harness.compare.planned import missing_from
 from harness.compare.settings import Settings, require_known
-from harness.environment import commit_of
 from harness.figures.registry import find
+from harness.machine.environment import commit_of
 from harness.stored.folder import Record, Run
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from harness.compare.figures import counter_figure, time_figure, to_svg
 from harness.compare.model import Comparison
+from harness.compare.plots import counter_figure, time_figure, to_svg
 from harness.compare.rows import TOTALS_HEADING, affected_totals, groups, run_lines, total_cells
 from harness.compare.wording import headline
-from harness.templates import template
+from harness.webpages.templates import template
 
 PLOTS = (
     ("time", "Times", time_figure),

@@ -16,7 +16,7 @@ from harness.compare.rows import (
     total_cells,
 )
 from harness.compare.wording import headline
-from harness.looks import plain_table
+from harness.pictures.style import plain_table
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
 VERDICT_STYLES = {"regression": "bold red", "good": "bold green"}

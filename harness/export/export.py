@@ -27,7 +27,7 @@ from harness.export.triangulation import Batch, triangulate_batch
 from harness.export.writer import About, Output, Writer
 from harness.triangulating.database import ModelDatabase
 from triangulators import TriangulationError, UnknownName, full_name, parse
-from triangulators.optimal import LIMIT
+from triangulators.methods.optimal import LIMIT
 
 CHUNK = 20_000
 """Polygons that are in memory at a time."""

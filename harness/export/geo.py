@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
 from harness.export.writer import About, Output, plain
-from scenes.projection import system
+from scenes.cleaning.projection import system
 
 _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
 _MOST_BYTES = 2**31 - 1  # that offsets of 32 bits reach

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from scenes import load
+from scenes.cleaning.projection import Projection
 from scenes.files import read_chunks
-from scenes.projection import Projection
 from scenes.registry import split
 
 

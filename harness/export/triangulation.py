@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.triangulating import database as model
 from triangulators import full_name, parse, triangulate_many
-from triangulators.batch import Ragged, ragged
+from triangulators.batch.many import Ragged, ragged
 
 COMPILED = 64
 """With at most this many vertices, an optimum without holes is computed as fast as it is read.

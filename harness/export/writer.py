@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
-from harness.stored import whole
+from harness.stored import atomic
 
 BEGUN = ".raster-harness-"
 """What the names of folders begin with in which an output is being made; its name follows."""
@@ -106,7 +106,7 @@ class Output:
         for stream in self._streams():
             stream.close()
         for made, final in self._finished:
-            whole.move(made, final, forced=self._forced)
+            atomic.move(made, final, forced=self._forced)
         # the target itself first, then what lies beside it
         return sorted((final for _, final in self._finished), key=lambda path: len(path.name))
 

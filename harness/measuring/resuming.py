@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.measuring.beside import Halves
+from harness.measuring.two_versions import Halves
 from harness.stored.folder import Record, Store, read_run
 
 

@@ -9,9 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness import environment
+from harness.machine import environment
 from harness.measuring.backends import find_backends
-from harness.measuring.beside import Beside, head_records
 from harness.measuring.cases import Job, measure_scene
 from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
 from harness.measuring.loading import load_scene
@@ -19,6 +18,7 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
 from harness.measuring.resuming import open_store
 from harness.measuring.signals import stopped_in_order
+from harness.measuring.two_versions import Beside, head_records
 from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from harness.stored import drawings

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 
-from harness import system
 from harness.errors import HarnessError
+from harness.machine import system
 
 
 class TaskFailed(HarnessError):  # noqa: N818 - says what happened

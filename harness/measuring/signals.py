@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from harness import system
+from harness.machine import system
 from harness.measuring.processes import Bench
 from harness.progress import Reporter, let_go_of_terminal
 

@@ -22,8 +22,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Protocol, TypeVar
 
-from harness import system
 from harness.errors import HarnessError
+from harness.machine import system
 from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
 
 __all__ = ["Executor", "Inline", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]

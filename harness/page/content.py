@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import __version__
-from harness.devices import CRITERIA
 from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
 from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
-from harness.looks import looks
+from harness.page.devices import CRITERIA
+from harness.pictures.style import looks
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
-from harness.webpage import encoded
+from harness.webpages.single_file import encoded
 
 FORMAT = "raster-harness page"
 VERSION = 1

@@ -10,8 +10,8 @@ from harness.rasterisers.sources import shader
 from harness.report.page import CHARTS, ELEMENTS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.stored.folder import Run
-from harness.templates import template
-from harness.webpage import packed, static, write_whole
+from harness.webpages.single_file import packed, static, write_whole
+from harness.webpages.templates import template
 
 PACKAGE = "harness.page"
 SCRIPTS = ("figures.js", "timing.js", "grid.js", "device.js", "show.js", "main.js")

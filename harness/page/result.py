@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 from pydantic import model_validator as validator
 
-from harness.devices import browser
 from harness.errors import UsageError
 from harness.figures.intervals import median_interval
 from harness.figures.registry import PREDICTED
@@ -25,6 +24,7 @@ from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
 from harness.measuring.timing import TimerTest as Timer
+from harness.page.devices import browser
 from harness.rasterisers import Options
 from harness.stored import drawings
 from harness.stored.drawings import view_of

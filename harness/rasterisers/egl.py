@@ -13,7 +13,7 @@ from typing import Any
 
 from harness.rasterisers import probing
 from harness.rasterisers.base import Device
-from triangulators.gpu.names import is_software, matches
+from triangulators.devices import is_software, matches
 
 PROBE = Path(__file__).with_name("probe.py")
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"

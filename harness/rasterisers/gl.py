@@ -12,7 +12,7 @@ from harness.errors import NoRasteriser
 from harness.rasterisers import context, egl
 from harness.rasterisers.base import Device, Rasteriser
 from harness.rasterisers.context import Context
-from triangulators.gpu.names import is_software, matches
+from triangulators.devices import is_software, matches
 
 
 class GLRasteriser(Rasteriser):

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from triangulators.order import walk
-from triangulators.vertex_cache import vertex_cache_order
+from triangulators.geometry.order import walk
+from triangulators.geometry.vertex_cache import vertex_cache_order
 
 Triangles = NDArray[np.int32]
 

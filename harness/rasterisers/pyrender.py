@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.extrude import extrude
-from triangulators.gpu.names import is_software, matches
+from triangulators.devices import is_software, matches
 
 INSTALL = "python -m pip install 'raster-harness[pyrender]'"
 

@@ -10,13 +10,13 @@ from typing import Any
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
-from harness.looks import looks
+from harness.pictures.style import looks
 from harness.report import facts, matrix, packing
 from harness.report.answer import answer, answer_of_study
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
-from harness.study import spread
+from harness.study import polygon_ranking
 from harness.study.statistics import Estimate
 from harness.summary import row_of
 
@@ -116,10 +116,10 @@ class _Polygons:
 
     def within(self, record: Record, measure: str | None) -> dict[str, Estimate]:
         """Return how well criteria rank a measure within polygons, where the run's spread says."""
-        table = spread.read(self._run, view_of(record))
-        if table is None or measure not in spread.MEASURES:
+        table = polygon_ranking.read(self._run, view_of(record))
+        if table is None or measure not in polygon_ranking.MEASURES:
             return {}
-        return spread.ranks(table, measure)
+        return polygon_ranking.ranks(table, measure)
 
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""

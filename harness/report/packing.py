@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.stored.drawings import Geometry
-from harness.webpage import encoded
+from harness.webpages.single_file import encoded
 
 MOST_TRIANGLES = 1_500_000
 """Triangles that one report carries for its heatmaps, over all triangulators and views."""

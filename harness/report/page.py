@@ -9,8 +9,8 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.report.content import content_of
 from harness.stored.folder import Run
-from harness.templates import template
-from harness.webpage import packed, static, write_whole
+from harness.webpages.single_file import packed, static, write_whole
+from harness.webpages.templates import template
 
 PACKAGE = "harness.report"
 ELEMENTS = "elements.js"

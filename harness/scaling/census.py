@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
-from harness.scaling.done import AT_A_TIME, Done, about, lasting, make_part
+from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
 from scenes.files import Chunk, read_chunks
 from triangulators import triangulate_many
-from triangulators.batch import Ragged, ragged
+from triangulators.batch.many import Ragged, ragged
 
 COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests", "triangles")
 PREDICTED = ("half_perimeter", "overdraw")

@@ -15,15 +15,15 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from harness import environment
 from harness.errors import UsageError
 from harness.export.writer import BEGUN
+from harness.machine import environment
 from harness.progress import Parts, Reporter
-from harness.scaling.done import Done
+from harness.scaling.part_files import Done
 from harness.scaling.parts import Cut, Part, cut_all, files
+from harness.scaling.task_queue import Crew, work_through
 from harness.scaling.triangulated import do_part, read_done
-from harness.scaling.working import Crew, work_through
-from harness.stored import whole
+from harness.stored import atomic
 from harness.stored.folder import clear_errors
 
 MANIFEST = "manifest.json"
@@ -251,7 +251,7 @@ class Dataset:
         }
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         with clear_errors(self.out, "give the same command again"):
-            whole.write(self.out / MANIFEST, text.encode(), forced=True)
+            atomic.write(self.out / MANIFEST, text.encode(), forced=True)
 
     def _told(self) -> Iterable[dict[str, Any]]:
         for part in self.cut.parts:

@@ -19,18 +19,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness import environment, system
 from harness.compare.checking import checked
 from harness.errors import UsageError
+from harness.machine import environment, system
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunResult, run
 from harness.measuring.tasks import Survey, survey
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
 from harness.scaling import merging
-from harness.scaling.crew import DaskCrew
-from harness.scaling.done import require_code
-from harness.scaling.working import work_through
+from harness.scaling.cluster import DaskCrew
+from harness.scaling.part_files import require_code
+from harness.scaling.task_queue import work_through
 from harness.stored import drawings
 from harness.stored.folder import CASES, POLYGONS, clear_errors, file_stem, read_run
 

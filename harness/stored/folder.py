@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness import system
 from harness.errors import UsageError
-from harness.stored import whole
+from harness.machine import system
+from harness.stored import atomic
 
 SCHEMA_VERSION = 1
 
@@ -196,7 +196,7 @@ class Store:
     def _replace(self, name: str, content: bytes, *, forced: bool = True) -> None:
         """Write a file, whole or not at all; `forced`: it outlives a power cut, too."""
         with clear_errors(self.path):
-            whole.write(self.path / name, content, forced=forced)
+            atomic.write(self.path / name, content, forced=forced)
 
 
 def parsed(content: bytes) -> Any:

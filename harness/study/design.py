@@ -19,7 +19,7 @@ from harness.errors import UsageError
 from harness.triangulating.names import Recipe, parse_all
 from scenes import Scene
 from triangulators import registry
-from triangulators.exhaustive import count_triangulations, enumerate_triangulations
+from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
 
 STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria whose optimal and worst triangulations are measured."""

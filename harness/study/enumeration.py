@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from shapely import Polygon
 
-from harness.looks import COLOURS, STYLE, save
+from harness.pictures.style import COLOURS, STYLE, save
 from triangulators import vertices
 from triangulators.criteria import predict
-from triangulators.exhaustive import enumerate_triangulations
-from triangulators.pareto import pareto_front
+from triangulators.methods.exhaustive import enumerate_triangulations
+from triangulators.methods.pareto import pareto_front
 
 COLUMNS = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 

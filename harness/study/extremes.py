@@ -17,7 +17,7 @@ from rich.table import Table
 
 from harness.figures.groups import groups, time_ratio
 from harness.figures.registry import find, measures, predictions
-from harness.looks import COLOURS, STYLE, save
+from harness.pictures.style import COLOURS, STYLE, save
 from harness.stored.folder import Record
 from harness.study.analysis import label, without_twins
 

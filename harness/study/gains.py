@@ -11,7 +11,7 @@ import pandas as pd
 from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.ratios import FASTER
 from harness.figures.registry import find
-from harness.looks import STYLE, looks, save
+from harness.pictures.style import STYLE, looks, save
 from harness.stored.folder import Record
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.looks import STYLE, look_of, looks, plain_table, save, scatter
+from harness.pictures.style import STYLE, look_of, looks, plain_table, save, scatter
 from harness.study.analysis import TIME, column, label, predictors
 
 if TYPE_CHECKING:

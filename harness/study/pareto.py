@@ -25,9 +25,10 @@ from harness.stored.folder import Record, Run
 from harness.study.design import Design, choose_polygons
 from harness.triangulating.names import parse_all
 from scenes import Scene
-from triangulators import criteria, exhaustive, registry
-from triangulators.counting import count_triangulations
-from triangulators.pareto import LIMIT, pareto_front
+from triangulators import criteria, registry
+from triangulators.methods import exhaustive
+from triangulators.methods.counting import count_triangulations
+from triangulators.methods.pareto import LIMIT, pareto_front
 
 NAMED = (
     "fan",

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from harness.figures.groups import groups
 from harness.figures.ratios import FASTER, SLOWER
-from harness.looks import plain_table
+from harness.pictures.style import plain_table
 from harness.stored.folder import Record
 from harness.study.pareto import SAME, WHOLE, WITH_C, WITHOUT_C, MeasuredFront
 

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.figures.ratios import FASTER
-from harness.looks import STYLE, save
+from harness.pictures.style import STYLE, save
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, MeasuredFront
 
 if TYPE_CHECKING:

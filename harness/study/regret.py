@@ -22,7 +22,7 @@ from rich.console import Console
 
 from harness.figures.groups import groups
 from harness.figures.registry import find, measures, predictions
-from harness.looks import COLOURS, STYLE, family_of, plain_table, save
+from harness.pictures.style import COLOURS, STYLE, family_of, plain_table, save
 from harness.stored.folder import Record
 from harness.study.analysis import TIME, label
 from harness.study.design import LEAST

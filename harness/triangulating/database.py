@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 import triangulators
-from harness import system
 from harness.errors import UsageError
+from harness.machine import system
 
 SCHEMA = 1
 LIMIT_BYTES = 4 * 2**30

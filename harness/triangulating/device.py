@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from harness.progress import Reporter
 from triangulators import measure_device
+from triangulators.devices import CPU, check_name
 from triangulators.gpu.context import DeviceFailed
-from triangulators.gpu.names import CPU, check_name
 
 
 def get_ready(device: str, reporter: Reporter) -> str:

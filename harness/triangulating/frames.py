@@ -16,7 +16,7 @@ from harness.frame import Frame
 from harness.triangulating.lookup import Lookup
 from harness.triangulating.names import Recipe
 from triangulators import Skipped, vertices
-from triangulators.batch import ragged
+from triangulators.batch.many import ragged
 from triangulators.verify import verify
 
 

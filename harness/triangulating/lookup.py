@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.environment import cpu_name
 from harness.errors import UsageError
+from harness.machine.environment import cpu_name
 from harness.triangulating import database
 from triangulators.polygon import rings_of
 

@@ -29,8 +29,8 @@ from triangulators import (
     triangulate_with_gap,
     vertices,
 )
-from triangulators.batch import Ragged, attempt_many
-from triangulators.optimal import LIMIT
+from triangulators.batch.many import Ragged, attempt_many
+from triangulators.methods.optimal import LIMIT
 
 NUMBER, UPRIGHT = "#", "@0"
 

@@ -16,11 +16,11 @@ import pytest
 from scenes import load
 from tests.triangulators.cases import convex, snapped, star
 from triangulators import Ragged, triangulate_many, vertices
+from triangulators.batch.ragged import ragged
+from triangulators.devices import is_software
 from triangulators.gpu import engine
-from triangulators.gpu.names import is_software
 from triangulators.gpu.placing import place
 from triangulators.gpu.rings import MOST, Rings, prepare
-from triangulators.ragged import ragged
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 

@@ -19,13 +19,13 @@ import shapely
 from scenes import load
 from tests.triangulators.cases import convex, smooth, snapped, star
 from triangulators import Ragged, triangulate, triangulate_many, vertices
-from triangulators.batch import ragged
+from triangulators.batch.many import ragged
 from triangulators.criteria import predict
-from triangulators.dense import box_optimum
 from triangulators.dropin import triangulate_float64
-from triangulators.edges import edge_optimum
+from triangulators.optimum.edge_table import edge_optimum
+from triangulators.optimum.full_table import box_optimum
 from triangulators.polygon import boundary, rings_of
-from triangulators.starts import cycle_of
+from triangulators.starting.starts import cycle_of
 
 
 def compare(

@@ -133,6 +133,6 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
         monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
         # Drawn by every run and tested in tests/report; here they only take time.
-        monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+        monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     yield Reader(folder)
     shutil.rmtree(folder, ignore_errors=True)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from typing import Any
 
 from tests.paths import ROOT
 
@@ -23,12 +25,18 @@ def boxes() -> list[tuple[str, set[str]]]:
     return [(layer, set(group.get("data-modules", "").split())) for layer, group in found]
 
 
+def room_of(name: str) -> tuple[str, str]:
+    """Return the package, and the part of it that a box names, of a dotted name of ours."""
+    package, *rest = name.split(".")
+    part = rest[0] if rest else ""
+    place = ROOT / package / part
+    known = bool(part) and (place.is_dir() or place.with_suffix(".py").exists())
+    return package, part if known else "__init__"
+
+
 def module_of(file: Path) -> tuple[str, str]:
     """Return the package, and the part of it that a box names, of a source file."""
-    parts = file.relative_to(ROOT).with_suffix("").parts
-    if parts[0] != "harness":
-        return parts[0], parts[0]
-    return "harness", parts[1]
+    return room_of(".".join(file.relative_to(ROOT).with_suffix("").parts))
 
 
 def named(file: Path) -> Iterator[str]:
@@ -44,12 +52,16 @@ def named(file: Path) -> Iterator[str]:
 
 def imports(file: Path) -> Iterator[tuple[str, str]]:
     """Yield package and part of everything of ours that a file imports."""
-    for name in named(file):
-        package, *rest = name.split(".")
-        if package != "harness":
-            yield package, package
-        elif rest and rest[0] != "__version__":
-            yield package, rest[0]
+    yield from (room_of(name) for name in named(file))
+
+
+def room_graph() -> dict[tuple[str, str], set[tuple[str, str]]]:
+    """Return, for each room, the others that its modules import from."""
+    graph: dict[tuple[str, str], set[tuple[str, str]]] = {}
+    for file in sources():
+        source = module_of(file)
+        graph.setdefault(source, set()).update(set(imports(file)) - {source})
+    return graph
 
 
 def import_graph() -> dict[str, set[str]]:
@@ -64,8 +76,8 @@ def import_graph() -> dict[str, set[str]]:
     }
 
 
-def import_circle(graph: dict[str, set[str]]) -> list[str]:
-    """Return modules that import each other around, or [] where none do."""
+def import_circle(graph: dict[Any, set[Any]]) -> list[Any]:
+    """Return modules or rooms that import each other around, or [] where none do."""
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -80,7 +92,7 @@ def sources() -> list[Path]:
 def test_every_module_is_in_one_box():
     drawn = [(layer, module) for layer, modules in boxes() for module in modules]
     assert len(drawn) == len(set(drawn))
-    there = {module_of(file) for file in sources()} - {("harness", "__init__")}
+    there = {module_of(file) for file in sources()} - {(name, "__init__") for name in PACKAGES}
     assert there == set(drawn)
 
 
@@ -95,7 +107,7 @@ def test_modules_import_from_their_own_box_and_below_only():
         for file in sources()
         if (source := module_of(file)) in level
         for target in imports(file)
-        if level[target] < level[source]
+        if target in level and level[target] < level[source]
     ]
     assert upward == []
 
@@ -111,6 +123,19 @@ def test_a_circle_would_be_found():
     graph = import_graph()
     graph["harness.stored.folder"].add("harness.measuring.run")
     assert {"harness.stored.folder", "harness.measuring.run"} <= set(import_circle(graph))
+
+
+def test_no_rooms_import_each_other_around():
+    graph = room_graph()
+    assert ("triangulators", "geometry") in graph["triangulators", "methods"]
+    assert import_circle(graph) == []
+    graph["triangulators", "geometry"].add(("triangulators", "methods"))
+    assert ("triangulators", "methods") in import_circle(graph)
+
+
+def test_no_folder_is_full():
+    folders = Counter(file.parent for file in sources() if file.name != "__init__.py")
+    assert {str(folder): count for folder, count in folders.items() if count > 23} == {}
 
 
 def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():

@@ -16,7 +16,7 @@ from harness.compare.comparison import compare_runs
 from harness.compare.settings import Settings
 from harness.figures import registry
 from harness.figures.registry import Figure, figures_of, find, measures, predictions
-from harness.looks import looks
+from harness.pictures.style import looks
 from harness.rasterisers import counters
 from harness.report.content import content_of
 from harness.stored.folder import read_run

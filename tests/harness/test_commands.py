@@ -99,7 +99,8 @@ def test_inspect_draws_a_picture(harness, block):
 def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
     told = []
     monkeypatch.setattr(
-        "harness.heatmaps.draw_heatmaps", lambda frame, *_: told.extend(frame.source.tolist())
+        "harness.pictures.heatmaps.draw_heatmaps",
+        lambda frame, *_: told.extend(frame.source.tolist()),
     )
     assert harness("inspect", "--scene", str(block), "--polygon", "2")[0] == 0
     assert told == [2]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import environment
-from harness.environment import COMMITS, commit_of
+from harness.machine import environment
+from harness.machine.environment import COMMITS, commit_of
 from harness.stored.folder import read_run
 
 
@@ -75,7 +75,7 @@ def test_a_run_that_knows_the_harness_alone_tells_of_it():
 def test_comparison_and_history_tell_the_users_commit(tmp_path):
     from harness.compare import compare_runs
     from harness.compare.rows import run_lines
-    from harness.history.figures import run_label
+    from harness.history.plots import run_label
     from tests.compare.runs import MACHINE, write_run
 
     ours, theirs = {"commit": "a" * 40, "dirty": False}, {"commit": "b" * 40, "dirty": False}

@@ -10,7 +10,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from scenes.projection import system
+from scenes.cleaning.projection import system
 from tests.harness.test_cli import MOCK
 from tests.scenes.test_files import without_utf8, write
 

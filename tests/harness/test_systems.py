@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness import system
+from harness.machine import system
 from tests.paths import ROOT
 
 BARE = Path(__file__).parents[1] / "bare"

@@ -206,7 +206,7 @@ def test_resume_refuses_a_scene_that_changed(block, tmp_path):
 def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     measure(plan_for(block), out)
-    monkeypatch.setattr("harness.environment.code_version", lambda: "other")
+    monkeypatch.setattr("harness.machine.environment.code_version", lambda: "other")
     with pytest.raises(UsageError, match="the code differ"):
         measure(plan_for(block), out, resume=True)
 
@@ -214,7 +214,7 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
 def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     measure(plan_for(block), out)
-    monkeypatch.setattr("harness.environment.cpu_name", lambda: "another processor")
+    monkeypatch.setattr("harness.machine.environment.cpu_name", lambda: "another processor")
     with pytest.raises(UsageError, match="the machine differ"):
         measure(plan_for(block), out, resume=True)
     assert measure(plan_for(block), out, resume=True, force=True).records

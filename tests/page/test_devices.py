@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import devices
 from harness.errors import UsageError
+from harness.page import devices
 from tests.paths import ROOT
 
 

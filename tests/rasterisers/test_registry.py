@@ -9,7 +9,7 @@ import pytest
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Rasteriser, egl, find_device, get, names, probing
-from triangulators.gpu.names import matches
+from triangulators.devices import matches
 
 
 def test_every_name_leads_to_a_rasteriser_of_that_name():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.looks import COLOURS, TWO_COLUMNS
-from harness.plots import plot_run
+from harness.pictures.style import COLOURS, TWO_COLUMNS
+from harness.report.plots import plot_run
 from harness.stored.folder import read_run
 from triangulators import criteria
 

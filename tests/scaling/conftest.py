@@ -13,7 +13,7 @@ import shapely
 from pyarrow import parquet
 
 from harness.progress import Reporter
-from harness.scaling.crew import DaskCrew
+from harness.scaling.cluster import DaskCrew
 from scenes import load
 
 PER_FILE = 120

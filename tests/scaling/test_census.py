@@ -19,10 +19,10 @@ from harness.scaling.census import (
     gains,
     total,
 )
+from harness.scaling.census_report import at_least, below, quantile_of
 from harness.scaling.dataset import Dataset
-from harness.scaling.gained import at_least, below, quantile_of
 from harness.scaling.snapping import on_pixels
-from harness.scaling.working import Alone
+from harness.scaling.task_queue import Alone
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
 

@@ -13,8 +13,8 @@ import shapely
 
 from harness.progress import Reporter
 from harness.scaling.dataset import TRIANGLES, Dataset
+from harness.scaling.task_queue import ATTEMPTS, Alone, work_through
 from harness.scaling.triangulated import Options
-from harness.scaling.working import ATTEMPTS, Alone, work_through
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
 

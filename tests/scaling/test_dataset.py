@@ -16,9 +16,9 @@ from harness.errors import UsageError
 from harness.export.triangulation import triangulate_batch
 from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
+from harness.scaling.task_queue import Alone
 from harness.scaling.triangulated import Options
-from harness.scaling.working import Alone
-from harness.stored import whole
+from harness.stored import atomic
 from tests.scaling.conftest import EVERY, contents, ids, parts_in, rows, write_parquet
 
 OPTIONS = Options("optimal:half-perimeter")
@@ -130,7 +130,7 @@ def test_bad_files_are_named_the_rest_is_done_and_the_exit_code_is_5(
 def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monkeypatch):
     out = tmp_path / "out"
     refused = []
-    move = whole.move
+    move = atomic.move
 
     def full(made, place, *, forced=False):
         if place.suffix == ".parquet" and place.stem == chosen:
@@ -140,7 +140,7 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
 
     dataset = Dataset(str(parts), out, OPTIONS)
     chosen = dataset.missing[2].key
-    monkeypatch.setattr(whole, "move", full)
+    monkeypatch.setattr(atomic, "move", full)
     summary = dataset.complete(Alone(), Reporter(quiet=True))
     assert len(refused) == 3
     ((which, why),) = summary.set_aside.items()

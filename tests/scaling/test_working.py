@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from harness.errors import UsageError
-from harness.scaling.working import (
+from harness.scaling.task_queue import (
     ATTEMPTS,
     LOSSES,
     Alone,

@@ -3,7 +3,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.clean import clean
+from scenes.cleaning.clean import clean
 
 number = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float)
 point = st.tuples(number, number)

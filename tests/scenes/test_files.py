@@ -172,7 +172,7 @@ def test_text_that_is_not_utf8_is_marked_and_noted(tmp_path, suffix):
 
 
 def test_text_that_is_not_utf8_without_pyarrow(tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.vector.find_spec", lambda name: None)
+    monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
     with pytest.raises(SceneError, match="text that is not UTF-8: write it as UTF-8, or let"):
         load(without_utf8(tmp_path / "old.gpkg"))
 
@@ -217,7 +217,7 @@ def test_limit(tmp_path):
 @pytest.mark.parametrize("streaming", [True, False])
 def test_chunks_together_are_the_file(tmp_path, streaming, monkeypatch):
     if not streaming:  # as where pyarrow is not installed
-        monkeypatch.setattr("scenes.vector.find_spec", lambda name: None)
+        monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
     boxes = [shapely.box(i, 0, i + 0.5, 1) for i in range(25)]
     path = write(tmp_path / "many.gpkg", boxes, crs="EPSG:4326")
     chunks = list(read_chunks(path, size=10))

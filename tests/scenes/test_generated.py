@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load, names, registry
-from scenes.stress import FAMILIES
+from scenes.generated.stress import FAMILIES
 from tests.scenes.conftest import assert_sound
 
 OWN = ("city", "glyphs", "cad", "paper", "stress", "meshes")

@@ -13,7 +13,8 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scenes import SceneError, damage, limits, load
+from scenes import SceneError, load
+from scenes.readers import damage, limits
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import NAMES, damaged, packed, sample, sound_or_refused, unpacked
 from tests.scenes.test_readers import HOLED, geoparquet
@@ -70,7 +71,11 @@ def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, name):
     # each reader comes by its geometries through one of these
     for module, function in (("shapely", "from_wkb"), ("shapely", "from_wkt")):
         monkeypatch.setattr(f"{module}.{function}", fail)
-    for place in ("scenes.svg.filled", "scenes.cityjson._vertices", "scenes.mesh.in_rows"):
+    for place in (
+        "scenes.readers.svg.filled",
+        "scenes.readers.cityjson._vertices",
+        "scenes.readers.mesh.in_rows",
+    ):
         monkeypatch.setattr(place, fail)
     with pytest.raises(SceneError, match="first line second") as caught:
         load(path)

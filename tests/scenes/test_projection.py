@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
+from scenes.cleaning.projection import Projection, is_geographic, mean_direction, units
 from scenes.files import read_chunks
-from scenes.projection import Projection, is_geographic, mean_direction, units
 from tests.scenes.conftest import assert_sound
 
 FEW = settings(max_examples=30)  # PROJ takes a while to make each projection

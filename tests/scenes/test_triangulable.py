@@ -30,7 +30,7 @@ def frame_of(scene: str) -> Frame:
 @pytest.mark.parametrize("scene", SCENES)
 def test_scene_by_triangulator(scene, name, monkeypatch):
     # `listed` keeps sets of triangulations: minutes for its most; the benchmarks let it do these.
-    monkeypatch.setattr("triangulators.exhaustive.MOST_PAPER", 500)
+    monkeypatch.setattr("triangulators.methods.exhaustive.MOST_PAPER", 500)
     frame = frame_of(scene)
     result = triangulate_polygons(parse(name), frame.polygons)
     assert result.failed == []

@@ -7,13 +7,13 @@ import os
 
 import pytest
 
-from harness.stored import whole
+from harness.stored import atomic
 
 
 def test_a_file_appears_with_its_content_and_usual_rights(tmp_path):
     place = tmp_path / "a.txt"
-    whole.write(place, b"one")
-    whole.write(place, b"two", forced=True)
+    atomic.write(place, b"one")
+    atomic.write(place, b"two", forced=True)
     assert place.read_bytes() == b"two"
     assert place.stat().st_mode & 0o777 == 0o644
     assert list(tmp_path.iterdir()) == [place]
@@ -22,7 +22,7 @@ def test_a_file_appears_with_its_content_and_usual_rights(tmp_path):
 @pytest.mark.parametrize("step", ["fsync", "replace"])
 def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch, step):
     place = tmp_path / "a.txt"
-    whole.write(place, b"one")
+    atomic.write(place, b"one")
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -30,7 +30,7 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch, step):
     monkeypatch.setattr(os, step, full)
     monkeypatch.setattr("pathlib.Path.replace", lambda *_: full())
     with pytest.raises(OSError, match="No space left"):
-        whole.write(place, b"two", forced=True)
+        atomic.write(place, b"two", forced=True)
     assert place.read_bytes() == b"one"
     assert list(tmp_path.iterdir()) == [place]
 
@@ -38,5 +38,5 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch, step):
 def test_the_content_is_on_the_disk_before_the_name(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(os, "fsync", lambda descriptor: calls.append(os.fstat(descriptor).st_mode))
-    whole.write(tmp_path / "a.txt", b"one", forced=True)
+    atomic.write(tmp_path / "a.txt", b"one", forced=True)
     assert [mode & 0o170000 for mode in calls] == [0o100000, 0o040000]

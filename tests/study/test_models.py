@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.study import models
-from harness.study.calibration import TERMS
-from harness.study.models import HeldOut, alternatives, fewest, named
+from harness.study import model_terms
+from harness.study.cost_model import TERMS
+from harness.study.model_terms import HeldOut, alternatives, fewest, named
 
 POLYGONS, WAYS = 30, 8
 TRUE = {"draw": 8e-6, "triangles": 5e-8, "area": 1e-10, "half_perimeter": 8e-9}
@@ -42,7 +42,7 @@ def made(seed: int, groups: int, ways: int, shape: float = 0.0):
     return design, seconds, halves, group.tolist()
 
 
-def chosen_of(shape: float = 0.0) -> tuple[list[models.Model], models.Model]:
+def chosen_of(shape: float = 0.0) -> tuple[list[model_terms.Model], model_terms.Model]:
     design, seconds, _, groups = made(0, 60, 4, shape)
     held_design, held_seconds, halves, polygons = made(1, POLYGONS, WAYS, shape)
     held_out = HeldOut(held_design, held_seconds, halves, [f"city {k}" for k in polygons])
@@ -86,8 +86,8 @@ def test_regret_is_what_the_choice_costs_more():
         ["a", "a", "b", "b"],
     )
     right, wrong = np.array([1.0, 2.0, 2.0, 1.0]), np.array([2.0, 1.0, 1.0, 2.0])
-    assert models._regrets(held_out, right).tolist() == [0.0, 0.0]
-    assert models._regrets(held_out, wrong).tolist() == [1.0, 2.0]
+    assert model_terms._regrets(held_out, right).tolist() == [0.0, 0.0]
+    assert model_terms._regrets(held_out, wrong).tolist() == [1.0, 2.0]
 
 
 def test_noise_alone_makes_no_regret():
@@ -95,7 +95,7 @@ def test_noise_alone_makes_no_regret():
     polygons = [f"p {k // 10}" for k in range(2000)]
     halves = np.exp(0.05 * rng.standard_normal((2000, 2)))
     held_out = HeldOut(np.zeros((2000, len(TERMS))), np.ones(2000), halves, polygons)
-    regrets = models._regrets(held_out, rng.uniform(1, 2, 2000))
+    regrets = model_terms._regrets(held_out, rng.uniform(1, 2, 2000))
     assert abs(regrets.mean()) < 0.01
 
 

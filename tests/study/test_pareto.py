@@ -21,7 +21,7 @@ from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import measure, plan_for
 from triangulators import full_name
-from triangulators.exhaustive import tabulate as list_all
+from triangulators.methods.exhaustive import tabulate as list_all
 
 pytestmark = pytest.mark.usefixtures("in_process")
 
@@ -33,7 +33,7 @@ CITY = "city:buildings=40"
 @pytest.fixture
 def unplotted(monkeypatch) -> None:
     """Leave out the pictures where nobody looks at them."""
-    monkeypatch.setattr("harness.plots.plot_run", lambda run: [])
+    monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     monkeypatch.setattr("harness.study.pareto_plot.plot", lambda *_: [])
 
 

@@ -14,7 +14,8 @@ from harness.triangulating import lookup
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.names import Recipe, parse
 from tests.measuring.test_run import nothing_at_once
-from triangulators import optimal, proof, skeleton
+from triangulators.certificate import proof, skeleton
+from triangulators.methods import optimal
 
 
 def ring(n: int, radius: float, seed: int) -> np.ndarray:

@@ -15,15 +15,16 @@ from tests.triangulators.cases import (
     with_holes,
 )
 from tests.triangulators.listing import least_of_all
-from triangulators import TriangulationError, certify, criteria, proof, triangulate, vertices
-from triangulators.bridges import one_hole_optimum
-from triangulators.certificate import Branch, Leaf, Refused
-from triangulators.certifying import check_certificate
-from triangulators.cost import cost_of, evaluate
-from triangulators.optimal import solve
+from triangulators import TriangulationError, certify, criteria, triangulate, vertices
+from triangulators.certificate import proof
+from triangulators.certificate.certify import check_certificate
+from triangulators.certificate.proof import prove
+from triangulators.checking.evidence import Branch, Leaf, Refused
+from triangulators.criteria.cost import cost_of, evaluate
+from triangulators.methods.optimal import solve
+from triangulators.optimum.bridges import one_hole_optimum
 from triangulators.polygon import boundary, boundary_area
-from triangulators.proof import prove
-from triangulators.starts import best_start
+from triangulators.starting.starts import best_start
 from triangulators.verify import verify
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])

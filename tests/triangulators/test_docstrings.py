@@ -10,8 +10,8 @@ import triangulators
 
 MODULES = (
     "triangulators",
-    "triangulators.batch",
-    "triangulators.certifying",
+    "triangulators.batch.many",
+    "triangulators.certificate.certify",
     "triangulators.criteria",
     "triangulators.dropin",
     "triangulators.polygon",

@@ -6,15 +6,16 @@ import pytest
 from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, random_simple, shared, smooth, star
-from triangulators import criteria, edges, triangulate, vertices
-from triangulators.cost import cost_of
-from triangulators.dense import box_optimum
-from triangulators.features import FEATURES
+from triangulators import criteria, triangulate, vertices
+from triangulators.criteria.cost import cost_of
+from triangulators.criteria.features import FEATURES
+from triangulators.geometry.predicates import on_grid
+from triangulators.optimum import edge_table
+from triangulators.optimum.full_table import box_optimum
+from triangulators.optimum.small_ring import grid_unit
+from triangulators.optimum.visible_table import sparse_optimum
 from triangulators.polygon import boundary
-from triangulators.predicates import on_grid
-from triangulators.small_ring import grid_unit
-from triangulators.sparse import sparse_optimum
-from triangulators.starts import cycle_of
+from triangulators.starting.starts import cycle_of
 from triangulators.verify import verify
 
 H = np.array([1.0, 0.0, 0.0])
@@ -35,17 +36,17 @@ def test_table_and_lists_find_what_costs_of_triangles_find(monkeypatch, criterio
         ring = cycle_of(boundary(polygon), "test")
         expected = by_triangles(ring, criterion, sign)
         for ratio in (0.0, 1e9):
-            monkeypatch.setattr(edges, "_SPARSE_TO_DENSE", ratio)
-            found = edges.edge_optimum(ring.points, ring.start, ring.target, sign * box)
+            monkeypatch.setattr(edge_table, "_SPARSE_TO_DENSE", ratio)
+            found = edge_table.edge_optimum(ring.points, ring.start, ring.target, sign * box)
             assert verify(polygon, ring.cycle[found]).conforming
             total = criteria.find(criterion).total(ring.points, found)
             assert total == pytest.approx(expected, rel=1e-12)
 
 
 def test_integers_are_chosen_by_the_guard():
-    below, above = edges.INT32_LIMIT // 64 - 1, edges.INT32_LIMIT // 64
-    assert edges.integer_type(64, below) is np.int32
-    assert edges.integer_type(64, above) is np.int64
+    below, above = edge_table.INT32_LIMIT // 64 - 1, edge_table.INT32_LIMIT // 64
+    assert edge_table.integer_type(64, below) is np.int32
+    assert edge_table.integer_type(64, above) is np.int64
 
 
 @pytest.mark.parametrize("above", [False, True])
@@ -53,26 +54,26 @@ def test_integers_are_chosen_by_the_guard():
 def test_sums_are_exact_on_both_sides_of_the_guard(monkeypatch, above, sign):
     # The longest diagonals of a flat polygon come next to n (w + h): a zigzag, taken by `worst`.
     n = 128  # with fewer corners no grid reaches the guard
-    width = edges.INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
+    width = edge_table.INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
     step = np.arange(n // 2)
     right = np.column_stack((width - (step - n // 4) ** 2 // n, 4 * step))
     left = np.column_stack(((step - n // 4) ** 2 // n, 4 * step + 2))
     ring = np.concatenate((right, left[::-1])).astype(np.float64)
     ring[0, 1] += 1  # so that nothing coarser than 1 is a unit
     span = np.ptp(ring, axis=0).sum()
-    assert (n * span >= edges.INT32_LIMIT) == above
+    assert (n * span >= edge_table.INT32_LIMIT) == above
     assert grid_unit(ring) == 1.0
     start = np.r_[0, np.cumsum(np.arange(n - 1, -1, -1))]
     target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
-    weight = edges.weights_of_pairs(ring, start, target, sign * H)
+    weight = edge_table.weights_of_pairs(ring, start, target, sign * H)
     assert weight.dtype == (np.int64 if above else np.int32)
     costs = []
     for ratio in (0.0, 1e9):
-        monkeypatch.setattr(edges, "_SPARSE_TO_DENSE", ratio)
-        found = edges.edge_optimum(ring, start, target, sign * H)
+        monkeypatch.setattr(edge_table, "_SPARSE_TO_DENSE", ratio)
+        found = edge_table.edge_optimum(ring, start, target, sign * H)
         costs.append(criteria.find("half-perimeter").total(ring, found))
-        monkeypatch.setattr(edges, "integer_type", lambda corners, span: np.int64)
-        found = edges.edge_optimum(ring, start, target, sign * H)
+        monkeypatch.setattr(edge_table, "integer_type", lambda corners, span: np.int64)
+        found = edge_table.edge_optimum(ring, start, target, sign * H)
         costs.append(criteria.find("half-perimeter").total(ring, found))
         monkeypatch.undo()
     assert len(set(costs)) == 1

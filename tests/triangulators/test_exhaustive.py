@@ -15,12 +15,16 @@ from tests.triangulators.cases import (
     with_hole,
 )
 from triangulators import Skipped, TriangulationError, triangulate
-from triangulators.counting import count_of_cycle
 from triangulators.criteria import predict
-from triangulators.exhaustive import count_triangulations, enumerate_triangulations, tabulate
-from triangulators.paper import Recursion
+from triangulators.methods.counting import count_of_cycle
+from triangulators.methods.ear_recursion import Recursion
+from triangulators.methods.exhaustive import (
+    count_triangulations,
+    enumerate_triangulations,
+    tabulate,
+)
 from triangulators.polygon import boundary
-from triangulators.starts import cycle_of
+from triangulators.starting.starts import cycle_of
 from triangulators.verify import verify
 
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import diagonals, random_simple, star
+from triangulators.geometry.predicates import on_grid, orient, twice_area
+from triangulators.geometry.unfold import fold_back, grow, neighbours, unfold
+from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import boundary
-from triangulators.predicates import on_grid, orient, twice_area
-from triangulators.starts import cycle_of, starts
-from triangulators.unfold import fold_back, grow, neighbours, unfold
+from triangulators.starting.starts import cycle_of, starts
 from triangulators.verify import verify
-from triangulators.visibility import visible_sites
 
 doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
 base = st.floats(0.1, 1.0)

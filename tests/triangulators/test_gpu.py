@@ -14,7 +14,12 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
 from triangulators import UnknownName, triangulate_many, vertices
-from triangulators.edges import (
+from triangulators.batch.ragged import ragged
+from triangulators.gpu import engine
+from triangulators.gpu.context import open_context
+from triangulators.gpu.large import LargeRings, batches
+from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
+from triangulators.optimum.edge_table import (
     _NONE,
     _spread,
     _trace_lists,
@@ -24,13 +29,8 @@ from triangulators.edges import (
     most_squares,
     weights_of_pairs,
 )
-from triangulators.gpu import engine
-from triangulators.gpu.context import open_context
-from triangulators.gpu.large import LargeRings, batches
-from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
 from triangulators.polygon import boundary
-from triangulators.ragged import ragged
-from triangulators.starts import cycle_of
+from triangulators.starting.starts import cycle_of
 from triangulators.verify import verify
 
 NAME = "optimal:half-perimeter"

@@ -7,8 +7,9 @@ import pytest
 
 from tests.triangulators.cases import star
 from triangulators import UnknownName, measure_device, triangulate_many, vertices
-from triangulators.gpu import engine, measuring, remembered
-from triangulators.gpu.remembered import Choice, Measured, Pace, choose, recall, remember
+from triangulators.batch import device_times
+from triangulators.gpu import engine, known_devices
+from triangulators.gpu.known_devices import Choice, Measured, Pace, choose, recall, remember
 
 FASTER, SLOWER = Pace(1e-3, 1e-7, 1e-6), Pace(1e-3, 1e-6, 1e-6)
 
@@ -62,23 +63,23 @@ def test_what_is_remembered_is_read_back():
     remember("gpu0", measured(equal=False))
     remember("llvmpipe", measured(SLOWER))
     assert recall() == {"gpu0": measured(equal=False), "llvmpipe": measured(SLOWER)}
-    assert remembered.path().parent.name == "folder"
-    assert [file.name for file in remembered.path().parent.iterdir()] == ["devices.json"]
+    assert known_devices.path().parent.name == "folder"
+    assert [file.name for file in known_devices.path().parent.iterdir()] == ["devices.json"]
 
 
 @pytest.mark.parametrize("key", ["machine", "cores", "numba", "version", "schema"])
 def test_another_machine_or_version_does_not_count(key):
     remember("llvmpipe", measured())
-    content = json.loads(remembered.path().read_text())
+    content = json.loads(known_devices.path().read_text())
     content[key] = "another"
-    remembered.path().write_text(json.dumps(content))
+    known_devices.path().write_text(json.dumps(content))
     assert recall() == {}
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[]", '{"schema": 1}', '"x"', "null"])
 def test_a_damaged_file_is_no_file(damage):
     remember("llvmpipe", measured())
-    remembered.path().write_text(damage)
+    known_devices.path().write_text(damage)
     assert recall() == {}
     remember("llvmpipe", measured())
     assert recall() == {"llvmpipe": measured()}
@@ -89,9 +90,9 @@ def test_a_damaged_file_is_no_file(damage):
 )
 def test_a_damaged_entry_is_no_entry(change):
     remember("llvmpipe", measured())
-    content = json.loads(remembered.path().read_text())
+    content = json.loads(known_devices.path().read_text())
     content["devices"]["llvmpipe"].update(change)
-    remembered.path().write_text(json.dumps(content))
+    known_devices.path().write_text(json.dumps(content))
     assert recall() == {}
 
 
@@ -133,19 +134,19 @@ def test_a_device_that_failed_unasked_is_not_asked_again(named, monkeypatch, cap
 
 
 def test_a_device_is_measured_once(monkeypatch):
-    monkeypatch.setattr(measuring, "COMPARED", 6)
-    monkeypatch.setattr(measuring, "FIRST_FOOTPRINTS", 40)
-    monkeypatch.setattr(measuring, "MOST_FOOTPRINTS", 80)
-    monkeypatch.setattr(measuring, "MOST_LARGE", 2)
-    monkeypatch.setattr(measuring, "LARGE_CORNERS", 66)
+    monkeypatch.setattr(device_times, "COMPARED", 6)
+    monkeypatch.setattr(device_times, "FIRST_FOOTPRINTS", 40)
+    monkeypatch.setattr(device_times, "MOST_FOOTPRINTS", 80)
+    monkeypatch.setattr(device_times, "MOST_LARGE", 2)
+    monkeypatch.setattr(device_times, "LARGE_CORNERS", 66)
     calls = []
-    run = measuring.triangulate_many
+    run = device_times.triangulate_many
 
     def counted(arrays, device):
         calls.append((device, len(arrays.polygon_ends)))
         return run(arrays, device=device)
 
-    monkeypatch.setattr(measuring, "triangulate_many", counted)
+    monkeypatch.setattr(device_times, "triangulate_many", counted)
     found = measure_device("llvmpipe")
     assert found.equal
     assert "llvmpipe" in found.renderer
@@ -170,8 +171,8 @@ def test_the_cpu_is_not_measured_against_itself():
 
 
 def test_a_device_whose_results_differ_is_never_chosen(monkeypatch):
-    monkeypatch.setattr(measuring, "_pace", lambda *_: FASTER)
-    monkeypatch.setattr(measuring, "triangulate_many", lambda arrays, device: differing(device))
+    monkeypatch.setattr(device_times, "_pace", lambda *_: FASTER)
+    monkeypatch.setattr(device_times, "triangulate_many", lambda arrays, device: differing(device))
     assert not measure_device("llvmpipe").equal
     assert choose(10**6, 0.0) is None
 
@@ -232,7 +233,7 @@ def test_the_command_line_says_what_it_cannot_use(harness, tmp_path):
 
 
 def test_the_command_line_measures_a_device_it_does_not_know(harness, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring, "_pace", lambda *_: SLOWER)
+    monkeypatch.setattr(device_times, "_pace", lambda *_: SLOWER)
     source = square_file(tmp_path)
     given = ["triangulate", str(source), "-o", "x.npz", "--device", "llvmpipe", "--quiet"]
     assert harness(*given)[0] == 0

@@ -55,11 +55,11 @@ def test_one_hole_gives_the_true_optimum(name):
 
 
 def test_the_local_search_comes_close_to_the_true_optimum():
-    from triangulators.cost import cost_of, evaluate
     from triangulators.criteria import CRITERIA
-    from triangulators.local_search import search_cuts
+    from triangulators.criteria.cost import cost_of, evaluate
+    from triangulators.optimum.local_search import search_cuts
     from triangulators.polygon import boundary
-    from triangulators.starts import best_start
+    from triangulators.starting.starts import best_start
 
     rng = np.random.default_rng(6)
     cost = cost_of(CRITERIA["half-perimeter"], 1.0, 1)
@@ -81,11 +81,11 @@ def test_the_local_search_comes_close_to_the_true_optimum():
 
 def test_the_local_search_goes_on_after_a_gain(monkeypatch):
     """It ends when six choices of cuts in a row gained nothing, and not before."""
-    from triangulators import local_search
-    from triangulators.cost import cost_of
     from triangulators.criteria import CRITERIA
+    from triangulators.criteria.cost import cost_of
+    from triangulators.optimum import local_search
     from triangulators.polygon import boundary
-    from triangulators.starts import best_start
+    from triangulators.starting.starts import best_start
 
     totals = []
 

@@ -7,9 +7,9 @@ import pytest
 import shapely
 
 from triangulators import triangulate, vertices
-from triangulators.certifying import check_certificate
+from triangulators.certificate.certify import check_certificate
 from triangulators.criteria import find
-from triangulators.optimal import solve
+from triangulators.methods.optimal import solve
 from triangulators.verify import verify
 
 with Path(__file__).with_name("hunted.csv").open(encoding="utf-8") as file:

@@ -14,8 +14,8 @@ from tests.triangulators.cases import (
 )
 from triangulators import Skipped, criteria, names, triangulate, vertices
 from triangulators.criteria import CRITERIA, predict
-from triangulators.exhaustive import enumerate_triangulations
-from triangulators.features import FEATURES
+from triangulators.criteria.features import FEATURES
+from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.registry import find
 from triangulators.verify import verify
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.triangulators.cases import hard_polygons, smooth, star, with_hole
 from triangulators import triangulate, triangulate_many, vertices
-from triangulators.order import walk
+from triangulators.geometry.order import walk
 
 BATCH = 120
 """Indices after which a drawing program may start anew, and meets its vertices again."""

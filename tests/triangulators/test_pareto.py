@@ -12,8 +12,8 @@ from tests.triangulators.cases import (
 )
 from triangulators import Skipped, criteria, triangulate, vertices
 from triangulators.criteria import predict
-from triangulators.exhaustive import tabulate
-from triangulators.pareto import pareto_front
+from triangulators.methods.exhaustive import tabulate
+from triangulators.methods.pareto import pareto_front
 from triangulators.verify import verify
 
 PAIR = ("overdraw", "shape")

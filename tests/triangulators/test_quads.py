@@ -13,8 +13,8 @@ from harness.rasterisers.reference import predict
 from scenes import load
 from tests.triangulators.cases import random_simple, smooth, star
 from triangulators import Skipped, certify, names, triangulate, vertices
-from triangulators.exhaustive import enumerate_triangulations
-from triangulators.quads import exact_quads
+from triangulators.criteria.quads import exact_quads
+from triangulators.methods.exhaustive import enumerate_triangulations
 
 UNITS = 256
 

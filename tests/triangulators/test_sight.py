@@ -9,11 +9,13 @@ import shapely
 from tests.triangulators.cases import shared, smooth, star, with_holes
 from tests.triangulators.test_skeleton import annulus, posed, proven
 from tests.triangulators.touching import touching_polygons
-from triangulators import certifying, checker, checker_visibility, proof, triangulate
-from triangulators.certificate import Refused
-from triangulators.checker_visibility import visible
-from triangulators.sight import fans_of, sight_of
-from triangulators.starts import best_start
+from triangulators import triangulate
+from triangulators.certificate import certify, proof
+from triangulators.certificate.sight import fans_of, sight_of
+from triangulators.checking import checker, visibility
+from triangulators.checking.evidence import Refused
+from triangulators.checking.visibility import visible
+from triangulators.starting.starts import best_start
 
 
 def comb(teeth: int) -> shapely.Polygon:
@@ -104,7 +106,7 @@ def test_where_thinning_does_not_pay_there_is_no_bound_and_no_claim(monkeypatch,
     monkeypatch.setattr(proof, "_LISTED", 0)
     monkeypatch.setattr(proof, "_WORTH", 0.0)
     monkeypatch.setattr(proof, name, value)
-    given = certifying.certify(polygon, triangles)
+    given = certify.certify(polygon, triangles)
     assert (given.proven, given.gap, given.lower_bound) == (False, np.inf, -np.inf)
 
 
@@ -114,8 +116,8 @@ def test_a_start_of_excluded_edges_is_improved(monkeypatch):
     worst = outline.site[triangulate(polygon, "worst:half-perimeter")]
     monkeypatch.setattr(proof, "_LISTED", 0)
     found = proof.prove(outline, worst, cost)
-    optimum = certifying.certificate_of(outline, found.triangles, cost, found.evidence)
-    given = certifying.certificate_of(outline, worst, cost, found.evidence)
+    optimum = certify.certificate_of(outline, found.triangles, cost, found.evidence)
+    given = certify.certificate_of(outline, worst, cost, found.evidence)
     assert optimum.proven
     assert not given.proven
     assert given.lower_bound == optimum.lower_bound == proven(polygon)[0] < given.cost
@@ -128,7 +130,7 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     found = proof.prove(outline, best_start(outline, cost), cost)
     alone = visible(outline.points, outline.edges, outline.site)
     bound = checker.lower_bound(outline, cost, found.evidence)
-    monkeypatch.setattr(checker_visibility, "_FEW", 0)
+    monkeypatch.setattr(visibility, "_FEW", 0)
     monkeypatch.setattr(checker, "_FEW", 0)
     shared_out = visible(outline.points, outline.edges, outline.site)
     assert set(map(tuple, shared_out.tolist())) == set(map(tuple, alone.tolist()))

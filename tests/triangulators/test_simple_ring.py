@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from scenes import load
 from tests.triangulators.cases import hard_polygons, star, with_hole
+from triangulators.geometry.simple_ring import LEFT, MOST, RIGHT, UNSURE, winding
 from triangulators.polygon import boundary, boundary_of_rings, checked_boundary, rings_of
-from triangulators.simple_ring import LEFT, MOST, RIGHT, UNSURE, winding
 
 grid = st.tuples(st.integers(0, 6), st.integers(0, 6))
 

@@ -5,17 +5,18 @@ import pytest
 import shapely
 
 from tests.triangulators.cases import glyphs, with_holes
-from triangulators import criteria, program, proof, skeleton
-from triangulators.candidates import candidates_of, how_many
-from triangulators.certificate import Branch, Leaf
-from triangulators.certifying import certificate_of
-from triangulators.cost import cost_of
-from triangulators.extension import extend
-from triangulators.local_minimality import exclude
+from triangulators import criteria
+from triangulators.certificate import linear_program, proof, skeleton
+from triangulators.certificate.candidates import candidates_of, how_many
+from triangulators.certificate.certify import certificate_of
+from triangulators.certificate.extend_potentials import extend
+from triangulators.certificate.local_minimality import exclude
+from triangulators.certificate.proof import prove
+from triangulators.certificate.sight import sight_of
+from triangulators.checking.evidence import Branch, Leaf
+from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
-from triangulators.proof import prove
-from triangulators.sight import sight_of
-from triangulators.starts import best_start
+from triangulators.starting.starts import best_start
 
 
 def posed(polygon, name="half-perimeter"):
@@ -95,7 +96,7 @@ def test_a_lift_is_not_made_worse():
 
 
 def test_connected_skeletons_need_no_program(monkeypatch):
-    monkeypatch.setattr(program, "highspy", None)
+    monkeypatch.setattr(linear_program, "highspy", None)
     needed = 0
     for polygon in holed():
         try:

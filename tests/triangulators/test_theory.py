@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.triangulators.cases import hard_polygons, star, union_of_copies
 from triangulators import triangulate, vertices
 from triangulators.criteria import predict
-from triangulators.features import edge_length, expected_quads, half_perimeter
+from triangulators.criteria.features import edge_length, expected_quads, half_perimeter
 from triangulators.polygon import boundary
 
 whole = st.integers(-(2**24), 2**24)

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from triangulators.polygon import boundary
-from triangulators.repair import insert_dropped_vertices
+from triangulators.starting.repair import insert_dropped_vertices
 from triangulators.verify import verify
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)

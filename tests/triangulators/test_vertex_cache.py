@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenes import load
 from triangulators import triangulate, vertices
-from triangulators.vertex_cache import CACHE_SIZE, vertex_cache_order
+from triangulators.geometry.vertex_cache import CACHE_SIZE, vertex_cache_order
 
 
 def shaded(triangles, size):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.triangulators.cases import star
 from triangulators import UnknownName, criteria, full_name, triangulate, vertices
-from triangulators.weights import read_weights, write_weights
+from triangulators.criteria.weights import read_weights, write_weights
 
 figures = st.floats(0, 1e12, allow_nan=False)
 

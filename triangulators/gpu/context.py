@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.gpu.names import LLVMPIPE, matches
+from triangulators.devices import LLVMPIPE, matches
 
 VERSION = 430
 """Of OpenGL: the first with compute shaders and storage buffers."""

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.edges import most_squares
 from triangulators.gpu.context import MAX_GROUPS, Compute, DeviceFailed, Storage
 from triangulators.gpu.rings import LARGE, MOST, Rings
-from triangulators.small_ring import SMALL
+from triangulators.optimum.edge_table import most_squares
+from triangulators.optimum.small_ring import SMALL
 
 TILE = 32
 """Rows and columns of a tile: three of them are 13 KB of the 32 that every device shares."""

@@ -13,9 +13,9 @@ came with them. A ring of which one of these does not hold is left to the CPU.
 import numpy as np
 from numba import njit
 
+from triangulators.geometry.order import walk_of
 from triangulators.gpu.rings import MOST
-from triangulators.order import walk_of
-from triangulators.small_ring import SMALL
+from triangulators.optimum.small_ring import SMALL
 
 
 @njit(cache=True, nogil=True)
@@ -35,7 +35,7 @@ def place(
 
     bases: (n,) uint32, as many as corners: the cost of the ring at its first, i | j << 16 at apex
     k; worst: whether the longest diagonals were looked for. For the others see `rings.Rings` and
-    `batch`.
+    `batch.many`.
     """
     below = np.empty((MOST, 2), dtype=np.int32)
     stack = np.empty(MOST, dtype=np.int32)
@@ -87,8 +87,8 @@ def _walk(
             length = abs(bx) + abs(by)
             total += length if longest < 0 else longest - length
         left, right = below[k, 0], below[k, 1]
-        # As `small_ring` and `edges` have it: the new vertex last and the smaller side first, or
-        # in the ring's order and the right side first; of more than SMALL, `walk` follows.
+        # As `small_ring` and `edge_table` have it: the new vertex last and the smaller side first,
+        # or in the ring's order and the right side first; of more than SMALL, `walk` follows.
         if n <= SMALL:
             triangles[found, 0], triangles[found, 1], triangles[found, 2] = j, i, k
             if k - i <= j - k:

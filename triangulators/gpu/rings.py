@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from triangulators.edges import INT32_LIMIT
-from triangulators.small_ring import SPAN, box_of, grid_unit, twice_area
+from triangulators.optimum.edge_table import INT32_LIMIT
+from triangulators.optimum.small_ring import SPAN, box_of, grid_unit, twice_area
 
 SIZES = (16, 32, 64)
 """Corners up to which a ring has a program of its own, with a table that size."""

@@ -1,0 +1,1 @@
+"""The machine: what it is, what software runs on it, what its operating system does its own way."""

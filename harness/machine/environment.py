@@ -1,0 +1,218 @@
+"""The machine and software a run was measured with, and what about them makes times shaky."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from harness import __version__
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+PACKAGES = (
+    "glcontext",
+    "manifold3d",
+    "mapbox-earcut",
+    "moderngl",
+    "numba",
+    "numpy",
+    "pyogrio",
+    "pyopengl",
+    "pyrender",
+    "scipy",
+    "shapely",
+)
+
+VARIABLES = (
+    "GALLIUM_DRIVER",
+    "LIBGL_ALWAYS_SOFTWARE",
+    "LP_NUM_THREADS",
+    "MESA_GL_VERSION_OVERRIDE",
+    "NUMBA_NUM_THREADS",
+    "VK_ICD_FILENAMES",
+    "__EGL_VENDOR_LIBRARY_FILENAMES",
+)
+
+BUSY = 0.5
+"""Load a core above which other programs are likely to disturb the times."""
+
+
+COMMITS = ("GITHUB_SHA", "CI_COMMIT_SHA", "BUILDKITE_COMMIT", "CIRCLE_SHA1", "GIT_COMMIT")
+"""Environment variables by which services of continuous integration tell the commit."""
+
+
+def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the facts about this machine, JSON-ready; what cannot be read is None.
+
+    triangulators : as named; where their modules are tells whose repository is measured
+    """
+    memory = psutil.virtual_memory()
+    return {
+        "harness": __version__,
+        "code": code_version(),
+        "git": git_state(ROOT) if (ROOT / ".git").exists() else None,
+        "project": project(triangulators),
+        "command": ["harness", *sys.argv[1:]],
+        "seed": seed,
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+        "kernel": f"{platform.system()} {platform.release()}",
+        "cpu": cpu_name(),
+        "cores": psutil.cpu_count(logical=False),
+        "threads": psutil.cpu_count(),
+        "governor": _read(Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")),
+        "load": list(psutil.getloadavg()),
+        "memory_gib": round(memory.total / 2**30, 1),
+        "memory_free_gib": round(memory.available / 2**30, 1),
+        "gpus": _nvidia(),
+        "variables": {name: os.environ[name] for name in VARIABLES if name in os.environ},
+    }
+
+
+def warnings(facts: dict[str, Any]) -> list[str]:
+    """Say, a line each, what about the machine makes its times less trustworthy."""
+    found = []
+    load, threads = facts["load"][0], facts["threads"] or 1
+    if load > BUSY * threads:
+        found.append(
+            f"the machine is busy (load {load:.1f} on {threads} threads): times will scatter; "
+            "close other programs"
+        )
+    if facts["governor"] not in (None, "performance"):
+        found.append(
+            f"the CPU governor is '{facts['governor']}', so the clock varies; "
+            "run: sudo cpupower frequency-set -g performance"
+        )
+    return found
+
+
+def code_version() -> str:
+    """Return 16 hexadecimal digits that change with any source file of the three packages."""
+    return source_hash(*(ROOT / package for package in ("harness", "scenes", "triangulators")))
+
+
+def source_hash(*packages: Path) -> str:
+    """Return 16 hexadecimal digits that change with any source file of the packages' folders."""
+    digest = hashlib.sha256()
+    for folder in packages:
+        for file in sorted([*folder.rglob("*.py"), *folder.rglob("*.glsl")]):
+            digest.update(str(file.relative_to(folder.parent)).encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def git_state(folder: Path) -> dict[str, Any] | None:
+    """Return the commit of the repository at `folder` and whether it has local changes.
+
+    None outside git.
+    """
+    commit = _run("git", "-C", str(folder), "rev-parse", "HEAD")
+    changes = _run("git", "-C", str(folder), "status", "--porcelain", "--untracked-files=no")
+    if commit is None or changes is None:
+        return None
+    return {"commit": commit, "dirty": bool(changes)}
+
+
+def project_folder(triangulators: Sequence[str]) -> Path | None:
+    """Return the top of the user's repository, None where there is none.
+
+    It is the one that holds the current folder, else the first that holds a triangulator named as
+    `module:function`.
+    """
+    for folder in (Path.cwd(), *_module_folders(triangulators)):
+        top = _run("git", "-C", str(folder), "rev-parse", "--show-toplevel")
+        if top:
+            return Path(top)
+    return None
+
+
+def project(triangulators: Sequence[str]) -> dict[str, Any] | None:
+    """Return commit and local changes of the user's repository.
+
+    Where git does not tell, as in a container without it, the commit is that of the environment
+    variable which a service of continuous integration sets, if any.
+    """
+    folder = project_folder(triangulators)
+    state = None if folder is None else git_state(folder)
+    if state is not None and folder is not None:
+        return {"name": folder.name, **state}
+    commit = next((os.environ[name] for name in COMMITS if os.environ.get(name)), None)
+    return None if commit is None else {"name": Path.cwd().name, "commit": commit, "dirty": False}
+
+
+def commit_of(facts: Mapping[str, Any], of: str = "project") -> str:
+    """Return `0123456789ab`, or `0123456789ab with local changes`; "" where a run does not say.
+
+    of : "project" is the user's repository, or the harness's in a run that knows no other; "git"
+        is the harness's
+    """
+    environment = facts.get("environment") or {}
+    state = environment.get(of) or environment.get("git") or {}
+    commit = str(state.get("commit") or "")[:12]
+    return f"{commit} with local changes" if commit and state.get("dirty") else commit
+
+
+def _module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
+    """Yield where the modules of `module:function` names are; none is imported but its parents."""
+    for name in triangulators:
+        module, colon, _ = name.partition(":")
+        try:
+            spec = find_spec(module) if colon else None
+        except (ImportError, ValueError):
+            continue
+        if spec is not None and spec.origin and Path(spec.origin).is_file():
+            yield Path(spec.origin).parent
+
+
+def _nvidia() -> list[dict[str, str]] | None:
+    fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
+    text = _run("nvidia-smi", f"--query-gpu={','.join(fields)}", "--format=csv,noheader")
+    if text is None:
+        return None
+    return [dict(zip(fields, row.split(", "), strict=False)) for row in text.splitlines()]
+
+
+def _run(*command: str) -> str | None:
+    program = shutil.which(command[0])
+    if program is None:
+        return None
+    try:
+        done = subprocess.run(
+            [program, *command[1:]], capture_output=True, text=True, timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def cpu_name() -> str | None:
+    """Return the processor's model as the system names it, None where it does not."""
+    for line in (_read(Path("/proc/cpuinfo")) or "").splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor() or None
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _read(file: Path) -> str | None:
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except OSError:
+        return None

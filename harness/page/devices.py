@@ -1,0 +1,189 @@
+"""Small summaries of what devices measured: `results/devices/*.json`, and the page made of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.errors import UsageError
+from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.polygons import rank_correlation
+from harness.figures.registry import predictions
+from harness.stored.folder import Record, Run
+from harness.webpages.single_file import write_whole
+
+FORMAT = "raster-harness device"
+VERSION = 1
+
+CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
+"""Criteria that are set against what a device measures: A, H and Q."""
+
+SHOWN = (
+    *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
+    *("optimal:overdraw", "delaunay"),
+)
+"""Triangulators that the table has a column for."""
+
+BROWSERS = {
+    "edge": ("Edg/", "Edg/"),
+    "firefox": ("Firefox/", "Firefox/"),
+    "chrome": ("Chrome/", "Chrome/"),
+    "safari": ("Safari/", "Version/"),
+}
+"""How browsers call themselves, and where their version stands."""
+
+Summary = dict[str, Any]
+
+
+def summarise(run: Run) -> Summary:
+    """Return what a run says of its device, JSON-ready.
+
+    Each view has the base, each triangulation's time and quads against the base's, and how well
+    criteria rank the times of those that did all polygons.
+
+    Raises
+    ------
+    UsageError
+        if it timed nothing, or on more than one device
+    """
+    timed = [record for record in run.records if record["status"] == "ok" and record.get("time")]
+    where = dict.fromkeys((record["rasteriser"], record["device"]) for record in timed)
+    if len(where) != 1:
+        raise UsageError(
+            f"{run.path}: a device's summary is of one rasteriser on one device that was timed, "
+            f"not of {len(where)}"
+        )
+    ((rasteriser, device),) = where
+    known = (run.facts.get("devices") or {}).get(f"{rasteriser} on {device}") or {}
+    details = known.get("details") or {}
+    environment = run.facts.get("environment") or {}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "rasteriser": rasteriser,
+        "device": device,
+        "renderer": str(details.get("renderer") or device),
+        "driver": str(details.get("version") or ""),
+        "host": str(environment.get("browser") or environment.get("kernel") or ""),
+        "timer": (known.get("timer") or {}).get("timer"),
+        "created": str(run.facts.get("created") or ""),
+        "harness": str(environment.get("harness") or ""),
+        "views": [_view(members) for members in groups(timed)],
+    }
+
+
+def _view(members: Sequence[Record]) -> Summary:
+    base = base_of(members)
+    assert base is not None
+    told: dict[str, Any] = {}
+    columns: dict[str, list[float]] = {name: [] for name in (*CRITERIA, "time")}
+    for record in members:
+        ratio = time_ratio(record, base)
+        if ratio is None or record is base:
+            continue
+        quads, under = (each["counters"].get("quads") for each in (record, base))
+        told[record["triangulator"]] = {
+            "time": [float(f"{value:.5g}") for value in (ratio.value, ratio.low, ratio.high)],
+            "quads": float(f"{quads / under:.5g}") if quads and under else None,
+        }
+        columns["time"].append(ratio.value)
+        for name in CRITERIA:
+            columns[name].append(record["predicted"].get(name, np.nan))
+    ranks = {
+        name: rank_correlation(np.array(columns[name]), np.array(columns["time"]))
+        for name in CRITERIA
+    }
+    return {
+        "scene": base["scene"],
+        "resolution": base["resolution"],
+        "rotation": base["rotation"],
+        "base": base["triangulator"],
+        "triangulators": told,
+        "ranks": {name: None if v is None else round(v, 3) for name, v in ranks.items()},
+    }
+
+
+def write_summary(run: Run, file: Path) -> Path:
+    """Write the summary of a run; views of other scenes of the same device stay in the file.
+
+    Raises
+    ------
+    UsageError
+        as `summarise` does, or if the file is another device's
+    """
+    summary = summarise(run)
+    if file.exists():
+        before = _read(file)
+        if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
+            raise UsageError(f"{file} is of {before['rasteriser']} on {before['device']}")
+        new = {_name(view) for view in summary["views"]}
+        kept = [view for view in before["views"] if _name(view) not in new]
+        summary["views"] = [*kept, *summary["views"]]
+    write_whole(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+    return file
+
+
+def _read(file: Path) -> Summary:
+    try:
+        found = json.loads(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{file}: cannot be read: {error}") from error
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise UsageError(f"{file} is no summary of a device")
+    return found
+
+
+def _name(view: Summary) -> tuple[Any, ...]:
+    return view["scene"], view["resolution"], view["rotation"]
+
+
+def table(folder: Path) -> str:
+    """Return the Markdown table of all summaries in a folder, a row for each view."""
+    titles = predictions()
+    head = ["device", "driver", "scene", *SHOWN, *(titles[each].title for each in CRITERIA)]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for file in sorted(folder.glob("*.json")):
+        summary = _read(file)
+        for view in summary["views"]:
+            cells = [
+                f"`{summary['device']}`, {summary['rasteriser']}",
+                _short(summary["driver"]),
+                f"{view['scene']}, {view['resolution']} px",
+                *(_ratio(view["triangulators"].get(name)) for name in SHOWN),
+                *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
+            ]
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines)
+
+
+def browser(agent: str) -> tuple[str, str]:
+    """Return the name and the version of a browser that calls itself `agent`, "" if not told.
+
+    It calls itself by all those that it is like: Edge names Chrome, too, and Chrome Safari.
+    """
+    for name, (word, version) in BROWSERS.items():
+        if word in agent:
+            found = re.search(rf"{version}(\d+)", agent)
+            return name, found[1] if found else ""
+    return "browser", ""
+
+
+def _short(driver: str) -> str:
+    """Name a browser as people do."""
+    begin = "WebGPU in "
+    if not driver.startswith(begin):
+        return driver
+    name, version = browser(driver)
+    return f"{begin}{name.capitalize()} {version}" if version else driver
+
+
+def _ratio(entry: Summary | None) -> str:
+    if entry is None:
+        return ""
+    value, low, high = entry["time"]
+    return f"{value:.2f} ({low:.2f} to {high:.2f})"

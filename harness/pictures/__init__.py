@@ -1,0 +1,1 @@
+"""Plots and heatmaps, and the style that all of them share."""

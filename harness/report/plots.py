@@ -1,0 +1,320 @@
+"""Static plots of a run, in one style that colour-blind readers can use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, ratios
+from harness.figures.registry import PREDICTED, find, limit_of, measures, predictions
+from harness.pictures.style import (
+    COLOURS,
+    MOST_VECTOR_MARKS,
+    ONE_COLUMN,
+    STYLE,
+    TWO_COLUMNS,
+    family_of,
+    looks,
+    save,
+    scatter,
+)
+from harness.stored.drawings import view_of
+from harness.stored.folder import Record, Run
+from harness.study import polygon_ranking
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LANES = "overshading"
+PAPER = "overdraw"
+"""Column of the criterion that the paper minimises."""
+
+
+def plot_run(run: Run) -> list[Path]:
+    """Draw the plots of a run folder into its `plots`; returns the files written."""
+    import matplotlib
+
+    matplotlib.use("Agg", force=False)
+    folder = run.path / "plots"
+    folder.mkdir(exist_ok=True)
+    files = []
+    chosen = [m for m in groups(run.records) if any(r["status"] == "ok" for r in m)]
+    place = {record["key"]: number for number, record in enumerate(run.records)}
+    chosen.sort(key=lambda members: min(place[record["key"]] for record in members))
+    for number, members in enumerate(chosen):
+        for name, draw in (
+            ("predicted-vs-measured", predicted_against_measured),
+            ("ranking", ranking),
+        ):
+            with matplotlib.rc_context(STYLE):
+                figure = draw(run, members)
+                if figure is None:
+                    continue
+                stem = name if number == 0 else f"{name}-{_view_of(members[0])}"
+                files += save(figure, folder, stem)
+    return files
+
+
+def _view_of(record: Record) -> str:
+    names = ("rasteriser", "device", "resolution")
+    return "-".join([*(str(record[name]) for name in names), f"{record['rotation']:g}"])
+
+
+def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
+    """Draw how well criteria predict cost, within polygons where the run has their spread.
+
+    Otherwise it draws, for each polygon, what criteria and cost are against the base
+    triangulator's. The paper's criterion and the one that ranks best have a panel each; the third
+    shows how well every criterion ranks. Dividing by the base's value on the same polygon takes
+    the polygon's size out, which would otherwise make every criterion look good. None where there
+    is nothing to draw.
+    """
+    within = _within_polygons(run, members)
+    if within is not None:
+        return within
+    columns = {
+        record["triangulator"]: arrays
+        for record in members
+        if record["status"] == "ok" and (arrays := columns_of(run, record)) is not None
+    }
+    first = base_of(members)
+    base = first["triangulator"] if first and first["triangulator"] in columns else None
+    base = base or next(iter(columns), None)
+    measure = next(iter(measures(columns[base])), None) if base else None
+    if base is None or measure is None or len(columns) < 2:
+        return None
+    ranks = {
+        name: rank
+        for name in predictions()
+        if (rank := correlation_of_ratios(columns, base, name, measure)) is not None
+    }
+    where = members[0]
+    return _judged(
+        ranks,
+        measure,
+        lambda panel, criterion: _scatter(panel, columns, base, criterion, measure),
+        base,
+        f"Which criterion predicts {find(measure).label}? {where['scene']}, "
+        f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
+        "one mark per polygon and triangulator",
+        height=3.6,
+    )
+
+
+def _judged(
+    ranks: Mapping[str, float],
+    measure: str,
+    draw: Callable[[Axes, str], None],
+    against: str,
+    title: str,
+    height: float,
+) -> Figure:
+    """Return the paper's criterion and the best one against a measure, and how well each ranks.
+
+    draw : draws the marks of a criterion into a panel; against : what marks are in ratio to
+    """
+    from matplotlib.figure import Figure
+
+    panels = _panels(ranks)
+    figure = Figure(figsize=(TWO_COLUMNS, height))
+    axes = figure.subplots(1, len(panels) + 1)
+    for panel, criterion in zip(axes, panels, strict=False):
+        draw(panel, criterion)
+        panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {against}")
+    axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {against}")
+    _share_axes(axes[: len(panels)])
+    _rank_bars(axes[-1], ranks, measure)
+    figure.suptitle(title, fontsize=9)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
+    return figure
+
+
+def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
+    """Draw triangulations of single polygons, each over its polygon's median; None without any."""
+    where = members[0]
+    good = [record for record in members if record["status"] == "ok"]
+    table = polygon_ranking.read(run, view_of(where))
+    measure = next(iter(measures(good[0]["counters"])), None) if good else None
+    if table is None or measure not in polygon_ranking.MEASURES:
+        return None
+    estimates = polygon_ranking.ranks(table, measure)
+    if not estimates:
+        return None
+    ranks = {name: each.value for name, each in estimates.items()}
+    return _judged(
+        ranks,
+        measure,
+        lambda panel, criterion: _spread_marks(panel, table, criterion, measure),
+        "the polygon's median",
+        f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
+        f"{where['resolution']} px,\n{table['polygon'].nunique()} of its polygons, each "
+        "triangulated in many ways; one mark per triangulation",
+        height=3.8,
+    )
+
+
+def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str) -> None:
+    by_polygon = table.groupby("polygon")
+    x = table[criterion] / by_polygon[criterion].transform("median")
+    y = table[measure] / by_polygon[measure].transform("median")
+    families = table["triangulator"].map(family_of)
+    shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
+    for name in reversed(shown):  # random ones below all others
+        own = (families == name) & (x > 0) & (y > 0)
+        many = len(table) > MOST_VECTOR_MARKS
+        scatter(panel, x[own], y[own], shown[name], name, alpha=0.6, rasterized=many)
+
+
+def _panels(ranks: Mapping[str, float]) -> list[str]:
+    """Return the paper's criterion and, of the others, the one that ranks best."""
+    known = sorted(ranks, key=lambda name: ranks[name], reverse=True)
+    best = [name for name in known if name != PAPER] or [n for n in predictions() if n != PAPER]
+    return [PAPER, best[0]]
+
+
+def _scatter(
+    panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
+) -> None:
+    others = [name for name in columns if name != base]
+    shown = looks(list(columns))
+    for name in others:
+        x = ratios(columns[name], columns[base], PREDICTED + criterion)
+        y = ratios(columns[name], columns[base], measure)
+        fits = np.isfinite(x) & np.isfinite(y)
+        many = len(others) * len(x) > MOST_VECTOR_MARKS
+        scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
+
+
+def _share_axes(panels: Sequence[Axes]) -> None:
+    """Give scatter plots the same logarithmic axes, so that their dashed lines can be compared."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    ends = [end for panel in panels for end in _ends_of_data(panel)] or [1.0]
+    low, high = min([*ends, 1.0]) / 1.05, max([*ends, 1.0]) * 1.05
+    for panel in panels:
+        panel.set_xscale("log", base=2)
+        panel.set_yscale("log", base=2)
+        panel.set_xlim(low, high)
+        panel.set_ylim(low, high)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(base=2, numticks=6))
+            axis.set_major_formatter("{x:.3g}")
+            axis.set_minor_formatter(NullFormatter())
+        panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
+    panels[0].annotate(
+        "equal ratios",
+        (high, high),
+        (-3, -8),
+        textcoords="offset points",
+        fontsize=6,
+        ha="right",
+        va="top",
+    )
+
+
+def _ends_of_data(panel: Axes) -> list[float]:
+    offsets = [np.asarray(marks.get_offsets()) for marks in panel.collections]
+    values = [each for each in offsets if len(each)]
+    return [float(end) for each in values for end in (each.min(), each.max())]
+
+
+def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
+    """Draw how well each criterion ranks, the best on top."""
+    names = sorted(ranks, key=lambda name: ranks[name])
+    colours = [COLOURS[1] if name == PAPER else COLOURS[0] for name in names]
+    panel.barh(range(len(names)), [ranks[name] for name in names], color=colours, height=0.6)
+    panel.set_yticks(range(len(names)), [find(name).title for name in names], fontsize=6.5)
+    panel.set_xlim(min(0.0, *ranks.values()) if ranks else 0.0, 1.0)
+    panel.set_xlabel(f"rank correlation\nwith {find(measure).label}")
+    panel.grid(visible=False, axis="y")
+
+
+def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
+    """Draw each triangulator's time over the base's, fastest on top; None for fewer than two.
+
+    Ratios are paired within rounds, as the table's are. The axis begins at 0, so that lengths
+    compare; what left polygons out is named below and not drawn.
+    """
+    from matplotlib.figure import Figure
+
+    timed = [record for record in members if record["status"] == "ok" and record.get("time")]
+    most = max((record["polygons"] for record in timed), default=0)
+    whole = [record for record in timed if record["polygons"] == most]
+    if len(whole) < 2:
+        return None
+    base = base_of(whole) or whole[0]
+    pairs = [(record, ratio) for record in whole if (ratio := time_ratio(record, base))]
+    pairs.sort(key=lambda pair: pair[1].value, reverse=True)
+    lanes = [find(LANES)(record) for record, _ in pairs]
+    counted = all(value is not None for value in lanes)
+    figure = Figure(figsize=(TWO_COLUMNS if counted else ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
+    panel, *beside = figure.subplots(1, 2 if counted else 1, sharey=True, squeeze=False)[0]
+    shown = looks([record["triangulator"] for record in members])
+    for place, (record, ratio) in enumerate(pairs):
+        style = shown[record["triangulator"]]
+        panel.barh(place, ratio.value, color=style.colour, alpha=0.35, height=0.62)
+        panel.plot([ratio.low, ratio.high], [place, place], color=style.colour, linewidth=2)
+        panel.plot(ratio.value, place, style.marker, color=style.colour, markersize=4)
+        words = f"{ratio.value:.3f}  {1e3 * record['time']['median_s']:.3g} ms"
+        panel.annotate(
+            words,
+            (max(ratio.high, 1.0), place),
+            (4, 0),
+            textcoords="offset points",
+            fontsize=6.5,
+            va="center",
+        )
+    panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
+    panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
+    panel.set_ylim(-0.6, len(pairs) - 0.4)
+    panel.set_xlim(0, 1.62 * max(max(ratio.high, 1.0) for _, ratio in pairs))
+    panel.grid(visible=False, axis="y")
+    left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
+    note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
+    panel.set_xlabel(
+        f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
+    )
+    if counted:
+        _lanes_and_limit(beside[0], pairs[0][0], [value or 0.0 for value in lanes])
+    first = whole[0]
+    title = f"What is fastest to draw{', and what do diagonals cost' if counted else ''}?"
+    figure.suptitle(
+        f"{title} {first['scene']}, {first['resolution']} px,\n"
+        f"{first['rasteriser']} on {first['device']}",
+        fontsize=8,
+    )
+    return figure
+
+
+def _lanes_and_limit(panel: Axes, record: Record, lanes: Sequence[float]) -> None:
+    """Draw lanes per pixel in the order of the times, and what of them no triangles can save."""
+    panel.barh(range(len(lanes)), lanes, color=COLOURS[0], alpha=0.35, height=0.62)
+    for place, value in enumerate(lanes):
+        panel.annotate(
+            f"{value:.3f}",
+            (value, place),
+            (4, 0),
+            textcoords="offset points",
+            fontsize=6.5,
+            va="center",
+        )
+    limit = limit_of(record)
+    note = ""
+    if limit is not None:
+        least = find(LANES)(limit) or 0.0
+        panel.axvline(least, color="black", linewidth=0.8, linestyle=":")
+        note = f",\ndotted: the outline alone, {least:.3f}"
+    panel.set_xlim(0, 1.25 * max(lanes))
+    panel.grid(visible=False, axis="y")
+    panel.set_xlabel(f"{find(LANES).label}{note}", fontsize=7)
+
+
+PLOTS = {"predicted-vs-measured": predicted_against_measured, "ranking": ranking}
+"""Names of files, and what draws them."""

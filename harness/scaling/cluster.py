@@ -1,0 +1,250 @@
+"""A crew on Dask: a cluster of this machine's cores, or one that is reached at an address."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import queue
+import re
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from harness.errors import INCONCLUSIVE, HarnessError, UsageError
+from harness.progress import Reporter
+from harness.scaling import worker_process
+from harness.scaling.task_queue import Answer, SchedulerLost, Task
+
+INSTALL = 'pip install "raster-harness[dask]"'
+
+LOCAL = re.compile(r"local(?::(\d+))?")
+
+SETTINGS = {
+    # Dask blames all tasks that a dead worker had, also those that only waited; `task_queue`
+    # counts.
+    "distributed.scheduler.allowed-failures": 1000,
+    # so that a worker may have processes of its own
+    "distributed.worker.daemon": False,
+    "distributed.comm.timeouts.connect": "20s",
+    # Ctrl-C goes to the command alone, which ends its workers
+    "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+}
+
+WAITING = 2
+"""Tasks that wait at each worker thread while it is busy; more would only be forgotten with it."""
+
+MANY = 100_000
+"""Tasks that a scheduler may have at a time where each has its place."""
+
+CONNECT_S = 60.0
+"""Seconds that a scheduler is waited for, at first and after it was lost."""
+
+LOOK_S = 3.0
+"""Seconds between two looks at how many workers there are."""
+
+QUIET_S = 60.0
+"""Seconds without a worker after which that is said."""
+
+
+class Gone(HarnessError):  # noqa: N818 - says what happened
+    """The scheduler cannot be reached."""
+
+    exit_code = INCONCLUSIVE
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class DaskCrew:
+    """Futures on Dask's distributed scheduler; a worker has one thread for each core it is given.
+
+    where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
+    place : for tasks that start processes of their own: what `Client.submit` is told of where a
+        task of this name may be carried out; all tasks are given to the scheduler at once then
+
+    Raises
+    ------
+    UsageError
+        if Dask is not installed, or `where` is no address
+    Gone
+        if no scheduler answers there
+    """
+
+    threads_each: int | None = 1
+
+    def __init__(
+        self,
+        where: str,
+        reporter: Reporter,
+        place: Callable[[str], Mapping[str, Any]] | None = None,
+    ) -> None:
+        try:
+            import dask
+            import distributed
+        except ImportError as error:
+            raise UsageError(f"--dask needs Dask: {INSTALL}") from error
+        self._distributed = distributed
+        self._reporter = reporter
+        self._place = place
+        self._ended: queue.Queue[Any] = queue.Queue()
+        self._names: dict[str, tuple[str, Any]] = {}
+        self._number = 0
+        self._looked = self._alive = 0.0
+        self._threads = 0
+        self._cluster: Any = None
+        dask.config.set(SETTINGS)
+        for name in ("distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        local = LOCAL.fullmatch(where)
+        if local is None and ":" not in where:
+            raise UsageError(
+                f"--dask {where}: give local, local:N or an address as tcp://host:8786"
+            )
+        if local is not None:
+            number = int(local[1] or cores())
+            if not 1 <= number <= 1024:
+                raise UsageError(f"--dask {where}: give 1 to 1024 workers")
+            self._cluster = self._start(number)
+        self._where = where if self._cluster is None else self._cluster.scheduler_address
+        self._connect()
+
+    @property
+    def dashboard(self) -> str:
+        """Address of the page that shows what the workers do."""
+        return str(self._client.dashboard_link)
+
+    @property
+    def threads(self) -> int:
+        """How many tasks the workers can do at a time; looked up now and then."""
+        now = time.monotonic()
+        if now - self._looked > LOOK_S:
+            self._looked = now
+            try:
+                self._threads = sum(self._client.nthreads().values())
+            except (OSError, TimeoutError, RuntimeError, ValueError) as error:
+                raise SchedulerLost from error
+            if self._threads:
+                self._alive = now
+            elif now - self._alive > QUIET_S:
+                self._reporter.once(f"no worker is connected to {self._where}; waiting for one")
+        return self._threads
+
+    def offers(self) -> dict[str, list[str]]:
+        """Return by the workers' addresses what each offers as a resource."""
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        return {
+            address: sorted(name for name, amount in worker["resources"].items() if amount >= 1)
+            for address, worker in sorted(workers.items())
+        }
+
+    @property
+    def room(self) -> int:
+        """How many tasks it may have at a time."""
+        threads = max(1, self.threads)
+        return MANY if self._place else (1 + WAITING) * threads
+
+    def start(self, name: str, task: Task) -> None:
+        """Send a task to the scheduler."""
+        self._number += 1
+        key = f"{name}-{os.getpid()}-{self._number}"
+        function, arguments = task
+        try:
+            where = self._place(name) if self._place else {}
+            if self._place:
+                what: tuple[Any, ...] = (worker_process.carry_out_here, function, arguments)
+            else:
+                what = (worker_process.carry_out, pickle.dumps(task))
+            future = self._client.submit(*what, key=key, pure=False, **where)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise SchedulerLost from error
+        self._names[key] = (name, future)
+        future.add_done_callback(self._ended.put)
+
+    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
+        """Return tasks that ended since the last call."""
+        found: list[tuple[str, Answer]] = []
+        try:
+            futures = [self._ended.get(timeout=timeout_s)]
+            while not self._ended.empty():
+                futures.append(self._ended.get())
+        except queue.Empty:
+            if self._client.status not in ("running", "connecting"):
+                raise SchedulerLost from None
+            return found
+        for future in futures:
+            name, _ = self._names.pop(future.key, (None, None))
+            if name is None:  # of a scheduler that was lost
+                continue
+            if future.cancelled() or future.status == "lost":
+                raise SchedulerLost
+            found.append((name, self._answer(future)))
+        return found
+
+    def _answer(self, future: Any) -> Answer:
+        try:
+            answer: Answer = future.result(timeout=CONNECT_S)
+        except self._distributed.scheduler.KilledWorker:
+            return Answer(failed="the workers that had it died, each time", lost=True)
+        except (self._distributed.CancelledError, OSError, TimeoutError) as error:
+            raise SchedulerLost from error
+        except Exception as error:  # Dask's own: it cannot be sent, or the worker lacks our code
+            text = " ".join(str(error).split())
+            return Answer(failed=f"{type(error).__name__}: {text}")
+        if isinstance(answer.value, bytes) and not self._place:
+            return Answer(pickle.loads(answer.value))
+        return answer
+
+    def reconnect(self) -> None:
+        """Wait for a scheduler at the same address, and begin with it anew."""
+        self._reporter.warn(f"the scheduler at {self._where} is gone; waiting for it")
+        self._names.clear()
+        self._let_go()
+        self._connect()
+
+    def close(self) -> None:
+        """Let go of the scheduler, and end a cluster that was started here."""
+        self._names.clear()
+        self._let_go()
+        if self._cluster is not None:
+            self._cluster.close(timeout=5)
+
+    def _start(self, number: int) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that another program has the dashboard's port
+            return self._distributed.LocalCluster(
+                n_workers=number,
+                threads_per_worker=1,
+                memory_limit=0,  # the tasks' memory is that of other processes
+                silence_logs=logging.CRITICAL,
+            )
+
+    def _connect(self) -> None:
+        begun = time.monotonic()
+        while True:
+            try:
+                self._client = self._distributed.Client(
+                    self._where, timeout=5, set_as_default=False
+                )
+                self._looked, self._alive = 0.0, time.monotonic()
+                return
+            except (OSError, TimeoutError, ValueError) as error:
+                if isinstance(error, ValueError) and not isinstance(error, TimeoutError):
+                    raise UsageError(f"--dask {self._where}: {error}") from error
+                if time.monotonic() - begun > CONNECT_S:
+                    raise Gone(
+                        f"no scheduler answers at {self._where}: start one (dask scheduler), "
+                        "then give the same command again"
+                    ) from error
+                time.sleep(0.5)
+
+    def _let_go(self) -> None:
+        try:
+            self._client.close(timeout=2)
+        except Exception:  # of a scheduler that is gone
+            return

@@ -1,0 +1,262 @@
+"""Measures designed draws and held-out polygons, and fits a device's cost model to the first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from harness.errors import NothingMeasured, UsageError
+from harness.figures.ratios import paired_ratio
+from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.timing import REFERENCE, TimingSettings
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.study import cost_model, model_terms
+from harness.study.design import STEERED, Design, choose_polygons
+from harness.triangulating.names import parse
+from scenes import Scene
+from triangulators.criteria import predict
+
+Draw = tuple[Frame, NDArray[np.int32]]
+
+GROUP = 24
+"""Draws timed together: enough to interleave, few enough for many rounds."""
+
+HELD_OUT = (
+    *("ear-clipping", "delaunay", "sweep", "greedy", "worst:half-perimeter"),
+    *(f"optimal:{name}" for name in STEERED),
+)
+"""Triangulators of the held-out polygons: good ones in many ways, for a model must choose among
+them, and the worst."""
+RANDOM = 12
+
+LEAST_R2 = 0.8
+"""A fit that explains less than this share of the held-out draws' variance, over polygons or within
+them, is refused: its optimum would follow the noise. Quiet machines reach 0.98 both ways."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """How the fitted model predicts polygons it was not fitted on.
+
+    r2_over : of log time over all draws; r2_within : within polygons, their means taken out
+    """
+
+    r2_over: float
+    r2_within: float
+    polygons: int
+    draws: int
+
+    def __str__(self) -> str:
+        """How well the held-out draws are predicted."""
+        return (
+            f"R2 on {self.draws} draws of {self.polygons} held-out polygons: "
+            f"{self.r2_over:.4f} over polygons, {self.r2_within:.4f} within"
+        )
+
+    @property
+    def good(self) -> bool:
+        """Whether `LEAST_R2` is reached both ways; never where a figure is not a number."""
+        return self.r2_over >= LEAST_R2 and self.r2_within >= LEAST_R2
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Draws timed in ratio to the reference draw of the same rounds.
+
+    ratios : (k,) medians; halves : (k, 2) medians of either half of the rounds; reference_s : the
+    reference's median seconds in each group
+    """
+
+    ratios: NDArray[np.float64]
+    halves: NDArray[np.float64]
+    reference_s: list[float]
+
+
+def calibrate(
+    backend: Backend,
+    bench: Bench,
+    scenes: Sequence[Scene],
+    settings: TimingSettings,
+    options: Options,
+    resolution: int,
+    reporter: Reporter,
+    seed: int = 0,
+    terms: Sequence[str] = cost_model.TERMS[1:],
+) -> tuple[cost_model.Fit, Validation, list[model_terms.Model]]:
+    """Fit the model on designed draws of `backend` and test it on polygons of the scenes.
+
+    terms : those that the model may have. Returns the fit with all of them, how it does on the
+    held-out polygons, and the best models with fewer terms
+    """
+    designed, sets = designed_draws(bench, resolution, seed)
+    draws, polygons = held_out_draws(bench, scenes, resolution, seed)
+    time_all = partial(time_draws, backend, bench, settings, options, reporter)
+    fitted_on, tested_on = time_all(designed, "designed draws"), time_all(draws, "polygons")
+    second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
+    design, seconds = design_of(designed), fitted_on.ratios * second
+    fit = cost_model.fit(design, seconds, sets, seed, terms=terms)
+    held_out = model_terms.HeldOut(
+        design_of(draws), tested_on.ratios * second, tested_on.halves * second, polygons
+    )
+    with reporter.stage("models with fewer terms", model_terms.number_of_sets(terms)) as stage:
+        fewer = model_terms.alternatives(design, seconds, sets, held_out, terms, stage.advance)
+    every = fewer[-1]  # the model with all terms, which is the fit
+    validation = Validation(every.r2_over, every.r2_within, len(set(polygons)), len(draws))
+    return fit, validation, fewer
+
+
+def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw], list[int]]:
+    """Return draws of the designed polygons by several triangulators, and each draw's set."""
+    draws: list[Draw] = []
+    sets: list[int] = []
+    for number, polygons in enumerate(cost_model.designed_polygons(resolution, seed)):
+        frame = _frame_as_it_is(polygons, resolution)
+        for name in cost_model.CUTS:
+            triangles = frame.join(bench.triangulate(parse(name, seed=seed), polygons).parts)
+            if len(triangles) > 0:
+                draws.append((frame, triangles))
+                sets.append(number)
+    return draws, sets
+
+
+def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
+    """Return a frame of polygons that are in px and on the grid already."""
+    points, offsets, ring_ends = on_grid(polygons)
+    source = np.arange(len(polygons), dtype=np.int64)
+    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
+
+
+def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
+    """Return (k, 9) rows of `cost_model.TERMS`, from coordinates alone."""
+    return np.array(
+        [
+            cost_model.terms(predict(frame.points / SUBPIXEL, triangles))
+            for frame, triangles in draws
+        ]
+    )
+
+
+def held_out_draws(
+    bench: Bench, scenes: Sequence[Scene], resolution: int, seed: int
+) -> tuple[list[Draw], list[str]]:
+    """Return draws of polygons by several triangulators, and the name of each draw's polygon."""
+    draws: list[Draw] = []
+    polygons: list[str] = []
+    design = Design(polygons=24, random=RANDOM)
+    for scene in scenes:
+        for number, alone in choose_polygons(scene, design):
+            frame = make_frame(alone.polygons, View(resolution))
+            for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
+                parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
+                if all(part is not None for part in parts):
+                    draws.append((frame, frame.join(parts)))
+                    polygons.append(f"{scene.name} {number}")
+    return draws, polygons
+
+
+def time_draws(
+    backend: Backend,
+    bench: Bench,
+    settings: TimingSettings,
+    options: Options,
+    reporter: Reporter,
+    draws: Sequence[Draw],
+    title: str,
+) -> Timed:
+    """Time draws in groups, each together with the reference draw.
+
+    The ratio to it removes the machine's speed, which may change from minute to minute.
+
+    Raises
+    ------
+    NothingMeasured
+        if the device fails under one of them
+    """
+    ratios = np.full(len(draws), np.nan)
+    halves = np.full((len(draws), 2), np.nan)
+    seconds: list[float] = []
+    # Small and large draws share a group, so that a slow minute touches all kinds alike.
+    order = np.random.default_rng(0).permutation(len(draws))
+    with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
+        for start in range(0, len(draws), GROUP):
+            members = order[start : start + GROUP].tolist()
+            candidates = {str(member): draws[member] for member in members}
+            groups, failures = bench.time(backend, candidates, options, settings, start)
+            if failures:
+                raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
+            group = next(iter(groups.values()))
+            reference = group[REFERENCE]
+            seconds.append(reference.median_s)
+            for member in members:
+                samples = group[str(member)].samples_s
+                ratios[member] = paired_ratio(samples, reference.samples_s).value
+                rounds = np.divide(samples, reference.samples_s)
+                halves[member] = [np.median(rounds[half::2]) for half in range(2)]
+            stage.complete(start + len(members))
+    return Timed(ratios, halves, seconds)
+
+
+def write(
+    fit: cost_model.Fit,
+    validation: Validation,
+    device: dict[str, Any],
+    file: Path,
+    fewer: Sequence[model_terms.Model] = (),
+) -> Path:
+    """Write a calibration file: the fit, how it did on held-out polygons, and of what device.
+
+    fewer : models with fewer terms, kept beside it
+
+    A fit that is not good goes to `<name>.refused.json` beside it, so that it can be looked at and
+    an older, good calibration stays. Returns the file.
+    """
+    content = {
+        "schema_version": 1,
+        "device": device,
+        **fit.to_json(),
+        "refused": not validation.good,
+        "models": [model.to_json() for model in fewer],
+        "held_out": {
+            "r2_over_polygons": validation.r2_over,
+            "r2_within_polygons": validation.r2_within,
+            "polygons": validation.polygons,
+            "draws": validation.draws,
+        },
+    }
+    if not validation.good:
+        file = file.with_name(f"{file.stem}.refused.json")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return file
+
+
+def read_coefficients(file: Path) -> dict[str, float]:
+    """Return the coefficients of a calibration file, by `cost_model.TERMS`.
+
+    Raises
+    ------
+    UsageError
+        if it is missing, no calibration, or was refused when it was made
+    """
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if content.get("refused"):
+            raise UsageError(f"{file} was refused: it fits too badly; repeat harness calibrate")
+        stored = content["coefficients"]
+        # A file that is older than D, Q, P and R gives them no weight.
+        since = dict.fromkeys(cost_model.TERMS[5:], 0.0)
+        return {name: float((since | stored)[name]) for name in cost_model.TERMS}
+    except FileNotFoundError:
+        raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{file} is not a calibration: {error!r}") from error

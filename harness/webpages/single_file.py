@@ -1,0 +1,47 @@
+"""One HTML file with everything in it: its scripts, its style, its numbers."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.stored import atomic
+
+
+def static(package: str, name: str) -> str:
+    """Return the text of a file in a package's folder static/."""
+    return (resources.files(package) / "static" / name).read_text(encoding="utf-8")
+
+
+def packed(content: dict[str, Any]) -> str:
+    """Return the content as base64 of compressed JSON, which no HTML parser can misread."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
+
+
+def encoded(values: NDArray[Any]) -> str:
+    """Return base64 of an array's bytes."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+
+
+def write_whole(file: Path, text: str) -> None:
+    """Write `file` whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        if it cannot be written
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write(file, text.encode())
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror}; give another --out") from error

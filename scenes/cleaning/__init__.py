@@ -1,0 +1,1 @@
+"""Any geometries in, valid polygons out: validity, map projection, layout, fill rules."""

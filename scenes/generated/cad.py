@@ -1,0 +1,178 @@
+"""Flat parts as they are cut from sheet metal: plates, flanges, brackets, gears, name plates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import shapely
+from matplotlib import font_manager, ft2font
+from numpy.random import Generator
+
+from scenes.cleaning.clean import clean
+from scenes.cleaning.layout import in_rows, moved
+from scenes.real.glyphs import outline
+from scenes.scene import Scene, SceneError
+
+Part = Callable[[Generator, int], shapely.Geometry]
+
+
+def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
+    """`parts` parts of random sizes, in millimetres, laid out in rows.
+
+    `segments` is the number of chords in a full circle. A name plate gives a polygon more for each
+    island that its letters cut out (the inside of an O). Raises SceneError for `parts` not in
+    1..100,000 or `segments` not in 8..1000.
+    """
+    if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
+        raise SceneError(
+            f"cad: parts={parts}, segments={segments} is out of range: "
+            "give 1 to 100000 parts and 8 to 1000 segments"
+        )
+    rng = np.random.default_rng([seed, 0xCAD])
+    kinds: list[Part] = [_plate, _flange, _bracket, _gear, _name_plate]
+    made = [kinds[i % len(kinds)](rng, segments) for i in range(parts)]
+    rounded = shapely.transform(np.array(made), lambda xy: np.round(xy, 4) + 0.0)
+    cleaned = clean(rounded, [f"part {i}" for i in range(parts)])
+    return Scene(
+        name="cad",
+        polygons=_by_part(cleaned.polygons, cleaned.source),
+        units="mm",
+        description="sheet metal parts: plates, flanges, brackets, gears, name plates",
+        licence="generated, no rights reserved",
+        parameters={"parts": parts, "segments": segments, "seed": seed},
+        dropped=cleaned.dropped,
+        repaired=cleaned.repaired,
+    )
+
+
+def _by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
+    """Laid out by part, so that islands stay where they were cut."""
+    whole = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
+    placed = in_rows(whole, gap=0.15)
+    out = []
+    for i, before, after in zip(np.unique(source), whole, placed, strict=True):
+        dx, dy = np.subtract(after.bounds[:2], before.bounds[:2])
+        out += [moved(p, dx, dy) for p in polygons[source == i]]
+    return out
+
+
+def _arc(
+    centre: tuple[float, float], radius: float, start: float, end: float, segments: int
+) -> np.ndarray:
+    """Points of an arc from `start` to `end` radians, both ends included."""
+    steps = max(2, round(segments * abs(end - start) / (2 * np.pi)) + 1)
+    t = np.linspace(start, end, steps)
+    return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
+
+
+def _circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon:
+    return shapely.Polygon(_arc((x, y), radius, 0.0, 2 * np.pi, segments)[:-1])
+
+
+def _slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
+    """A hole with round ends, lying along x."""
+    right = _arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
+    left = _arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
+    return shapely.Polygon(np.concatenate([right, left]))
+
+
+def _rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
+    corners = [(w - radius, radius), (w - radius, h - radius), (radius, h - radius)]
+    corners.append((radius, radius))
+    arcs = [
+        _arc(c, radius, (k - 1) * np.pi / 2, k * np.pi / 2, segments) for k, c in enumerate(corners)
+    ]
+    return np.concatenate(arcs)
+
+
+def _without(
+    outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
+) -> shapely.Geometry:
+    return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
+
+
+def _plate(rng: Generator, segments: int) -> shapely.Geometry:
+    """Rounded corners, a bolt hole in each, and a row of slots."""
+    w, h = rng.uniform(80, 160), rng.uniform(60, 110)
+    inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
+    holes = [_circle(x, y, bolt, segments) for x in (inset, w - inset) for y in (inset, h - inset)]
+    rows = int(rng.integers(1, 1 + int((h - 4 * inset) / 12)) if h > 4 * inset + 12 else 1)
+    length = w - 4 * inset - 2
+    for k in range(rows):
+        y = h / 2 + (k - (rows - 1) / 2) * 12
+        holes.append(_slot(w / 2, y, length - 2 * bolt, rng.uniform(2, 4), segments))
+    return _without(_rounded(w, h, inset - 1, segments), holes)
+
+
+def _flange(rng: Generator, segments: int) -> shapely.Geometry:
+    """A disc with a bore and a circle of bolts."""
+    radius, bolts = rng.uniform(35, 60), int(rng.integers(4, 13))
+    bolt = min(4.5, 0.5 * np.pi * 0.8 * radius / bolts)
+    bore = _circle(0, 0, rng.uniform(0.3, 0.5) * radius, 2 * segments)
+    turn = 2 * np.pi / bolts
+    ring = [
+        _circle(0.8 * radius * np.cos(k * turn), 0.8 * radius * np.sin(k * turn), bolt, segments)
+        for k in range(bolts)
+    ]
+    return _without(_circle(0, 0, radius, 3 * segments), [bore, *ring])
+
+
+def _bracket(rng: Generator, segments: int) -> shapely.Geometry:
+    """An L with a filleted inner corner and two slotted or drilled arms."""
+    a, b, t = rng.uniform(70, 130), rng.uniform(70, 130), rng.uniform(18, 28)
+    fillet = rng.uniform(6, 14)
+    inner = _arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)
+    ring = np.concatenate([[[0, 0], [a, 0], [a, t]], inner, [[t, b], [0, b]]])
+    holes = [_slot(0.7 * a, t / 2, 0.25 * a, t / 6, segments)]
+    holes += [_circle(t / 2, y * b, t / 5, segments) for y in (0.45, 0.65, 0.85)]
+    return _without(ring, holes)
+
+
+def _gear(rng: Generator, segments: int) -> shapely.Geometry:
+    """Involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
+
+    The flank is the involute of the base circle; below it the tooth goes straight to the root.
+    """
+    teeth, module = int(rng.integers(14, 40)), rng.uniform(2.0, 3.5)
+    pitch = teeth * module / 2
+    base, root, tip = pitch * np.cos(np.radians(20)), pitch - 1.25 * module, pitch + module
+    alpha = np.arccos(base / np.linspace(max(base, root), tip, 5))
+    involute = np.tan(alpha) - alpha
+    at_pitch = np.tan(np.radians(20)) - np.radians(20)
+    # half of a tooth's angle at each radius: pi / (2 teeth) on the pitch circle
+    half = np.pi / (2 * teeth) + at_pitch - involute
+    radii = base / np.cos(alpha)
+    if root < base:
+        radii, half = np.concatenate([[root], radii]), np.concatenate([half[:1], half])
+    middle = 2 * np.pi / teeth * np.arange(teeth)[:, None]
+    angle = np.hstack([middle - half, middle + half[::-1]]).ravel()
+    reach = np.tile(np.concatenate([radii, radii[::-1]]), teeth)
+    ring = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
+    bore, key = 0.22 * pitch, 0.07 * pitch
+    start = np.arcsin(key / bore)
+    arc = _arc((0, 0), bore, np.pi / 2 + start, 2.5 * np.pi - start, segments)
+    keyway = np.concatenate([arc, [[key, 1.3 * bore], [-key, 1.3 * bore]]])
+    webs = int(rng.integers(4, 7))
+    turn = 2 * np.pi * np.arange(webs) / webs + np.pi / webs
+    light = [
+        _circle(0.6 * pitch * np.cos(t), 0.6 * pitch * np.sin(t), 0.17 * pitch, segments)
+        for t in turn
+    ]
+    return _without(ring, [shapely.Polygon(keyway), *light])
+
+
+def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
+    """A plate from which a part number is cut out."""
+    face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
+    letters, x = [], 0.0
+    for (
+        character
+    ) in f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}":
+        cleaned, advance = outline(face, character, max(2, segments // 8))
+        letters += [moved(p, x, 0.0) for p in cleaned.polygons]
+        x += 1.08 * advance
+    scale = 28.0 / face.units_per_EM
+    text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])
+    plate = shapely.Polygon(_rounded(x * scale + 22.0, 46.0, 8.0, segments))
+    return shapely.difference(plate, text)

@@ -1,0 +1,290 @@
+"""A generated city plan: districts, streets, blocks, lots, and a footprint on each lot.
+
+Districts are the Voronoi cells of seeds that lie denser towards the centre, cut by a ring boulevard
+and two avenues. Each district has a street grid of its own, straight through or staggered; blocks
+are cut into lots, and a footprint never leaves its lot, so footprints share walls but not area.
+Vertex counts and courtyards follow those of real footprints (see `_VERTEX_QUANTILES`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from scenes.generated.footprints import footprint
+from scenes.scene import Scene, SceneError
+
+MOST = 100_000
+_AREA_A_BUILDING = 900.0  # square metres of city, streets included
+_MILLIMETRE = 3  # decimals; coordinates are rounded so that every platform gives the same
+
+# (share of buildings, vertices): quantiles seen in OpenStreetMap footprints of European cities
+_VERTEX_QUANTILES = (
+    (0.0, 0.16, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0),
+    (4.0, 4.0, 6.0, 9.8, 17.0, 27.5, 36.0, 78.0, 160.0),
+)
+_COURTYARDS = 0.1  # wanted; lots at odd corners cut some open, which leaves about 0.08
+_COURTYARD_VERTICES = 8  # a courtyard building has at least these
+
+
+@dataclass
+class _Lots:
+    """Lots of one district, in its frame: polygons and, for each, the box its building fills."""
+
+    polygons: NDArray[Any]
+    boxes: NDArray[np.float64]  # (n, 4): x0, y0, x1, y1
+    facing: NDArray[np.bool_]  # street at y0 (True) or at y1
+
+
+def build(*, seed: int = 0, buildings: int = 500) -> Scene:
+    """A city of exactly `buildings` footprints, in metres, from the centre outwards.
+
+    The same seed and number give the same city. Raises SceneError unless 1 <= buildings <= 100,000.
+    """
+    if not 1 <= buildings <= MOST:
+        raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MOST}")
+    rng = np.random.default_rng([seed, 0xC17])
+    wanted = buildings * 1.25 + 40
+    radius = max(250.0, np.sqrt(wanted * _AREA_A_BUILDING / np.pi))
+    polygons: NDArray[Any] = np.empty(0, dtype=object)
+    while len(polygons) < buildings:
+        districts = _districts(rng, radius)
+        polygons = np.concatenate([_district(rng, d, radius) for d in districts])
+        radius *= 1.2
+    return Scene(
+        name="city",
+        polygons=list(_innermost(rng, polygons, buildings)),
+        units="m",
+        description="generated city plan: blocks, streets, footprints",
+        licence="generated, no rights reserved",
+        parameters={"buildings": buildings, "seed": seed},
+    )
+
+
+def _innermost(rng: Generator, polygons: NDArray[Any], count: int) -> NDArray[Any]:
+    """The `count` footprints nearest the centre, with a ragged edge of the city."""
+    middle = shapely.get_coordinates(shapely.centroid(polygons))
+    distance = np.hypot(*middle.T)
+    ragged = distance + rng.normal(0.0, 12.0, len(polygons))
+    return polygons[np.argsort(ragged, kind="stable")[:count]]
+
+
+def _districts(rng: Generator, radius: float) -> NDArray[Any]:
+    """Districts as polygons: Voronoi cells less the ring boulevard and the avenues."""
+    count = max(7, int(np.pi * radius**2 / 55_000))
+    angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
+    reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62
+    seeds = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
+    disc = shapely.buffer(shapely.Point(0, 0), radius, quad_segs=32)
+    cells = shapely.get_parts(
+        shapely.voronoi_polygons(shapely.MultiPoint(seeds), extend_to=shapely.envelope(disc))
+    )
+    # an avenue across the city, a second one on one side only, and a ring that is not quite round
+    turn = rng.uniform(0.0, np.pi)
+    far = 2.0 * radius
+    across = np.array([np.cos(turn), np.sin(turn)])
+    branch = np.array([np.cos(turn + 1.1), np.sin(turn + 1.1)])
+    streets = [
+        shapely.buffer(shapely.LineString([-far * across, far * across]), 13.0),
+        shapely.buffer(shapely.LineString([[0.0, 0.0], far * branch]), 10.0),
+    ]
+    for ring_radius in np.arange(0.42 * min(radius, 900.0), 0.9 * radius, 900.0):
+        t = np.linspace(0.0, 2 * np.pi, 97)[:-1]
+        r = ring_radius * (1 + 0.08 * np.cos(2 * t + turn))
+        ring = shapely.LinearRing(np.column_stack([r * np.cos(t), r * np.sin(t)]))
+        streets.append(shapely.buffer(ring, 12.0))
+    land = shapely.difference(shapely.intersection(cells, disc), shapely.union_all(streets))
+    # half of the width of the streets between districts
+    pieces = shapely.get_parts(shapely.buffer(shapely.get_parts(land), -7.0, join_style="mitre"))
+    return pieces[shapely.area(pieces) > 900.0]
+
+
+def _district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
+    """Footprints of one district."""
+    middle = district.centroid
+    central = np.hypot(middle.x, middle.y) < 0.45 * radius
+    angle = _orientation(rng, district)
+    blocks = _blocks(rng, _turned(district, -angle), central)
+    lots = [_lots(rng, block, central) for block in blocks]
+    lots = [each for each in lots if len(each.polygons)]
+    if not lots:
+        return np.empty(0, dtype=object)
+    all_lots = _Lots(
+        np.concatenate([each.polygons for each in lots]),
+        np.concatenate([each.boxes for each in lots]),
+        np.concatenate([each.facing for each in lots]),
+    )
+    turned = _turned(_footprints(rng, all_lots), angle)
+    rounded = shapely.transform(turned, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
+    kept = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
+    return shapely.orient_polygons(kept)
+
+
+def _orientation(rng: Generator, district: shapely.Polygon) -> float:
+    """Streets run along the district's longest side, now and then not quite."""
+    corners = shapely.get_coordinates(district.simplify(5.0).exterior)
+    sides = np.diff(corners, axis=0)
+    longest = sides[np.argmax(np.hypot(*sides.T))]
+    return float(np.arctan2(longest[1], longest[0]) + rng.normal(0.0, 0.03))
+
+
+def _turned(geometry: Any, angle: float) -> Any:
+    c, s = np.cos(angle), np.sin(angle)
+    return shapely.transform(geometry, lambda xy: xy @ np.array([[c, s], [-s, c]]))
+
+
+def _cuts(rng: Generator, low: float, high: float, least: float, most: float) -> NDArray[Any]:
+    """Cut [low, high] into lengths between about `least` and `most`."""
+    count = max(1, round((high - low) / ((least + most) / 2)))
+    lengths = rng.uniform(least, most, count)
+    return low + (high - low) * np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
+
+
+def _blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
+    """Blocks of a street grid over a district that lies along the axes."""
+    x0, y0, x1, y1 = district.bounds
+    rows = _cuts(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
+    length = (45.0, 95.0) if central else (80.0, 150.0)
+    street = 3.5 if central else 6.0
+    staggered = rng.random() < 0.4
+    columns = _cuts(rng, x0, x1, *length)
+    boxes = []
+    for bottom, top in pairwise(rows):
+        if staggered:
+            columns = _cuts(rng, x0, x1, *length)
+        boxes.append(
+            shapely.box(columns[:-1] + street, bottom + street, columns[1:] - street, top - street)
+        )
+    pieces = shapely.get_parts(shapely.intersection(district, np.concatenate(boxes)))
+    # a park or a square here and there
+    open_space = rng.random(len(pieces)) < 0.05
+    polygonal = shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON
+    return list(pieces[polygonal & ~open_space & (shapely.area(pieces) > 250.0)])
+
+
+def _lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
+    """Cut a block into lots along its streets, and say where on its lot each building stands."""
+    x0, y0, x1, y1 = block.bounds
+    kind = rng.random()
+    whole = kind < 0.08
+    slabs = not central and kind > 0.8
+    detached = not central and 0.4 < kind <= 0.8
+    if whole or slabs or y1 - y0 < 26.0:
+        rows = np.array([y0, y1])
+    else:
+        rows = np.array([y0, y0 + (y1 - y0) * rng.uniform(0.42, 0.58), y1])
+    width = (24.0, 34.0) if slabs else (17.0, 24.0) if detached else (13.0, 30.0)
+    if whole:
+        width = (x1 - x0, x1 - x0)
+    lots, buildings, facing = [], [], []
+    for k, (bottom, top) in enumerate(pairwise(rows)):
+        columns = _cuts(rng, x0, x1, *width)
+        n = len(columns) - 1
+        lots.append(np.column_stack([columns[:-1], np.full(n, bottom), columns[1:], [top] * n]))
+        buildings.append(_standing(rng, lots[-1], k == 0, detached, slabs))
+        facing.append(np.full(n, k == 0))
+    boxes = np.concatenate(lots)
+    pieces = shapely.intersection(block, shapely.box(*boxes.T))
+    # what a slanting street leaves of a lot may be too little to build on
+    room = (shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON) & (
+        shapely.area(pieces) > 60.0
+    )
+    return _Lots(pieces[room], np.concatenate(buildings)[room], np.concatenate(facing)[room])
+
+
+def _standing(
+    rng: Generator, lots: NDArray[np.float64], low_street: bool, detached: bool, slabs: bool
+) -> NDArray[np.float64]:
+    """Boxes of the buildings on a row of lots: party walls, detached houses, or slabs."""
+    n = len(lots)
+    x0, y0, x1, y1 = lots.T
+    depth = y1 - y0
+    if slabs:
+        side = (x1 - x0 - rng.uniform(11.0, 14.0, n)) / 2
+        front, used = np.full(n, 2.0), depth - rng.uniform(4.0, 12.0, n)
+    elif detached:
+        side = rng.uniform(1.5, 4.5, n)
+        front = np.full(n, rng.uniform(2.0, 6.0))
+        used = np.minimum(depth - front - 2.0, rng.uniform(9.0, 19.0, n))
+    else:
+        side = np.where(rng.random(n) < 0.1, 1.5, 0.0)
+        front, used = np.zeros(n), depth * rng.uniform(0.55, 1.0, n)
+    used = np.maximum(used, 6.0)
+    if low_street:
+        return np.column_stack([x0 + side, y0 + front, x1 - side, y0 + front + used])
+    return np.column_stack([x0 + side, y1 - front - used, x1 - side, y1 - front])
+
+
+def _footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
+    """A building on each lot: big lots get the many vertices and the courtyards."""
+    x0, y0, x1, y1 = lots.boxes.T
+    n = len(lots.boxes)
+    size = np.log(np.maximum((x1 - x0) * (y1 - y0), 1.0))
+    vertices = _correlated(rng, size, 0.55, rng.random(n))
+    vertices = np.rint(np.interp(vertices, *_VERTEX_QUANTILES)).astype(int)
+    roomy = np.minimum(x1 - x0, y1 - y0) >= 15.0
+    chance = _COURTYARDS * n / max(1, roomy.sum())
+    courtyards = (roomy & (rng.random(n) < chance)).astype(int)
+    courtyards[(courtyards > 0) & (x1 - x0 > 45.0)] += 1
+    vertices[courtyards > 0] += _COURTYARD_VERTICES
+    u = rng.random((n, 8)).tolist()
+    rings, counts = [], []
+    for i in range(n):
+        made = footprint(x1[i] - x0[i], y1[i] - y0[i], int(vertices[i]), int(courtyards[i]), u[i])
+        rings.extend(made)
+        counts.append(len(made))
+    plans = _polygons(rings, counts, lots)
+    # a building inside its lot need not be clipped, and most are: lots are mostly rectangles
+    whole = _is_box(lots.polygons) & _inside(lots.boxes, shapely.bounds(lots.polygons))
+    clipped = shapely.intersection(plans[~whole], lots.polygons[~whole])
+    return np.concatenate([plans[whole], _largest_parts(clipped)])
+
+
+def _correlated(
+    rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
+) -> NDArray[Any]:
+    """The uniform numbers, dealt out so that bigger sizes tend to get bigger ones."""
+    n = len(size)
+    score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
+    out = np.empty(n)
+    out[np.argsort(score, kind="stable")] = np.sort(uniform)
+    return out
+
+
+def _polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
+    """Rings in lot frames to polygons in the district's frame."""
+    coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])
+    ends = np.concatenate([[0], np.cumsum([len(ring) + 1 for ring in rings])])
+    owners = np.concatenate([[0], np.cumsum(counts)])
+    lot = np.repeat(np.repeat(np.arange(len(counts)), counts), np.diff(ends))
+    x0, y0, _, y1 = lots.boxes[lot].T
+    up = lots.facing[lot]
+    coordinates[:, 0] += x0
+    coordinates[:, 1] = np.where(up, y0 + coordinates[:, 1], y1 - coordinates[:, 1])
+    return shapely.from_ragged_array(shapely.GeometryType.POLYGON, coordinates, (ends, owners))
+
+
+def _is_box(polygons: NDArray[Any]) -> NDArray[np.bool_]:
+    bounds = shapely.bounds(polygons)
+    boxes = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
+    return np.asarray(shapely.area(polygons) > boxes * (1 - 1e-9))
+
+
+def _inside(boxes: NDArray[np.float64], around: NDArray[np.float64]) -> NDArray[np.bool_]:
+    low = boxes[:, :2] >= around[:, :2] - 1e-9
+    return np.asarray((low & (boxes[:, 2:] <= around[:, 2:] + 1e-9)).all(axis=1))
+
+
+def _largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
+    parts, owner = shapely.get_parts(geometries, return_index=True)
+    polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    parts, owner = parts[polygonal], owner[polygonal]
+    order = np.lexsort((-shapely.area(parts), owner))
+    _, first = np.unique(owner[order], return_index=True)
+    return parts[order][first]

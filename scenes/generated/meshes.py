@@ -1,0 +1,48 @@
+"""n-gon faces of a 3D model, each in its own plane: what a mesh pipeline triangulates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from scenes.cleaning.clean import clean
+from scenes.cleaning.layout import in_rows
+from scenes.files import read
+from scenes.generated import cad
+from scenes.readers import mesh
+from scenes.scene import Scene
+
+
+def build(*, seed: int = 0, model: str = "", limit: int | None = None) -> Scene:
+    """Faces of the model file `model` (OBJ, PLY, glTF, GLB, STL, OFF, ...), laid out in rows.
+
+    Without one, faces of ten generated sheet metal parts, 20 mm thick. Raises SceneError for a
+    model that cannot be read.
+    """
+    if model:
+        scene = read(model, limit=limit)
+        return replace(scene, name="meshes", parameters={"model": model})
+    polygons = []
+    for part in cad.build(seed=seed, parts=10, segments=16).polygons:
+        polygons += mesh.facets(*_extruded(part, 20.0))[0]
+    cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
+    return Scene(
+        name="meshes",
+        polygons=list(cleaned.polygons)[:limit],
+        units="mm",
+        description="faces of sheet metal parts, each in its plane",
+        licence="generated, no rights reserved",
+        parameters={"seed": seed},
+        dropped=cleaned.dropped,
+        repaired=cleaned.repaired,
+    )
+
+
+def _extruded(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a prism over the polygon."""
+    import trimesh
+
+    solid = trimesh.creation.extrude_polygon(part, height, engine="earcut")
+    return np.asarray(solid.vertices), np.asarray(solid.faces, dtype=np.int64)

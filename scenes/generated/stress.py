@@ -1,0 +1,221 @@
+"""Polygons that break triangulators: combs, spirals, needles, fractals, and random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import shapely
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from scenes.cleaning.clean import clean
+from scenes.cleaning.layout import in_rows
+from scenes.scene import Scene, SceneError
+
+MOST = 100_000
+_SIDE = 100.0  # every polygon fills about a square of this side
+
+Ring = NDArray[np.float64]
+Shape = Ring | tuple[Ring, list[Ring]]
+
+
+def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
+    """One polygon of each family, or of the one named, with about `vertices` vertices.
+
+    Families: comb, sawtooth, spiral, star, koch, near-collinear, sliver, needle-holes,
+    random-star, random-monotone, random-maze. Raises SceneError for another family and for
+    `vertices` not in 12..100,000.
+    """
+    if not 12 <= vertices <= MOST:
+        raise SceneError(f"stress: vertices={vertices} is out of range: give 12 to {MOST}")
+    if family != "all" and family not in FAMILIES:
+        raise SceneError(f"stress: there is no family {family!r}; there are {', '.join(FAMILIES)}")
+    chosen = list(FAMILIES) if family == "all" else [family]
+    polygons = []
+    for number, name in enumerate(FAMILIES):
+        if name in chosen:
+            # a generator each: a polygon is the same whether alone or with the others
+            polygons.append(
+                _polygon(FAMILIES[name](np.random.default_rng([seed, number]), vertices))
+            )
+    cleaned = clean(polygons, chosen)
+    return Scene(
+        name="stress",
+        polygons=in_rows(list(cleaned.polygons)),
+        units="units",
+        description="combs, spirals, stars, needles, fractals, random polygons",
+        licence="generated, no rights reserved",
+        parameters={"vertices": vertices, "family": family, "seed": seed},
+        dropped=cleaned.dropped,
+        repaired=cleaned.repaired,
+    )
+
+
+def _polygon(shape: Shape) -> shapely.Polygon:
+    exterior, holes = shape if isinstance(shape, tuple) else (shape, [])
+    exact = shapely.Polygon(exterior, holes)
+    rounded: shapely.Polygon = shapely.transform(exact, lambda xy: np.round(xy, 9) + 0.0)
+    return rounded
+
+
+def comb(rng: Generator, n: int) -> Ring:
+    """Narrow prongs of uneven lengths on a bar."""
+    prongs = n // 4
+    x = np.repeat(np.linspace(0, _SIDE, 2 * prongs), 2)
+    lengths = rng.uniform(0.6, 1.0, prongs) * _SIDE
+    y = np.full((prongs, 4), 0.1 * _SIDE)
+    y[:, 1:3] = lengths[:, None]
+    y[0, 0] = y[-1, 3] = 0.0
+    return np.column_stack([x, y.ravel()])
+
+
+def sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """A band whose upper and lower edges are saws."""
+    x = np.linspace(0, _SIDE, n // 2)
+    up = np.where(np.arange(len(x)) % 2, 0.95, 0.55) * _SIDE
+    down = np.where(np.arange(len(x)) % 2, 0.45, 0.05) * _SIDE
+    return np.concatenate([np.column_stack([x, up]), np.column_stack([x, down])[::-1]])
+
+
+def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """A band wound inwards, six turns, or fewer if there are fewer than 12 vertices for each."""
+    turns = max(1, min(6, n // 24))
+    t = np.linspace(0, 2 * np.pi * turns, n // 2)
+    outer = _SIDE / 2 * (1 - t / (2 * np.pi * (turns + 0.75)))
+    width = 0.6 * _SIDE / 2 / (turns + 0.75)
+    arms = np.column_stack([np.cos(t), np.sin(t)])
+    return np.concatenate([outer[:, None] * arms, ((outer - width)[:, None] * arms)[::-1]])
+
+
+def star(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """Long thin spikes: every other vertex lies near the centre."""
+    spikes = n // 2
+    t = np.pi / spikes * np.arange(2 * spikes)
+    r = np.where(np.arange(2 * spikes) % 2, 0.05, 0.5) * _SIDE
+    return np.column_stack([r * np.cos(t), r * np.sin(t)])
+
+
+def koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """The deepest Koch snowflake of at most n vertices."""
+    points = _SIDE / 2 * np.exp(2j * np.pi * np.arange(3) / 3)
+    while 4 * len(points) <= n:
+        step = (np.roll(points, -1) - points) / 3
+        # vertices run counter-clockwise, so a turn to the right points outwards
+        tip = points + step + step * np.exp(-1j * np.pi / 3)
+        points = np.column_stack([points, points + step, tip, points + 2 * step]).ravel()
+    return np.column_stack([points.real, points.imag])
+
+
+def near_collinear(rng: Generator, n: int) -> Ring:
+    """A square whose sides carry vertices that are off the line by a millionth."""
+    per_side = n // 4
+    along = np.sort(rng.uniform(0.01, 0.99, (4, per_side - 1)), axis=1)
+    off = rng.uniform(-1e-6, 1e-6, along.shape)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+    sides = []
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) % 4]
+        normal = np.array([-(b - a)[1], (b - a)[0]])
+        points = a + along[k][:, None] * (b - a) + off[k][:, None] * normal
+        sides.append(np.concatenate([[a], points]))
+    return _SIDE * np.concatenate(sides)
+
+
+def sliver(rng: Generator, n: int) -> Ring:
+    """A bent band ten thousand times longer than wide."""
+    x = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, n // 2 - 2)), [1.0]]) * _SIDE
+    y = 0.2 * _SIDE * np.sin(x / _SIDE * np.pi)
+    low, high = np.column_stack([x, y]), np.column_stack([x, y + 1e-4 * _SIDE])
+    return np.concatenate([low, high[::-1]])
+
+
+def needle_holes(rng: Generator, n: int) -> Shape:
+    """A square full of three-cornered holes a thousand times longer than wide."""
+    count = max(1, (n - 4) // 3)
+    columns = int(np.ceil(np.sqrt(count)))
+    cell = _SIDE / columns
+    row, column = np.divmod(np.arange(count), columns)
+    centre = (np.column_stack([column, row]) + 0.5) * cell
+    turn = rng.uniform(0, np.pi, count)
+    along = np.column_stack([np.cos(turn), np.sin(turn)]) * 0.45 * cell
+    across = np.column_stack([-along[:, 1], along[:, 0]]) * 1e-3
+    holes = np.stack([centre - along, centre + along, centre + across], axis=1)
+    square = _SIDE * np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+    return square, list(holes)
+
+
+def random_star(rng: Generator, n: int) -> Ring:
+    """Vertices at random angles and radii about a centre that sees them all."""
+    t = np.sort((np.arange(n) + rng.uniform(0, 0.9, n)) * 2 * np.pi / n)
+    r = rng.uniform(0.2, 0.5, n) * _SIDE
+    return np.column_stack([r * np.cos(t), r * np.sin(t)])
+
+
+def random_monotone(rng: Generator, n: int) -> Ring:
+    """Two random chains from left to right, one above the other."""
+    x = np.sort(rng.uniform(0, 1, n - 2))
+    upper = rng.random(n - 2) < 0.5
+    y = np.where(upper, rng.uniform(0.52, 1.0, n - 2), rng.uniform(0.0, 0.48, n - 2))
+    inner = np.column_stack([x, y])
+    ends = np.array([[-0.01, 0.5], [1.01, 0.5]])
+    return _SIDE * np.concatenate([ends[:1], inner[~upper], ends[1:], inner[upper][::-1]])
+
+
+def random_maze(rng: Generator, n: int) -> Ring:
+    """The way around a random spanning tree of a grid, its vertices shaken.
+
+    The way visits each point of the grid of half the pitch once. Neighbours there are moved by less
+    than half of their distance, so the polygon stays simple, whatever the tree.
+    """
+    side = max(2, round(np.sqrt(n / 4)))
+    right, up = _spanning_tree(rng, side)
+    left, down = np.roll(right, 1, axis=0), np.roll(up, 1, axis=1)
+    x = y = 0
+    path = []
+    for _ in range(4 * side * side):
+        path.append((x, y))
+        cell = x // 2, y // 2
+        # with the tree on the left hand: along a branch that begins here, else around the cell
+        if y % 2 == 0:
+            if x % 2 == 0:
+                x, y = (x, y - 1) if down[cell] else (x + 1, y)
+            else:
+                x, y = (x + 1, y) if right[cell] else (x, y + 1)
+        elif x % 2 == 1:
+            x, y = (x, y + 1) if up[cell] else (x - 1, y)
+        else:
+            x, y = (x - 1, y) if left[cell] else (x, y - 1)
+    points = np.array(path) + rng.uniform(-0.35, 0.35, (len(path), 2))
+    return _SIDE / (2 * side) * points
+
+
+def _spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which cells are joined to their right and which to their upper neighbour (Kruskal)."""
+    cell = np.arange(side**2).reshape(side, side)
+    a = np.concatenate([cell[:-1].ravel(), cell[:, :-1].ravel()])
+    b = np.concatenate([cell[1:].ravel(), cell[:, 1:].ravel()])
+    weight = rng.permutation(len(a)) + 1.0
+    tree = minimum_spanning_tree(coo_array((weight, (a, b)), shape=(side**2, side**2))).tocoo()
+    joined = np.zeros((2, side, side), dtype=bool)
+    rightwards = tree.col - tree.row == side
+    for direction, chosen in enumerate((rightwards, ~rightwards)):
+        joined[direction].ravel()[tree.row[chosen]] = True
+    return joined[0], joined[1]
+
+
+FAMILIES: dict[str, Callable[[Generator, int], Shape]] = {
+    "comb": comb,
+    "sawtooth": sawtooth,
+    "spiral": spiral,
+    "star": star,
+    "koch": koch,
+    "near-collinear": near_collinear,
+    "sliver": sliver,
+    "needle-holes": needle_holes,
+    "random-star": random_star,
+    "random-monotone": random_monotone,
+    "random-maze": random_maze,
+}

@@ -1,0 +1,156 @@
+"""GeoParquet, by way of the optional package pyarrow."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from scenes.names import suggestion
+from scenes.readers.reader import Raw, Source
+from scenes.readers.tables import to_pandas
+from scenes.scene import Note, SceneError
+
+_NATIVE = {"polygon": 2, "multipolygon": 3}
+"""Native encodings that hold polygons, and how many lists lie about their coordinates."""
+
+
+def read(source: Source, size: int) -> Iterator[Raw]:
+    """Geometries of the file's primary column, `size` rows at a time.
+
+    `layer` names another geometry column. Geometries are encoded as WKB, which is what nearly all
+    writers do, or natively, as lists of lists of coordinates.
+    """
+    with pyarrow_parquet(source).ParquetFile(source.path) as file:
+        column, encoding, crs, notes = geometry_column(source, file.schema_arrow)
+        for start, batch in _batches(file, source.rows, size):
+            raw = _raw(batch, column, encoding, crs, start, exact=source.rows is not None)
+            yield replace(raw, notes=notes + raw.notes)
+
+
+def pyarrow_parquet(source: Source) -> Any:
+    """The module that reads Parquet; raises SceneError, which says what to install."""
+    try:
+        from pyarrow import parquet
+    except ImportError as error:
+        raise SceneError(
+            f'{source.path} needs pyarrow to be read: pip install "raster-harness[geoparquet]"'
+        ) from error
+    return parquet
+
+
+def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
+    """Batches of the rows that are wanted, and the number of each one's first row."""
+    sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+    ends = np.cumsum(sizes, dtype=np.int64)
+    first, last = rows or (0, file.metadata.num_rows)
+    # the row groups that hold them; rows of the first one that come before are read and left
+    groups = [i for i, end in enumerate(ends) if end > first and end - sizes[i] < last]
+    start = int(ends[groups[0]] - sizes[groups[0]]) if groups else 0
+    for batch in file.iter_batches(batch_size=size, row_groups=groups):
+        low, high = max(first - start, 0), min(last - start, batch.num_rows)
+        if low < high:
+            yield start + low, batch.slice(low, high - low)
+        start += batch.num_rows
+        if start >= last:
+            return
+
+
+def geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, tuple[str, ...]]:
+    """Name, encoding and reference system of the column to read, and a note on other ones.
+
+    Raises SceneError if the file has none, or none that can be read.
+    """
+    geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
+    if not geo:
+        raise SceneError(
+            f"{source.path} has no geometry column in its GeoParquet metadata: "
+            "write it with a program that knows GeoParquet"
+        )
+    columns = geo["columns"]
+    column = source.layer or geo["primary_column"]
+    if column not in columns:
+        raise SceneError(
+            f"{source.path} has no geometry column {column!r}; "
+            + suggestion(column, columns, "it has")
+        )
+    about = columns[column]
+    encoding = about["encoding"]
+    others = [name for name in columns if name != column]
+    notes = (f"geometry column {column} (others: {', '.join(others)})",) if others else ()
+    there = column in schema.names
+    if not there or encoding not in ("WKB", _nesting(schema.field(column).type)):
+        raise SceneError(
+            f"{source.path}: column {column} has the encoding {encoding}, which cannot be read: "
+            "write it as WKB"
+        )
+    return column, encoding, _code(about.get("crs", "OGC:CRS84")), notes
+
+
+def _nesting(kind: Any) -> str:
+    """The native encoding that an Arrow type is for: lists about a struct of x and y."""
+    import pyarrow as pa
+
+    depth = 0
+    while pa.types.is_list(kind) or pa.types.is_large_list(kind):
+        kind, depth = kind.value_type, depth + 1
+    names = {kind.field(i).name for i in range(kind.num_fields)} if pa.types.is_struct(kind) else {}
+    return next((n for n, d in _NATIVE.items() if d == depth and {"x", "y"} <= set(names)), "")
+
+
+def _decoded(values: Any, encoding: str) -> NDArray[Any]:
+    """(n,) polygons of a natively encoded column; None where it has none."""
+    none = values.is_null().to_numpy(zero_copy_only=False)
+    # rows cut out of a longer column still point into the whole: copy them out
+    values = values.take(np.flatnonzero(~none))
+    offsets = []
+    for _ in range(_NATIVE[encoding]):
+        offsets.append(np.asarray(values.offsets, dtype=np.int64))
+        values = values.values
+    xy = np.column_stack([np.asarray(values.field(axis)) for axis in ("x", "y")])
+    kind = shapely.GeometryType[encoding.upper()]
+    geometries = np.full(len(none), None, dtype=object)
+    geometries[~none] = shapely.from_ragged_array(kind, xy, tuple(reversed(offsets)))
+    return geometries
+
+
+def _code(crs: Any) -> str | None:
+    """PROJJSON to an authority code, or else to its own text."""
+    if not isinstance(crs, dict):
+        return crs if isinstance(crs, str) else None
+    identifier = crs.get("id")
+    if isinstance(identifier, dict) and {"authority", "code"} <= identifier.keys():
+        return f"{identifier['authority']}:{identifier['code']}"
+    return json.dumps(crs)
+
+
+def _raw(
+    batch: Any, column: str, encoding: str, crs: str | None, start: int, *, exact: bool
+) -> Raw:
+    labels = [f"row {start + i}" for i in range(batch.num_rows)]
+    index = batch.schema.names.index(column)
+    table, notes = to_pandas(batch.remove_column(index), exact=exact)
+    if encoding != "WKB":
+        return Raw(_decoded(batch.column(index), encoding), labels, table, crs, notes=notes)
+    values = batch.column(index).to_pylist()
+    geometries = shapely.from_wkb(np.array([*values, None], dtype=object), on_invalid="ignore")[:-1]
+    broken = [
+        i
+        for i, (value, made) in enumerate(zip(values, geometries, strict=True))
+        if value and made is None
+    ]
+    dropped: list[Note] = [(labels[i], "geometry cannot be parsed as WKB") for i in broken]
+    keep = np.setdiff1d(np.arange(batch.num_rows), broken)
+    return Raw(
+        geometries[keep],
+        [labels[i] for i in keep],
+        table.iloc[keep].reset_index(drop=True),
+        crs,
+        dropped=dropped,
+        notes=notes,
+    )

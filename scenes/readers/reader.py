@@ -1,0 +1,115 @@
+"""What a reader takes and yields, and which one serves which suffix."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from scenes.readers import damage, limits
+from scenes.scene import Note
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file and the part of it that is wanted.
+
+    `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
+    `rows` are the first feature and the one after the last, counted from 0, where the format can
+    be read from the middle (see `scenes.slices`); attributes then keep the types that Arrow has.
+    """
+
+    path: Path
+    layer: str | None = None
+    where: str | None = None
+    rows: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What a reader yields: the geometries of the file, unchanged, and what is known about them.
+
+    `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
+    one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
+    `dropped` are items that gave no geometry, `repaired` those that gave one only after a repair.
+    `notes` say what was chosen for the user, for example one layer of several.
+    """
+
+    geometries: NDArray[Any] | list[Any]
+    labels: list[str]
+    attributes: pd.DataFrame | None = None
+    crs: str | None = None
+    units: str = "units"
+    dropped: list[Note] = field(default_factory=list)
+    repaired: list[Note] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Reads a format: `function` is "module:function", which takes a Source and a chunk's size.
+
+    kind : the format's name in messages
+    whole : whether the whole file is held in memory
+    explain : the name of a function in the module that has better messages for some errors
+    """
+
+    function: str
+    kind: str
+    whole: bool = True
+    explain: str | None = None
+
+    @property
+    def module(self) -> Any:
+        """The module, imported on first use because some take long."""
+        return importlib.import_module(self.function.partition(":")[0])
+
+    def __call__(self, source: Source, size: int) -> Iterator[Raw]:
+        """Yield the file's chunks; raises SceneError, in one line, for anything that goes wrong."""
+        path = str(source.path)
+        explain: Callable[..., str | None] | None = None
+        if self.explain is not None:
+            explain = getattr(self.module, self.explain)
+        with damage.refused(path, self.kind, lambda e: explain(source, e) if explain else None):
+            if source.path.is_file():
+                limits.check_archive(source.path)
+                if self.whole:
+                    limits.check_size(source.path)
+            yield from getattr(self.module, self.function.partition(":")[2])(source, size)
+
+
+GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False, explain="explain")
+_PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False)
+_CITY = Reader("scenes.readers.cityjson:read", "CityJSON")
+_SEQUENCE = Reader("scenes.readers.cityjson:read_sequence", "a CityJSON sequence", whole=False)
+_MESH = Reader("scenes.readers.mesh:read", "a 3D model")
+_READERS = {
+    **dict.fromkeys((".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
+    ".obj": Reader("scenes.readers.mesh:read", "OBJ"),
+    ".ply": Reader("scenes.readers.mesh:read", "PLY"),
+    **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
+    **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.readers.wkt:read_text", "WKT", whole=False)),
+    ".wkb": Reader("scenes.readers.wkt:read_binary", "WKB"),
+    ".svg": Reader("scenes.readers.svg:read", "SVG"),
+    ".cityjson": _CITY,
+}
+"""Suffix to reader; GDAL reads everything else."""
+
+
+def reader_of(path: Path) -> Reader:
+    """Return the reader for this file."""
+    suffix = path.suffix.lower()
+    city = {".json": _CITY, ".jsonl": _SEQUENCE}
+    if suffix in city and path.is_file():
+        with path.open("rb") as stream:
+            # CityJSON requires its type, and writers put it first
+            if b'"CityJSON"' in stream.read(4096):
+                return city[suffix]
+    return _READERS.get(suffix, GDAL)

@@ -1,0 +1,206 @@
+"""Vector files through GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and many more."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from numpy.typing import NDArray
+
+from scenes.cleaning.projection import system
+from scenes.names import suggestion
+from scenes.readers.damage import reason
+from scenes.readers.reader import Raw, Source
+from scenes.readers.tables import to_pandas
+from scenes.scene import Note, SceneError
+
+
+def read(source: Source, size: int) -> Iterator[Raw]:
+    """Geometries of one layer, `size` features at a time.
+
+    The layer is the one asked for, else the first that can hold polygons.
+    """
+    with warnings.catch_warnings():
+        # GDAL's remarks on single features come back as our own notes
+        warnings.simplefilter("ignore")
+        layer, notes = layer_of(source)
+        # OSM files have no index and are read in one go
+        whole = source.path.suffix.lower() in (".pbf", ".osm")
+        if find_spec("pyarrow") is not None and not whole:
+            raws = _streamed(source, layer, size)
+        else:
+            raws = _by_skipping(source, layer, None if whole else size)
+        for raw in raws:
+            yield replace(raw, crs=_true_crs(source.path, raw.crs), notes=notes + raw.notes)
+
+
+def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
+    """Chunks of one pass over the file, or over the rows that are wanted."""
+    first, last = source.rows or (0, None)
+    opened = pyogrio.raw.open_arrow(
+        source.path,
+        layer=layer,
+        where=source.where,
+        skip_features=first,
+        batch_size=size if last is None else min(size, last - first),
+        use_pyarrow=True,
+        return_fids=True,
+    )
+    with opened as (meta, batches):
+        if meta["geometry_type"] is None:
+            raise SceneError(_no_geometry(source, layer))
+        for batch in batches:
+            if last is not None:  # Arrow has no way to ask for an end
+                batch = batch.slice(0, last - first)
+                first += batch.num_rows
+            # the feature's number, its attributes, its geometry
+            wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
+            columns = batch.select(range(1, batch.num_columns - 1))
+            table, notes = to_pandas(columns, exact=source.rows is not None)
+            raw = _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
+            yield replace(raw, notes=notes)
+            if first == last:
+                return
+
+
+def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
+    """Chunks of one request each; without pyarrow there is no other way."""
+    start, last = source.rows or (0, None)
+    while True:
+        if last is not None and size is not None:
+            size = min(size, last - start)
+        meta, fids, wkb, columns = pyogrio.raw.read(
+            source.path,
+            layer=layer,
+            where=source.where,
+            skip_features=start,
+            max_features=size,
+            return_fids=True,
+        )
+        if wkb is None:
+            raise SceneError(_no_geometry(source, layer))
+        named = dict(zip(meta["fields"], columns, strict=True))
+        yield _raw(fids.tolist(), wkb, pd.DataFrame(named, index=range(len(wkb))), meta["crs"])
+        start += len(wkb)
+        if size is None or len(wkb) < size or start == last:
+            return
+
+
+def _no_geometry(source: Source, layer: str) -> str:
+    return f"{source.path} has no geometry in layer {layer}: give one with polygons"
+
+
+def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame, crs: str | None) -> Raw:
+    """A chunk, its geometries parsed; what cannot be parsed is noted and left out."""
+    labels = [f"feature {fid}" for fid in fids]
+    geometries, dropped, repaired = _geometries(wkb, labels)
+    if dropped:
+        gone = {which for which, _ in dropped}
+        keep = [i for i, label in enumerate(labels) if label not in gone]
+        geometries, labels = geometries[keep], [labels[i] for i in keep]
+        table = table.iloc[keep].reset_index(drop=True)
+    return Raw(geometries, labels, table, crs, "units", dropped, repaired)
+
+
+def _geometries(
+    wkb: NDArray[Any], labels: list[str]
+) -> tuple[NDArray[Any], list[Note], list[Note]]:
+    """Geometries of WKB, None for those that cannot be parsed, with notes on these."""
+    geometries = shapely.from_wkb(wkb, on_invalid="ignore")
+    present = np.array([each is not None for each in wkb], dtype=bool)
+    dropped, repaired = [], []
+    for i in np.flatnonzero(present & shapely.is_missing(geometries)):
+        geometries[i] = shapely.from_wkb(wkb[i], on_invalid="fix")
+        if geometries[i] is None:
+            dropped.append((labels[i], "geometry cannot be parsed (curved, or a broken ring)"))
+        else:
+            repaired.append((labels[i], "has a ring that is not closed; closed"))
+    return geometries, dropped, repaired
+
+
+def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
+    """The layer to read, and a note on it where there are others."""
+    layers = pyogrio.list_layers(source.path)
+    known = [str(name) for name, _ in layers]
+    if not known:
+        raise SceneError(f"{source.path} has no layer: give a file with polygons")
+    if source.layer is not None and source.layer not in known:
+        hint = suggestion(source.layer, known, "it has")
+        raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
+    layer = source.layer or _first_with_polygons(layers)
+    others = [name for name in known if name != layer]
+    return layer, (f"layer {layer} (others: {', '.join(others)})",) if others else ()
+
+
+def _first_with_polygons(layers: NDArray[Any]) -> str:
+    for name, kind in layers:
+        if kind is not None and any(word in kind for word in ("Polygon", "Surface")):
+            return str(name)
+    for name, kind in layers:
+        if kind in ("Unknown", "GeometryCollection"):
+            return str(name)
+    return str(layers[0][0])
+
+
+def _true_crs(path: Path, crs: str | None) -> str | None:
+    """The reference system that the file names, where GDAL has put its own guess in its place.
+
+    GeoJSON of 2008 may name a system in `crs`, or say by null that there is none. If GDAL does not
+    know the name, it takes longitude and latitude.
+    """
+    if crs != "EPSG:4326" or path.suffix.lower() not in (".geojson", ".json") or path.is_dir():
+        return crs
+    given = _crs_member(path)
+    if given is _ABSENT:
+        return crs
+    name = given.get("properties", {}).get("name") if isinstance(given, dict) else None
+    if isinstance(name, str):
+        return crs if system(name) is not None else name
+    return None if given is None else "named by a link"
+
+
+_ABSENT: Any = object()
+_EDGE = 65_536
+
+
+def _crs_member(path: Path) -> Any:
+    """The value of the collection's `crs`, which stands before its features or after them."""
+    with path.open("rb") as stream:
+        head = stream.read(_EDGE)
+        stream.seek(max(0, path.stat().st_size - _EDGE))
+        tail = stream.read()
+    for text in (head.partition(b'"features"')[0], tail.rpartition(b"]")[2]):
+        match = re.search(r'"crs"\s*:\s*', text.decode("utf-8", "replace"))
+        if match:
+            with suppress(ValueError):
+                return json.JSONDecoder().raw_decode(match.string, match.end())[0]
+    return _ABSENT
+
+
+def explain(source: Source, error: Exception) -> str | None:
+    """A better message than the general one for some errors of GDAL; None for others."""
+    text = reason(error)
+    if isinstance(error, UnicodeDecodeError):
+        return (
+            f"{source.path} has text that is not UTF-8: write it as UTF-8, or let pyarrow read it: "
+            'pip install "raster-harness[geoparquet]"'
+        )
+    if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
+        return f"{source.path}: condition {source.where!r} is not valid: {text}"
+    if "not recognized as being in a supported file format" in text:
+        if source.path.is_dir():
+            return f"{source.path} is a folder: give a file in it"
+        kind = f"{source.path.suffix} file" if source.path.suffix else "file with geometries"
+        return f"{source.path} is not a readable {kind}: it is damaged, or of an unknown format"
+    return None

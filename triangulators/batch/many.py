@@ -1,0 +1,287 @@
+"""Millions of small polygons at once, over ragged arrays and in parallel."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from mapbox_earcut import triangulate_float64
+
+from triangulators.batch.ragged import Ragged, Triangulations, polygon_at, ragged
+from triangulators.compute.threads import cores
+from triangulators.criteria import find as find_criterion
+from triangulators.criteria.cost import Cost, plain_cost
+from triangulators.devices import CPU, check_name
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.gpu import engine, known_devices
+from triangulators.gpu.rings import MOST, SIZES
+from triangulators.methods.optimal import LIMIT
+from triangulators.methods.refined import refine_many, take_many, test_of
+from triangulators.optimum.batch_kernels import do_holes, do_rings
+from triangulators.optimum.small_holes import MOST_HOLES
+from triangulators.optimum.small_ring import SMALL
+from triangulators.registry import parse, triangulate
+
+_CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
+_ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
+"""Coefficients of half-perimeter, bounding-box area and edge length that devices know."""
+
+
+class Attempt(NamedTuple):
+    """What compiled code made of a batch: `found[i]` is worth something where done[i], (p,)."""
+
+    found: Triangulations
+    done: np.ndarray
+
+
+def attempt_many(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str = "optimal:half-perimeter",
+    *,
+    check: bool = True,
+    threads: int | None = None,
+    **parameters: Any,
+) -> Attempt:
+    """Do the part of a batch that compiled code can; see `triangulate_many`, which does the rest.
+
+    On the CPU, whatever was measured to be faster. Raises `UnknownName`.
+    """
+    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    work = _Work.of(arrays)
+    _attempt(polygons, name, check, threads or cores(), CPU, parameters, work)
+    return Attempt(Triangulations(work.triangles, work.starts), work.done)
+
+
+def triangulate_many(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str = "optimal:half-perimeter",
+    *,
+    check: bool = True,
+    threads: int | None = None,
+    device: str | None = None,
+    **parameters: Any,
+) -> Triangulations:
+    """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
+
+    polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
+    half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
+    to 192 vertices with few holes or none, exactly and on all threads; also `refined` and
+    `ear-clipping`. What is left, and everything under other names, goes one at a time through
+    `triangulate`. Either way a polygon's triangulation costs what that of `triangulate` does.
+    check: test shapely polygons for validity first. threads: by default one for each core this
+    process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
+    half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 2,000 vertices,
+    on a grid (1/256 px, whole metres, ...); the results are the same. The CPU does the others, and
+    all where the device fails, of which one line is logged. "cpu" is compiled code alone; None is
+    the device that `measure_device` found to be faster here, if there is one. parameters: as for
+    `triangulate`. Raises `UnknownName`.
+
+        >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
+        >>> found[0].shape, found.failed
+        ((2, 3), {1: 'the polygon is empty'})
+    """
+    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    work = _Work.of(arrays)
+    _attempt(polygons, name, check, threads or cores(), device, parameters, work)
+    if work.done.all():
+        return Triangulations(work.triangles, work.starts, compiled=work.done)
+    return _finish(arrays, polygons, name, parameters, work)
+
+
+class _Work(NamedTuple):
+    """Arrays of a batch of p polygons.
+
+    coordinates (n, 2); rings (r + 1,): bounds of rings in it; owners (p + 1,): bounds of polygons
+    in `rings`; begins (p + 1,): bounds of polygons in `coordinates`; starts (p + 1,): bounds of
+    polygons in `triangles` (m, 3), where there is room for each one's; done (p,).
+    """
+
+    coordinates: np.ndarray
+    rings: np.ndarray
+    owners: np.ndarray
+    begins: np.ndarray
+    starts: np.ndarray
+    triangles: np.ndarray
+    done: np.ndarray
+
+    @classmethod
+    def of(cls, arrays: Ragged) -> "_Work":
+        coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
+        rings = np.r_[0, arrays.ring_ends].astype(np.int64)
+        owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
+        begins = rings[owners]
+        room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
+        starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
+        triangles = np.empty((starts[-1], 3), dtype=np.int32)
+        done = np.zeros(len(owners) - 1, dtype=np.bool_)
+        return cls(coordinates, rings, owners, begins, starts, triangles, done)
+
+
+def _attempt(
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str,
+    check: bool,
+    threads: int,
+    device: str | None,
+    parameters: dict[str, Any],
+    work: _Work,
+) -> None:
+    """Do what a device and compiled code can; marks it in `work.done`."""
+    choice = parse(name)
+    if device is not None:
+        check_name(device)
+    cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
+    plain_ears = choice.entry.name == "ear-clipping" and not parameters
+    if cost is None and not plain_ears:
+        return
+    sound = np.ones(len(work.done), dtype=np.bool_)
+    if check and not isinstance(polygons, Ragged):
+        sound = shapely.is_valid(np.asarray(polygons, dtype=object))
+    if cost is None:
+        _clipped(work, sound, threads, take_many)
+    elif choice.entry.name == "refined":
+        _clipped(work, sound, threads, refine_many, test_of(cost), cost.weights, cost.function)
+    else:
+        limit = parameters.get("limit", LIMIT)
+        if device != CPU and cost.box.tolist() in _ON_DEVICE:
+            trusted = check and not isinstance(polygons, Ragged)
+            _on_device(cost, sound, trusted, threads, device, limit, work)
+        _compiled(work, cost, sound, threads, limit)
+
+
+def _on_device(
+    cost: Cost,
+    sound: np.ndarray,
+    trusted: bool,
+    threads: int,
+    device: str | None,
+    limit: int,
+    work: _Work,
+) -> None:
+    """Do what a device can; marks it in `work.done`.
+
+    trusted: whether the `sound` ones are known to be valid. Otherwise those are tested here that
+    the CPU would test, too: rings of more than SMALL corners.
+    """
+    lengths = np.diff(work.begins)
+    wanted = sound & (np.diff(work.owners) == 1) & (lengths >= 3)
+    large = lengths > SIZES[-1]
+    if device is None:
+        triples = float((lengths[wanted & large] ** 3 / 6.0).sum())
+        found = known_devices.choose(int(np.count_nonzero(wanted & ~large)), triples)
+        if found is None or found.device in engine.given_up:
+            return
+        device = found.device
+        wanted &= (large & found.large) | (~large & found.small)
+    if not wanted.any():
+        return
+    most = min(limit, MOST)
+    if not trusted:
+        for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
+            ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
+            wanted[index] = shapely.Polygon(ring).is_valid
+    arrays = (work.coordinates, work.begins, wanted, most, bool(cost.box[0] < 0.0))
+    engine.attempt(device, engine.Task(*arrays, work.starts, work.triangles, work.done), threads)
+
+
+def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
+    """Do what compiled code can; marks it in `work.done`."""
+    lengths, rings = np.diff(work.begins), np.diff(work.owners)
+    sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
+    by_table = sound & (rings == 1) & ~work.done
+    with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
+    out = (cost.box, work.starts, work.triangles, work.done)
+    with ThreadPoolExecutor(threads) as pool:
+        holes = (work.coordinates, work.rings[1:], work.owners, with_holes, *out)
+        running = _share(pool, threads, len(with_holes), do_holes, *holes)
+        simple = (work.coordinates, work.begins, by_table, *out)
+        running += _share(pool, threads, len(work.done), do_rings, *simple)
+        _wait(running)
+
+
+def _clipped(
+    work: _Work, sound: np.ndarray, threads: int, finish: Callable[..., None], *how: Any
+) -> None:
+    """Clip ears in this thread, and let others `finish` them; marks `work.done`."""
+    counts = np.diff(work.owners)
+    ends = (work.rings[1:] - np.repeat(work.begins[:-1], counts)).astype(np.uint32)
+    begins, owners, coordinates = work.begins.tolist(), work.owners.tolist(), work.coordinates
+    wanted = (sound & (np.diff(work.begins) >= 3)).tolist()
+    nothing = np.empty(0, dtype=np.uint32)
+    running = []
+    with ThreadPoolExecutor(threads) as pool:
+        for first in range(0, len(work.done), _CHUNK):
+            last = min(first + _CHUNK, len(work.done))
+            raw = [
+                triangulate_float64(
+                    coordinates[begins[i] : begins[i + 1]], ends[owners[i] : owners[i + 1]]
+                )
+                if wanted[i]
+                else nothing
+                for i in range(first, last)
+            ]
+            bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
+            joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
+            arrays = (coordinates, work.rings[1:], work.owners, joined, bounds)
+            out = (work.starts, work.triangles, work.done)
+            running.append(pool.submit(finish, first, last, *arrays, *how, *out))
+        _wait(running)
+
+
+def _share(
+    pool: ThreadPoolExecutor,
+    threads: int,
+    count: int,
+    kernel: Callable[..., None],
+    *arguments: Any,
+) -> list[Future[None]]:
+    """Start a compiled kernel(first, last, *arguments) over 0..count - 1, in chunks."""
+    chunks = max(1, min(8 * threads, count // 64))
+    bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
+    return [pool.submit(kernel, *chunk, *arguments) for chunk in pairwise(bounds)]
+
+
+def _wait(running: list[Future[None]]) -> None:
+    for task in running:
+        task.result()
+
+
+def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
+    """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
+    wanted = parameters.get("criterion", criterion)
+    if name not in ("optimal", "worst", "refined") or wanted is None or parameters.get("repair"):
+        return None
+    steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
+    found = find_criterion(wanted, **steered)
+    cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
+    return cost if cost is not None and (cost.is_box or name == "refined") else None
+
+
+def _finish(
+    arrays: Ragged,
+    polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
+    name: str,
+    parameters: dict[str, Any],
+    work: _Work,
+) -> Triangulations:
+    """Do what compiled code left, one polygon at a time, and put all in order."""
+    starts, triangles = work.starts, work.triangles
+    failed: dict[int, str] = {}
+    pieces: list[np.ndarray] = []
+    lengths = np.diff(starts)
+    copied = 0
+    for index in np.flatnonzero(~work.done).tolist():
+        pieces.append(triangles[starts[copied] : starts[index]])
+        copied = index + 1
+        given = polygon_at(arrays, index) if isinstance(polygons, Ragged) else polygons[index]
+        try:
+            pieces.append(triangulate(given, name, **parameters))
+        except (TriangulationError, Skipped) as error:
+            failed[index] = str(error)
+            pieces.append(triangles[:0])
+        lengths[index] = len(pieces[-1])
+    pieces.append(triangles[starts[copied] :])
+    bounds = np.r_[0, np.cumsum(lengths)]
+    return Triangulations(np.concatenate(pieces), bounds, failed, work.done)

@@ -1,0 +1,1 @@
+"""Why nothing is cheaper: exclusions, a table of what is left, potentials by a linear program."""

@@ -1,0 +1,163 @@
+"""All edges and empty triangles that a triangulation of a polygon may be made of.
+
+An edge is a pair of sites that see each other, or a piece of the boundary; a triangle is three
+edges with nothing of the polygon's boundary inside. Every triangulation is a choice of some of the
+triangles, so a cost that sums over triangles is a weight on each, and what follows (exclusion by
+`local_minimality`, the linear program of `linear_program`) needs to know nothing else of the
+polygon."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from triangulators.certificate.sight import Sight
+from triangulators.geometry.predicates import turn
+
+
+class Candidates(NamedTuple):
+    """Edges and triangles of a polygon.
+
+    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
+    boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. triangles
+    (t, 3): corners, counter-clockwise; sides (t, 3): the edge from corner k to corner k + 1.
+    start (2 e + 1,) and items: `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the
+    left of edge i seen from a to b, those up to `start[2 * i + 2]` the ones on its right.
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    side: np.ndarray
+    triangles: np.ndarray
+    sides: np.ndarray
+    start: np.ndarray
+    items: np.ndarray
+
+
+def candidates_of(sight: Sight, room: int, kept: np.ndarray | None = None) -> Candidates:
+    """Return the candidates of a polygon.
+
+    room: what `how_many` says; kept (e,): which of its edges may be used; all of them if None.
+    """
+    points, edges, side = sight[:3]
+    if kept is not None:
+        edges, side = edges[kept], side[kept]
+    first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
+    found = np.empty((room, 3), dtype=np.int32)
+    sides = np.empty((room, 3), dtype=np.int32)
+    written = _list(points, first, edges, side, sight.rings, found, sides)
+    found, sides = found[:written].copy(), sides[:written].copy()
+    start, items = _by_edge(found, sides, len(edges))
+    return Candidates(points, edges, side, found, sides, start, items)
+
+
+def how_many(sight: Sight, most: int, kept: np.ndarray | None = None) -> int:
+    """Return a number that a polygon's candidates do not exceed; stops counting beyond `most`."""
+    edges = sight.edges if kept is None else sight.edges[kept]
+    first = np.searchsorted(edges[:, 0], np.arange(len(sight.points) + 1))
+    return int(_count(first, edges, len(sight.points), most))
+
+
+@njit(cache=True, nogil=True)
+def _count(first: np.ndarray, edges: np.ndarray, count: int, most: int) -> int:
+    """Count triples that see each other; gives up beyond `most`."""
+    mark = np.zeros(count, dtype=np.bool_)
+    found = 0
+    for a in range(count):
+        for p in range(first[a], first[a + 1]):
+            mark[edges[p, 1]] = True
+        for p in range(first[a], first[a + 1]):
+            b = edges[p, 1]
+            for q in range(first[b], first[b + 1]):
+                found += mark[edges[q, 1]]
+        for p in range(first[a], first[a + 1]):
+            mark[edges[p, 1]] = False
+        if found > most:
+            return found
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _list(
+    points: np.ndarray,
+    first: np.ndarray,
+    edges: np.ndarray,
+    side: np.ndarray,
+    rings: np.ndarray,
+    triangles: np.ndarray,
+    sides: np.ndarray,
+) -> int:
+    """Write the empty triangles and their edges; return how many there are."""
+    n = len(points)
+    edge_to = np.full(n, -1, dtype=np.int32)
+    found = 0
+    for a in range(n):
+        for p in range(first[a], first[a + 1]):
+            edge_to[edges[p, 1]] = p
+        for p in range(first[a], first[a + 1]):
+            b = edges[p, 1]
+            for q in range(first[b], first[b + 1]):
+                c = edges[q, 1]
+                r = edge_to[c]
+                if r < 0:
+                    continue
+                # Counter-clockwise a-b-c runs along p and q and against r; clockwise the reverse.
+                # A boundary edge must be run along with the interior on the left.
+                way = 1 if turn(points, a, b, c) > 0.0 else -1
+                if side[p] == -way or side[q] == -way or side[r] == way:
+                    continue
+                if holds_ring(points, rings, a, b, c, way):
+                    continue
+                triangles[found, 0], triangles[found, 1], triangles[found, 2] = a, b, c
+                sides[found, 0], sides[found, 1], sides[found, 2] = p, q, r
+                if way < 0:
+                    triangles[found, 1], triangles[found, 2] = c, b
+                    sides[found, 0], sides[found, 2] = r, p
+                found += 1
+        for p in range(first[a], first[a + 1]):
+            edge_to[edges[p, 1]] = -1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, way: int) -> bool:
+    """Whether a hole is inside the triangle of edges a-b-c, which turns left (way 1) or right."""
+    low_x = min(points[a, 0], points[b, 0], points[c, 0])
+    high_x = max(points[a, 0], points[b, 0], points[c, 0])
+    low_y = min(points[a, 1], points[b, 1], points[c, 1])
+    high_y = max(points[a, 1], points[b, 1], points[c, 1])
+    for ring in range(len(rings)):
+        v = rings[ring, 0]
+        step = 0
+        while (v == a or v == b or v == c) and step < 3:  # noqa: SIM109 - for Numba
+            step += 1
+            v = rings[ring, step]
+        if not (low_x < points[v, 0] < high_x and low_y < points[v, 1] < high_y):
+            continue
+        if (
+            way * turn(points, a, b, v) > 0.0
+            and way * turn(points, b, c, v) > 0.0
+            and way * turn(points, c, a, v) > 0.0
+        ):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _by_edge(triangles: np.ndarray, sides: np.ndarray, edges: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (start, items) of `Candidates`."""
+    start = np.zeros(2 * edges + 1, dtype=np.int64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            right = triangles[t, k] > triangles[t, (k + 1) % 3]
+            start[2 * sides[t, k] + right + 1] += 1
+    for i in range(2 * edges):
+        start[i + 1] += start[i]
+    end = start[:-1].copy()
+    items = np.empty(3 * len(triangles), dtype=np.int32)
+    for t in range(len(triangles)):
+        for k in range(3):
+            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, (k + 1) % 3])
+            items[end[place]] = t
+            end[place] += 1
+    return start, items

@@ -1,0 +1,444 @@
+"""Solve by a table what local minimality leaves, where its skeleton is connected.
+
+A diagonal that is left and that no other edge that is left crosses belongs to the skeleton (see
+`local_minimality`): it is in every optimum. With holes, cut the polygon along diagonals of the
+skeleton that connect the boundary's rings. If they connect all, what is cut has no holes any more,
+and the table over all sub-polygons needs only the triangles that are left.
+
+The sub-polygon on the far side of a diagonal, seen from a side of the boundary that is the root,
+costs
+
+    far(h) = the least weight(t) + far(g1) + far(g2) over the triangles t beyond h,
+
+where g1 and g2 lead out of t, and nothing is beyond a side of the boundary or a cut. The table is
+its own proof: the costs, as potentials of the edges, are a solution of the linear program's dual
+(see `linear_program`), for `far(h) - far(g1) - far(g2) <= weight(t)` is what each triangle asks
+for, and their sum over the boundary is what is beyond the root. They are integers: nothing is
+rounded.
+Where two parts of the boundary stay apart, some side of it has triangles to the other part only.
+One of these is in every triangulation, so each in turn is taken as given (see `ways_across`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from triangulators.certificate.candidates import Candidates
+from triangulators.compute.union_find import join, root_of
+from triangulators.geometry.predicates import cross, turn
+
+_NOTHING = np.int64(2**60 - 1)  # cost where no triangles fit; thrice that is still an int64
+
+
+class Table(NamedTuple):
+    """Triangles (m,) of an optimum, by their numbers, and potentials (e,) int64 of the edges."""
+
+    chosen: np.ndarray
+    potentials: np.ndarray
+
+
+class Across(NamedTuple):
+    """A side of the boundary, by its edge, and the second side (k,) of each triangle at it."""
+
+    edge: int
+    ways: np.ndarray
+
+
+class Parts(NamedTuple):
+    """Parts of the boundary that diagonals of the skeleton connect.
+
+    number: how many there are; of (n,): a number for each site's; cut (e,): the diagonals.
+    """
+
+    number: int
+    of: np.ndarray
+    cut: np.ndarray
+
+
+def parts_of(candidates: Candidates, alive: np.ndarray) -> Parts:
+    """Return the parts that the skeleton of the triangles that are `alive` (t,) leaves."""
+    c = candidates
+    left = c.side != 0
+    left[c.sides[alive]] = True
+    cut = np.zeros(len(c.edges), dtype=np.bool_)
+    of = np.arange(len(c.points))
+    return Parts(_connect(c.points, c.edges, c.side, left, cut, of), of, cut)
+
+
+def by_table(
+    candidates: Candidates, weights: np.ndarray, alive: np.ndarray, cut: np.ndarray
+) -> Table | None:
+    """Return an optimum of the triangles that are `alive`, where `cut` leaves one part.
+
+    weights, alive (t,): of the triangles. Where they make no triangulation none are chosen, and the
+    potentials say so by a sum that no triangulation reaches. None where the table fails.
+    """
+    c = candidates
+    root = int(np.flatnonzero(c.side != 0)[0])
+    half = 2 * root + int(c.side[root] < 0)
+    far = np.zeros(2 * len(c.edges), dtype=np.int64)
+    choice = np.full(2 * len(c.edges), -1, dtype=np.int32)
+    state = np.zeros(len(far), dtype=np.int8)
+    seen = np.zeros(len(c.triangles), dtype=np.bool_)
+    table = (*c[2:], weights, alive, cut, far, choice, state, seen)
+    if not _fill(half, *table):
+        return None
+    if far[half] < _NOTHING:
+        chosen, places = _trace(c.triangles, c.sides, c.side, cut, choice, half)
+        laid_out = chosen
+    else:
+        chosen = np.empty(0, dtype=np.int64)
+        laid_out, places = _lay_out(c, cut, half)
+    if len(laid_out) == 0 or not _fill_rest(c.points, laid_out, places, *table):
+        return None
+    return Table(chosen, far[::2] - far[1::2])
+
+
+def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return any triangulation of the polygon as it is cut, as `_trace` does; none if it fails."""
+    c = candidates
+    gone = np.zeros(len(c.edges), dtype=np.bool_)
+    for a, b in c.edges[cut].tolist():
+        gone |= crossed(c.points, c.edges, a, b)
+    free = ~gone[c.sides].any(axis=1)
+    far = np.zeros(2 * len(c.edges), dtype=np.int64)
+    choice = np.full(len(far), -1, dtype=np.int32)
+    state, seen = np.zeros(len(far), dtype=np.int8), np.zeros(len(free), dtype=np.bool_)
+    alike = np.zeros(len(free), dtype=np.int64)
+    if not _fill(half, *c[2:], alike, free, cut, far, choice, state, seen) or far[half] > 0:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int32)
+    return _trace(c.triangles, c.sides, c.side, cut, choice, half)
+
+
+def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Across | None:
+    """Return a side of the boundary whose triangles all lead to another part; None without one.
+
+    alive (t,): triangles; of (n,): the part of each site. The side with the fewest triangles.
+    """
+    c = candidates
+    rows = np.flatnonzero(alive)
+    sides, corners = c.sides[rows], c.triangles[rows]
+    on = c.side[sides] != 0
+    leads = of[corners] != of[np.roll(corners, -2, axis=1)]  # corner k and the apex over side k
+    many = np.bincount(sides[on], minlength=len(c.edges))
+    few = np.where(np.bincount(sides[on & ~leads], minlength=len(c.edges)) > 0, 0, many)
+    if not few.any():
+        return None
+    edge = int(np.argmin(np.where(few > 0, few, len(rows) + 1)))
+    row, k = np.nonzero(sides == edge)
+    return Across(edge, sides[row, k - 1])
+
+
+@njit(cache=True, nogil=True)
+def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent: np.ndarray) -> int:
+    """Join the sites of each ring in `parent` (n,), 0..n - 1; return how many rings there are."""
+    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
+    for e in range(len(edges)):
+        if side[e] != 0:
+            on_boundary[edges[e, 0]] = on_boundary[edges[e, 1]] = True
+    rings = on_boundary.sum()
+    for e in range(len(edges)):
+        if side[e] != 0:
+            rings -= join(parent, edges[e, 0], edges[e, 1])
+    return rings
+
+
+@njit(cache=True, nogil=True)
+def _connect(
+    points: np.ndarray,
+    edges: np.ndarray,
+    side: np.ndarray,
+    left: np.ndarray,
+    cut: np.ndarray,
+    parent: np.ndarray,
+) -> int:
+    """Mark in `cut` diagonals that connect rings and are not crossed; return how many parts remain.
+
+    parent (n,): 0..n - 1, becomes the part of each site.
+    """
+    parts = _join_rings(points, edges, side, parent)
+    # Only diagonals between parts can connect them, and only edges whose boxes meet can cross.
+    low = np.empty(len(edges))
+    widest = 0.0
+    for e in range(len(edges)):
+        x, other = points[edges[e, 0], 0], points[edges[e, 1], 0]
+        low[e] = min(x, other)
+        if left[e]:
+            widest = max(widest, abs(x - other))
+    order = np.argsort(low)
+    for place in range(len(order)):
+        if parts == 1:
+            break
+        e = order[place]
+        if not left[e] or side[e] != 0:
+            continue
+        a, b = edges[e, 0], edges[e, 1]
+        apart = root_of(parent, a) != root_of(parent, b)
+        if apart and not _is_crossed(points, edges, left, order, low, place, widest):
+            cut[e] = True
+            parts -= join(parent, a, b)
+    for v in range(len(points)):
+        parent[v] = root_of(parent, v)
+    return parts
+
+
+@njit(cache=True, nogil=True)
+def _is_crossed(
+    points: np.ndarray,
+    edges: np.ndarray,
+    left: np.ndarray,
+    order: np.ndarray,
+    low: np.ndarray,
+    place: int,
+    widest: float,
+) -> bool:
+    """Whether an edge that is left crosses edge `order[place]`; they are in the order of `low`."""
+    e = order[place]
+    a, b = edges[e, 0], edges[e, 1]
+    right = max(points[a, 0], points[b, 0])
+    for step in (-1, 1):
+        at = place + step
+        while 0 <= at < len(order):
+            f = order[at]
+            at += step
+            if (step > 0 and low[f] >= right) or (step < 0 and low[f] + widest <= low[e]):
+                break
+            if left[f] and cross(points, a, b, edges[f, 0], edges[f, 1]):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
+    """Return which edges (e,) cross the edge a-b."""
+    found = np.zeros(len(edges), dtype=np.bool_)
+    for e in range(len(edges)):
+        found[e] = cross(points, a, b, edges[e, 0], edges[e, 1])
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _fill(
+    root: int,
+    side: np.ndarray,
+    triangles: np.ndarray,
+    sides: np.ndarray,
+    start: np.ndarray,
+    items: np.ndarray,
+    weights: np.ndarray,
+    alive: np.ndarray,
+    cut: np.ndarray,
+    far: np.ndarray,
+    choice: np.ndarray,
+    state: np.ndarray,
+    seen: np.ndarray,
+) -> bool:
+    """Fill `far` and `choice` for what is beyond each half-edge that leads away from `root`.
+
+    Half-edge 2 e runs edge e from its lower end to its higher, 2 e + 1 the other way; what is
+    beyond is on its left. state: 1 while what is beyond is worked out, 2 where it is known; seen:
+    triangles that were tried. False if half-edges lead round in a circle.
+    """
+    waiting = np.empty(len(far), dtype=np.int64)
+    waiting[0] = root
+    height = 1
+    while height > 0:
+        h = waiting[height - 1]
+        if state[h] == 2:
+            height -= 1
+            continue
+        before = height
+        best, which = _NOTHING, -1
+        for place in range(start[h], start[h + 1]):
+            t = items[place]
+            if not alive[t]:
+                continue
+            seen[t] = True
+            total = weights[t]
+            for k in range(3):
+                out = _way_out(triangles, sides, side, cut, t, k, h)
+                if out < 0:
+                    continue
+                if state[out] == 2:
+                    total += far[out]
+                elif state[out] == 1 or state[h] == 1 or height == len(waiting):
+                    return False
+                else:
+                    waiting[height] = out
+                    height += 1
+            if height == before and total < best:
+                best, which = total, t
+        if height == before:
+            far[h], choice[h], state[h] = best, which, 2
+            height -= 1
+        else:
+            state[h] = 1
+    return True
+
+
+@njit(cache=True)
+def _way_out(
+    triangles: np.ndarray,
+    sides: np.ndarray,
+    side: np.ndarray,
+    cut: np.ndarray,
+    t: int,
+    k: int,
+    h: int,
+) -> int:
+    """Return the half-edge that leads out of triangle t over side k, if it is entered by h.
+
+    -1 where k is the side of h itself, or nothing is beyond it.
+    """
+    e = sides[t, k]
+    if e == h // 2 or side[e] != 0 or cut[e]:
+        return -1
+    # The triangle runs along its own half-edge; the twin, run the other way, has what is beyond.
+    return 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
+
+
+@njit(cache=True)
+def _trace(
+    triangles: np.ndarray,
+    sides: np.ndarray,
+    side: np.ndarray,
+    cut: np.ndarray,
+    choice: np.ndarray,
+    root: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles chosen beyond `root`, and a place in the ring for each corner (m, 3).
+
+    The ring is the boundary of the polygon as it is cut, counter-clockwise from the root; a site
+    at which cuts end is in several places. Beyond a half-edge from p to q is the ring from q to p.
+    """
+    chosen = np.empty(len(triangles), dtype=np.int64)
+    places = np.empty((len(triangles), 3), dtype=np.int32)
+    waiting = np.empty(len(choice), dtype=np.int64)
+    waiting[0] = root
+    found, height = 0, 1
+    while height > 0:
+        height -= 1
+        h = waiting[height]
+        t = choice[h]
+        chosen[found] = t
+        found += 1
+        for k in range(3):
+            out = _way_out(triangles, sides, side, cut, t, k, h)
+            if out >= 0:
+                waiting[height] = out
+                height += 1
+    # The ring is walked in another pass: from the first corner of the root, sides in their order.
+    row = np.empty(len(triangles), dtype=np.int64)
+    for m in range(found):
+        row[chosen[m]] = m
+    place = 0
+    waiting[0] = root
+    step = np.zeros(len(choice), dtype=np.int8)
+    height = 1
+    while height > 0:
+        h = waiting[height - 1]
+        t = choice[h]
+        m = row[t]
+        first = 0
+        while sides[t, first] != h // 2:
+            first += 1
+        # Side `first` runs from p to q: q, then what is beyond q-r, r, beyond r-p, p.
+        k = (first + 1 + step[h]) % 3
+        places[m, k] = place
+        if step[h] == 2:
+            height -= 1
+            continue
+        step[h] += 1
+        out = _way_out(triangles, sides, side, cut, t, k, h)
+        if out >= 0:
+            waiting[height] = out
+            height += 1
+        else:
+            place += 1
+    return chosen[:found].copy(), places[:found].copy()
+
+
+@njit(cache=True, nogil=True)
+def _fill_rest(
+    points: np.ndarray,
+    chosen: np.ndarray,
+    places: np.ndarray,
+    side: np.ndarray,
+    triangles: np.ndarray,
+    sides: np.ndarray,
+    start: np.ndarray,
+    items: np.ndarray,
+    weights: np.ndarray,
+    alive: np.ndarray,
+    cut: np.ndarray,
+    far: np.ndarray,
+    choice: np.ndarray,
+    state: np.ndarray,
+    seen: np.ndarray,
+) -> bool:
+    """Fill the table for triangles that the root does not lead to, which need potentials, too.
+
+    Of their sides, that one leads away from the root whose first end is later in the ring.
+    """
+    begin, at = _corners_at(len(points), triangles, chosen)
+    for t in range(len(triangles)):
+        if not alive[t] or seen[t]:
+            continue
+        for k in range(3):
+            out = _way_out(triangles, sides, side, cut, t, k, -2)
+            if out < 0 or state[out] == 2:
+                continue  # nothing is beyond this side, or it leads out of the triangle
+            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+            first = _place(points, triangles, chosen, places, begin, at, a, b)
+            last = _place(points, triangles, chosen, places, begin, at, b, a)
+            if first > last >= 0:
+                table = (side, triangles, sides, start, items, weights, alive, cut)
+                if not _fill(out ^ 1, *table, far, choice, state, seen):
+                    return False
+                break
+        if not seen[t]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _corners_at(
+    count: int, triangles: np.ndarray, chosen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (begin, at): `at[begin[v]:begin[v + 1]]` are 3 m + k of the corners at site v."""
+    begin = np.zeros(count + 1, dtype=np.int64)
+    for m in range(len(chosen)):
+        for k in range(3):
+            begin[triangles[chosen[m], k] + 1] += 1
+    for v in range(count):
+        begin[v + 1] += begin[v]
+    end = begin[:-1].copy()
+    at = np.empty(3 * len(chosen), dtype=np.int64)
+    for m in range(len(chosen)):
+        for k in range(3):
+            v = triangles[chosen[m], k]
+            at[end[v]] = 3 * m + k
+            end[v] += 1
+    return begin, at
+
+
+@njit(cache=True)
+def _place(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    chosen: np.ndarray,
+    places: np.ndarray,
+    begin: np.ndarray,
+    at: np.ndarray,
+    a: int,
+    b: int,
+) -> int:
+    """Return the place in the ring of site `a` from which b is seen; -1 if there is none."""
+    for item in range(begin[a], begin[a + 1]):
+        m, k = at[item] // 3, at[item] % 3
+        t = chosen[m]
+        p, q = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+        if turn(points, a, p, b) > 0.0 and turn(points, a, b, q) > 0.0:
+            return places[m, k]
+    return -1

@@ -1,0 +1,1 @@
+"""Checks evidence of optimality: definitions are all it shares with the search that found it."""

@@ -1,0 +1,348 @@
+"""The diagonals of a polygon, for `checker`: pairs of sites are tried against the boundary.
+
+A segment is a diagonal if it starts into the interior at both ends and meets no other boundary
+edge. Boundary edges are kept by the cells of a grid, and a segment looks only into the cells that
+it runs through: which cells is computed with a margin, orientations are exact.
+
+Not every pair is tried: boxes of sites that one edge hides are passed over (`checker_boxes`), and
+those outside the angle between the sides at a site.
+"""
+
+import numpy as np
+from numba import njit
+
+from triangulators.checking.boxes import (
+    boxes_of,
+    distance,
+    is_behind_one,
+    is_hidden,
+    near_each_other,
+    places_of,
+    to_front,
+)
+from triangulators.compute.threads import shared_out
+from triangulators.geometry.predicates import orient, turn
+
+_FEW, _SLICES = 2000, 16  # sites from which on they are shared out among threads; slices
+_HIDING = 8  # edges that are asked whether they hide a box
+
+
+def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarray:
+    """Return the diagonals (k, 2) between sites, a < b; edges (b, 2) have the interior left."""
+    n = len(points)
+    # The corners of the boundary: at a site, edge in and edge out; a site has several where rings
+    # touch, and the interior there is what all of them have on their left.
+    following = np.full(len(edges), -1, dtype=np.int32)
+    ring_start = 0
+    for e in range(len(edges)):
+        following[e] = e + 1
+        if edges[e, 1] == edges[ring_start, 0]:
+            following[e] = ring_start
+            ring_start = e + 1
+    corner_of = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
+    first = np.searchsorted(edges[corner_of, 1], np.arange(n + 1))
+    cells = max(1, min(512, int(np.sqrt(len(edges) / 2.0))))
+    low = points.min(axis=0)
+    size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
+    start, items = _fill(points, edges, low, size, cells)
+    order = near_each_other(points, np.unique(site).astype(np.int32))
+    boxes = boxes_of(points, order)
+    sides = (points, edges, following, corner_of, first)
+    grid = (low, size, cells, start, items)
+    slices = _SLICES if len(order) > _FEW else 1
+
+    def each(number: int) -> np.ndarray:
+        found: np.ndarray = _diagonals(*sides, order, boxes, number, slices, *grid)
+        return found
+
+    return np.concatenate(shared_out(each, slices))
+
+
+@njit(cache=True)
+def _span(
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    column: int,
+) -> tuple[int, int]:
+    """Return the first and last row of cells that a segment meets in a column, with a margin."""
+    left, right = low[0] + column * size[0], low[0] + (column + 1) * size[0]
+    if bx < ax:
+        ax, ay, bx, by = bx, by, ax, ay
+    y0, y1 = ay, by
+    if bx > ax:
+        if left > ax:
+            y0 = ay + (by - ay) * ((left - ax) / (bx - ax))
+        if right < bx:
+            y1 = ay + (by - ay) * ((right - ax) / (bx - ax))
+    margin = 1e-6 * size[1]
+    bottom = int(np.floor((min(y0, y1) - margin - low[1]) / size[1]))
+    top = int(np.floor((max(y0, y1) + margin - low[1]) / size[1]))
+    return max(0, bottom), min(cells - 1, top)
+
+
+@njit(cache=True)
+def _columns(ax: float, bx: float, low: float, size: float, cells: int) -> tuple[int, int]:
+    margin = 1e-6 * size
+    first = int(np.floor((min(ax, bx) - margin - low) / size))
+    last = int(np.floor((max(ax, bx) + margin - low) / size))
+    return max(0, first), min(cells - 1, last)
+
+
+@njit(cache=True)
+def _fill(
+    points: np.ndarray, edges: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int
+) -> tuple[np.ndarray, np.ndarray]:
+    start = np.zeros(cells * cells + 2, dtype=np.int64)
+    items = np.empty(0, dtype=np.int32)
+    for sweep in range(2):
+        for e in range(len(edges)):
+            a, b = edges[e, 0], edges[e, 1]
+            ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+            first, last = _columns(ax, bx, low[0], size[0], cells)
+            for column in range(first, last + 1):
+                bottom, top = _span(ax, ay, bx, by, low, size, cells, column)
+                for row in range(bottom, top + 1):
+                    cell = column * cells + row
+                    if sweep == 0:
+                        start[cell + 2] += 1
+                    else:
+                        items[start[cell + 1]] = e
+                        start[cell + 1] += 1
+        if sweep == 0:
+            start = start.cumsum()
+            items = np.empty(start[-1], dtype=np.int32)
+    return start[:-1].copy(), items
+
+
+@njit(cache=True)
+def _starts_inside(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    a: int,
+    b: int,
+) -> bool:
+    """Whether the segment from a to b starts strictly into the interior."""
+    for place in range(first[a], first[a + 1]):
+        e = corner_of[place]
+        before, after = edges[e, 0], edges[following[e], 1]
+        left_of_out = turn(points, a, after, b) > 0.0
+        left_of_in = turn(points, before, a, b) > 0.0
+        convex = turn(points, before, a, after) > 0.0
+        if convex:
+            if not (left_of_out and left_of_in):
+                return False
+        elif not (left_of_out or left_of_in):
+            # Straight or reflex: left of either side will do, unless it runs along one of them.
+            return False
+    return True
+
+
+@njit(cache=True)
+def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether the segments a-b and c-d, without a common end, have a point in common."""
+    c_side, d_side = turn(points, a, b, c), turn(points, a, b, d)
+    if (c_side > 0.0 and d_side > 0.0) or (c_side < 0.0 and d_side < 0.0):
+        return False
+    a_side, b_side = turn(points, c, d, a), turn(points, c, d, b)
+    if (a_side > 0.0 and b_side > 0.0) or (a_side < 0.0 and b_side < 0.0):
+        return False
+    if c_side == 0.0 and d_side == 0.0:  # on one line
+        for axis in range(2):
+            if max(points[a, axis], points[b, axis]) < min(points[c, axis], points[d, axis]):
+                return False
+            if max(points[c, axis], points[d, axis]) < min(points[a, axis], points[b, axis]):
+                return False
+    return True
+
+
+@njit(cache=True)
+def _meeting(
+    points: np.ndarray,
+    edges: np.ndarray,
+    a: int,
+    b: int,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
+    asked: np.ndarray,
+    stamp: int,
+) -> int:
+    """Return an edge that the segment a-b meets, -1 if there is none, -2 where it is an edge.
+
+    asked (b,): the stamp of the segment that each edge was last asked about.
+    """
+    ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+    first, last = _columns(ax, bx, low[0], size[0], cells)
+    step = 1 if bx >= ax else -1  # from a on: what blocks is often near
+    for index in range(last - first + 1):
+        column = first + index if step > 0 else last - index
+        bottom, top = _span(ax, ay, bx, by, low, size, cells, column)
+        for row in range(bottom, top + 1):
+            cell = column * cells + row
+            for place in range(start[cell], start[cell + 1]):
+                if asked[items[place]] == stamp:  # long edges are in many cells
+                    continue
+                asked[items[place]] = stamp
+                c, d = edges[items[place], 0], edges[items[place], 1]
+                if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
+                    # Edges at an end leave it elsewhere, or the segment would not start inside;
+                    # unless one is the segment itself.
+                    if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
+                        return -2
+                    continue
+                if _meets(points, a, b, c, d):
+                    return items[place]
+    return -1
+
+
+@njit(cache=True)
+def _outside(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    a: int,
+    box: np.ndarray,
+) -> bool:
+    """Whether no segment from a into a box starts into the interior."""
+    ax, ay = points[a, 0], points[a, 1]
+    for place in range(first[a], first[a + 1]):
+        e = corner_of[place]
+        before, after = edges[e, 0], edges[following[e], 1]
+        qx, qy, px, py = points[after, 0], points[after, 1], points[before, 0], points[before, 1]
+        right_of_out = right_of_in = True
+        for corner in range(4):
+            x, y = box[corner & 1, 0], box[corner >> 1, 1]
+            right_of_out &= orient(ax, ay, qx, qy, x, y) <= 0.0
+            right_of_in &= orient(px, py, ax, ay, x, y) <= 0.0
+        convex = turn(points, before, a, after) > 0.0
+        if (right_of_out and right_of_in) or (convex and (right_of_out or right_of_in)):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _diagonals(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    order: np.ndarray,
+    boxes: np.ndarray,
+    number: int,
+    slices: int,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
+) -> np.ndarray:
+    """Return the pairs of every `slices`-th site of `order`, from `number` on, with later ones."""
+    found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
+    count = 0
+    seen = np.empty(len(order), dtype=np.int32)
+    asked = np.full(len(edges), -1, dtype=np.int64)
+    for i in range(number, len(order), slices):
+        more = _seen_after(
+            points,
+            edges,
+            following,
+            corner_of,
+            first,
+            order,
+            boxes,
+            i,
+            seen,
+            low,
+            size,
+            cells,
+            start,
+            items,
+            asked,
+        )
+        if count + more > len(found):
+            grown = np.empty((2 * (count + more), 2), dtype=np.int32)
+            grown[:count] = found[:count]
+            found = grown
+        found[count : count + more, 0] = order[i]
+        found[count : count + more, 1] = seen[:more]
+        count += more
+    return found[:count]
+
+
+@njit(cache=True)
+def _seen_after(
+    points: np.ndarray,
+    edges: np.ndarray,
+    following: np.ndarray,
+    corner_of: np.ndarray,
+    first: np.ndarray,
+    order: np.ndarray,
+    boxes: np.ndarray,
+    i: int,
+    seen: np.ndarray,
+    low: np.ndarray,
+    size: np.ndarray,
+    cells: int,
+    start: np.ndarray,
+    items: np.ndarray,
+    asked: np.ndarray,
+) -> int:
+    """Write the sites after `order[i]` that it sees to `seen`; return how many there are."""
+    a, leaves = order[i], len(boxes) // 2
+    waiting = np.empty(64, dtype=np.int64)
+    hiding = np.empty((_HIDING, 2), dtype=np.int32)
+    known, count = 0, 0
+    waiting[0] = 1
+    height = 1
+    while height > 0:
+        height -= 1
+        node = waiting[height]
+        begin, end = places_of(node, leaves, len(order))
+        if (
+            end <= max(begin, i + 1)
+            or _outside(points, edges, following, corner_of, first, a, boxes[node])
+            or is_hidden(points, a, hiding, known, boxes[node])
+        ):
+            continue
+        if node < leaves:
+            # The nearer one first: what is near hides what is far.
+            nearer = 2 * node + int(
+                distance(points, a, boxes[2 * node + 1]) < distance(points, a, boxes[2 * node])
+            )
+            waiting[height], waiting[height + 1] = nearer ^ 1, nearer
+            height += 2
+            continue
+        for b in order[max(begin, i + 1) : end]:
+            if (
+                not _starts_inside(points, edges, following, corner_of, first, a, b)
+                or not _starts_inside(points, edges, following, corner_of, first, b, a)
+                or is_behind_one(points, a, hiding, known, b)
+            ):
+                continue
+            stamp = np.int64(a) * len(points) + b
+            met = _meeting(points, edges, a, b, low, size, cells, start, items, asked, stamp)
+            if met == -1:
+                seen[count] = b
+                count += 1
+            elif met >= 0:
+                c, d = edges[met, 0], edges[met, 1]
+                way = turn(points, c, d, a)
+                if way != 0.0:
+                    known = min(known + 1, _HIDING)
+                    hiding[known - 1, 0] = c if way > 0.0 else d
+                    hiding[known - 1, 1] = d if way > 0.0 else c
+                    to_front(hiding, known - 1)
+    return count

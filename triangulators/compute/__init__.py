@@ -1,0 +1,1 @@
+"""What compiled code rests on: SIMD, threads, union-find. Nothing here knows a polygon."""

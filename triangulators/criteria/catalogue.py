@@ -1,0 +1,293 @@
+"""Criteria: what a triangle is predicted to cost, from its coordinates alone.
+
+A criterion sums a per-triangle cost over a triangulation. Every built-in one is a weighted sum of
+`features`; a user's own criterion is a Numba function of the same form as a feature, of three
+points given as six numbers.
+
+Units are those of the coordinates: pixels for a frame.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from triangulators.criteria.features import FEATURES, feature_sums
+from triangulators.criteria.quads import exact_quads
+from triangulators.criteria.weights import MARK, read_weights, write_weights
+from triangulators.errors import UnknownName
+
+BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
+WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A cost per triangle, to be summed over a triangulation (or its maximum taken).
+
+    `label`, `symbol` and `unit` are how tables and plots show it. `weights` are coefficients of
+    `FEATURES`; `function`, if given, is a Numba function of three points (six numbers) and takes
+    their place. `maximum` compares triangulations by their worst triangle. `normalise` turns
+    weights into others once the polygon's area and number of triangles are known. `parameters`
+    says that it is a family, whose value depends on weights that a user gives, and `placed` that it
+    is counted on the pixel grid, where the polygon lies: neither is among what `predict` returns.
+    """
+
+    name: str
+    description: str
+    weights: tuple[float, ...] = (0.0,) * len(FEATURES)
+    function: Callable[..., float] | None = None
+    maximum: bool = False
+    normalise: Callable[[np.ndarray, float, int], np.ndarray] | None = None
+    label: str = ""
+    symbol: str = ""
+    unit: str = "1"
+    parameters: bool = False
+    placed: bool = False
+
+    @property
+    def column(self) -> str:
+        """Its name where hyphens cannot stand: keys of records and columns of files."""
+        return self.name.replace("-", "_")
+
+    def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
+        """Return the (k,) weights of `FEATURES` for a polygon of this area and triangle count."""
+        weights = np.array(self.weights, dtype=np.float64)
+        if self.normalise is None:
+            return weights
+        return self.normalise(weights, polygon_area, max(triangles, 1))
+
+    def total(self, points: np.ndarray, triangles: np.ndarray) -> float:
+        """Return the criterion of one triangulation."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if len(triangles) == 0:
+            return 0.0
+        if self.function is not None:
+            costs = [self.function(*points[row].ravel().tolist()) for row in triangles]
+            return float(max(costs) if self.maximum else math.fsum(costs))
+        rows = [triangles[[index]] for index in range(len(triangles))] if self.maximum else ()
+        sums = feature_sums(points, np.ascontiguousarray(triangles, dtype=np.int32))
+        weights = self.weights_for(float(sums[1]), len(triangles))
+        if not self.maximum:
+            return float(np.dot(weights, sums))
+        return max(float(np.dot(weights, feature_sums(points, row))) for row in rows)
+
+
+CALIBRATED = (
+    "triangles",
+    "area",
+    "half_perimeter",
+    "bbox_area",
+    "shape",
+    "expected_quads",
+    "expected_blocks",
+    "expected_setups",
+)
+"""Features that a device's time may be made of."""
+
+
+def _linear(name: str, description: str, **coefficients: float) -> Criterion:
+    weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
+    return Criterion(name, description, weights)
+
+
+def _shown(
+    name: str, label: str, symbol: str, unit: str, description: str, **coefficients: float
+) -> Criterion:
+    linear = _linear(name, description, **coefficients)
+    return replace(linear, label=label, symbol=symbol, unit=unit)
+
+
+def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
+    result = weights / triangles
+    result[1] = weights[1] / polygon_area
+    result[3] = weights[3] / polygon_area
+    return result
+
+
+def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterion:
+    """F = alpha A / S + beta D / (240 T) + gamma C / (24 T), the paper's mixture.
+
+    Each term is made comparable by its scale: A by the polygon's area S, D by the 240 degrees a
+    triangle can deviate at most, C by 24 bytes a triangle. So C adds the constant gamma.
+    It is called `mixed=alpha/beta/gamma`, and `mixed` where all three are 1.
+    """
+    weights = (alpha, beta, gamma)
+    linear = _linear(
+        "mixed" if weights == (1, 1, 1) else f"mixed{MARK}{write_weights(weights)}",
+        "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
+        triangles=gamma,
+        area=-alpha,
+        bbox_area=alpha,
+        shape=beta / WORST_SHAPE,
+    )
+    return replace(linear, normalise=_per_polygon, label="mixture", symbol="F", parameters=True)
+
+
+def calibrated(coefficients: Mapping[str, float]) -> Criterion:
+    """A device's fitted cost: coefficients of some of `CALIBRATED`. Raises `ValueError`."""
+    known = CALIBRATED
+    unknown = set(coefficients) - set(known)
+    if unknown:
+        raise ValueError(
+            f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
+        )
+    linear = _linear(
+        "calibrated", "T, S, H, w*h, D, Q, P and R at the rates fitted on a device", **coefficients
+    )
+    return replace(linear, label="calibrated time", unit="s", parameters=True)
+
+
+CRITERIA: dict[str, Criterion] = {
+    criterion.name: criterion
+    for criterion in (
+        _shown(
+            "overdraw",
+            "the paper's overdraw",
+            "A",
+            "px^2",
+            "bounding-box area minus triangle area",
+            bbox_area=1,
+            area=-1,
+        ),
+        _shown(
+            "half-perimeter",
+            "half-perimeter",
+            "H",
+            "px",
+            "bounding-box width plus height",
+            half_perimeter=1,
+        ),
+        _shown(
+            "expected-quads",
+            "expected quads",
+            "Q",
+            "quads",
+            "2x2 pixel quads to shade, the mean over all positions on the grid",
+            expected_quads=1,
+        ),
+        _shown(
+            "expected-blocks",
+            "expected 4x4 blocks",
+            "P",
+            "blocks",
+            "4x4 pixel blocks touched, the mean over all positions on the grid",
+            expected_blocks=1,
+        ),
+        _shown("edge-length", "edge length", "E", "px", "perimeter", edge_length=1),
+        _shown(
+            "rotation-averaged-overdraw",
+            "rotation-averaged overdraw",
+            "",
+            "px^2",
+            "overdraw averaged over all rotations",
+            rotated_bbox_area=1,
+            area=-1,
+        ),
+        _shown(
+            "shape",
+            "the paper's shape deviation",
+            "D",
+            "degrees",
+            "deviation of the angles from 60 degrees",
+            shape=1,
+        ),
+        _shown(
+            "complexity",
+            "the paper's complexity",
+            "C",
+            "bytes",
+            "24 bytes a triangle",
+            triangles=BYTES_PER_TRIANGLE,
+        ),
+        Criterion(
+            "exact-quads",
+            "2x2 pixel quads shaded where the triangle lies on the pixel grid: counted",
+            function=exact_quads,
+            label="exact quads",
+            unit="quads",
+            placed=True,
+        ),
+        mixed(),
+        calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
+    )
+}
+MINMAX = "minmax-"
+
+
+def names() -> list[str]:
+    """Return the names of the criteria; each may also be written with `minmax-` before it."""
+    return list(CRITERIA)
+
+
+def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Criterion:
+    """Return a criterion by name, or made of a user's Numba function of three points.
+
+    The name of `mixed` may hold its weights, `mixed=1/0.5/0` (see `weights`). parameters: alpha,
+    beta, gamma for `mixed`; coefficients for `calibrated`. The criterion's own name is the one way
+    to write it. Raises `UnknownName`, also for weights that cannot be used.
+
+        >>> find("mixed=1.0/.5/0").name
+        'mixed=1/0.5/0'
+    """
+    if isinstance(name, Criterion):
+        return name
+    if callable(name):
+        return Criterion(getattr(name, "__name__", "custom"), "user's function", function=name)
+    plain, mark, weights = name.removeprefix(MINMAX).partition(MARK)
+    if plain not in CRITERIA:
+        near = difflib.get_close_matches(plain, CRITERIA, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise UnknownName(f"unknown criterion {name!r}{hint} (known: {', '.join(CRITERIA)})")
+    criterion = CRITERIA[plain]
+    if mark:
+        if plain != "mixed":
+            raise UnknownName(f"criterion {plain!r} takes no weights, got {weights!r}; mixed does")
+        if parameters:
+            raise TypeError(f"criterion {name!r} has its weights already, got {sorted(parameters)}")
+        criterion = mixed(**read_weights(plain, weights, ("alpha", "beta", "gamma")))
+    elif plain == "mixed":
+        criterion = mixed(**parameters)
+    elif plain == "calibrated" and parameters:
+        criterion = calibrated(**parameters)
+    elif parameters:
+        raise TypeError(f"criterion {plain!r} takes no parameters, got {sorted(parameters)}")
+    if name.startswith(MINMAX):
+        criterion = replace(criterion, name=MINMAX + criterion.name, maximum=True)
+    return criterion
+
+
+def predicted() -> list[Criterion]:
+    """Return the criteria that `predict` sums, in the order in which they are shown."""
+    return [each for each in CRITERIA.values() if not (each.parameters or each.placed)]
+
+
+FEATURES_KEPT = ("triangles", "area", "bbox_area", "expected_setups")
+"""Features that are no criterion by themselves, and that fits of a device's time need."""
+
+
+def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
+    """Sum every criterion over a triangulation.
+
+    points: (n, 2) float64; triangles: (m, 3) indices into them. Keys: `FEATURES_KEPT`, then the
+    `column` of each criterion of `predicted`, in its unit where coordinates are pixels.
+
+        >>> square = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
+        >>> sums = predict(square, np.array([(0, 1, 2), (0, 2, 3)]))
+        >>> sums["half_perimeter"], sums["overdraw"]
+        (8.0, 4.0)
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    sums = feature_sums(points, triangles)
+    found = {name: float(sums[FEATURES.index(name)]) for name in FEATURES_KEPT}
+    for criterion in predicted():
+        plain = criterion.function is None and not criterion.maximum
+        value = np.dot(criterion.weights, sums) if plain else criterion.total(points, triangles)
+        found[criterion.column] = float(value)
+    return found

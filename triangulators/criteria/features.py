@@ -1,0 +1,213 @@
+"""Features: what one triangle is made of, which every built-in criterion is a weighted sum of.
+
+One definition of each serves the optimiser, the predictions and the tests: a Numba function of
+three points given as six numbers. `FEATURES` names them in the order that weights have; a new one
+is added there, in `weighted` and in `feature_sums`, all in this file.
+
+Units are those of the coordinates: pixels for a frame.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from triangulators.geometry.predicates import twice_area
+
+SIGNATURE = types.float64(*[types.float64] * 6)
+"""The form of a feature and of a user's own criterion: three points as six numbers."""
+
+
+@njit(cache=True)
+def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Area S."""
+    return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+
+@njit(cache=True)
+def half_perimeter(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Width plus height of the bounding box (H)."""
+    return (max(ax, bx, cx) - min(ax, bx, cx)) + (max(ay, by, cy) - min(ay, by, cy))
+
+
+@njit(cache=True)
+def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Width times height of the bounding box."""
+    return (max(ax, bx, cx) - min(ax, bx, cx)) * (max(ay, by, cy) - min(ay, by, cy))
+
+
+@njit(cache=True)
+def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Perimeter (E): summed, boundary edges count once and diagonals twice."""
+    ab = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+    bc = math.sqrt((cx - bx) ** 2 + (cy - by) ** 2)
+    ca = math.sqrt((ax - cx) ** 2 + (ay - cy) ** 2)
+    return ab + bc + ca
+
+
+@njit(cache=True)
+def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Deviation from equilateral (D): |60-q| + |60-r| + |60-n| over the angles, in degrees."""
+    cross = twice_area(ax, ay, bx, by, cx, cy)
+    q = math.atan2(cross, (bx - ax) * (cx - ax) + (by - ay) * (cy - ay))
+    r = math.atan2(cross, (ax - bx) * (cx - bx) + (ay - by) * (cy - by))
+    third = math.pi / 3.0
+    total = abs(third - q) + abs(third - r) + abs(third - (math.pi - q - r))
+    return total * 180.0 / math.pi
+
+
+@njit(cache=True)
+def rotated_bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Mean over all rotations of the bounding box's area, in closed form.
+
+    Width in direction u is half the sum of |e.u| over the edges e, so the mean of width times
+    height is a sum over pairs of edges of the mean of |cos t cos(t - d)|, which is
+    (sin d + (pi/2 - d) cos d) / pi for 0 <= d <= pi/2.
+    """
+    ux, uy = bx - ax, by - ay
+    vx, vy = cx - bx, cy - by
+    wx, wy = ax - cx, ay - cy
+    cross = abs(ux * vy - uy * vx)
+    uv, vw, wu = ux * vx + uy * vy, vx * wx + vy * wy, wx * ux + wy * uy
+    squares = (ux * ux + uy * uy) + (vx * vx + vy * vy) + (wx * wx + wy * wy)
+    # The acute angles between the edges' lines add up to pi, or to twice the
+    # supplement of an obtuse angle; edges meet head to tail, so obtuse means dot > 0.
+    angles = math.pi
+    obtuse = max(uv, vw, wu)
+    if obtuse > 0.0:
+        angles = 2.0 * math.atan2(cross, obtuse)
+    dots = abs(uv) + abs(vw) + abs(wu)
+    return (squares + 2.0 * dots + 2.0 * cross * angles) / (4.0 * math.pi)
+
+
+@njit(cache=True)
+def _left(lost: float, doubled_area: float) -> float:
+    """Area, as a share, of what is common to a triangle and its moved copies."""
+    side = 1.0 - lost / doubled_area
+    return side * side if side > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _expected(
+    size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
+) -> float:
+    """Mean number of size x size blocks with a covered pixel centre, over all positions.
+
+    A block at an unknown place on the grid has covered centres where one of `size`^2 copies of
+    the triangle, moved by whole pixels, covers its corner: the mean is the area of the copies'
+    union over size^2. Inclusion and exclusion over the neighbours among the copies (pairs, triples
+    and fours of each unit square) gives that area. What copies have in common is the triangle
+    itself made smaller, by the edges' normals' least products with the moves, so each term is a
+    square. For size 2 this is exact; for more it counts an 8-connected group of centres once, so
+    only slivers with gaps inside a block count too much.
+    """
+    ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
+    cross = ux * vy - uy * vx
+    if cross == 0.0:
+        return 0.0
+    if cross < 0.0:
+        ux, uy, vx, vy, wx, wy = -ux, -uy, -vx, -vy, -wx, -wy
+        cross = -cross
+    width = max(ax, bx, cx) - min(ax, bx, cx)
+    height = max(ay, by, cy) - min(ay, by, cy)
+    falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
+    rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
+    beside = _left(width, cross) + _left(height, cross)
+    across = _left(falling, cross) + _left(rising, cross)
+    triples = 0.0
+    for right in (-1.0, 1.0):
+        for up in (-1.0, 1.0):
+            lost = min(0.0, right * uy, up * ux) + min(0.0, right * vy, up * vx)
+            triples += _left(-lost - min(0.0, right * wy, up * wx), cross)
+    inner = size - 1.0
+    squares = triples - across - _left(width + height, cross)
+    share = size * size - size * inner * beside + inner * inner * squares
+    return 0.5 * cross * share / (size * size)
+
+
+@njit(cache=True)
+def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """2x2 pixel quads with a covered pixel centre (Q), the mean over positions on the grid."""
+    return _expected(2.0, ax, ay, bx, by, cx, cy)
+
+
+@njit(cache=True)
+def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """4x4 pixel blocks with a covered pixel centre (P), the mean over positions on the grid."""
+    return _expected(4.0, ax, ay, bx, by, cx, cy)
+
+
+@njit(cache=True)
+def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Chance that the bounding box holds a pixel centre (R), the mean over positions on the grid.
+
+    What a rasteriser has to set up: a triangle whose box holds none is dropped before that.
+    """
+    width = max(ax, bx, cx) - min(ax, bx, cx)
+    height = max(ay, by, cy) - min(ay, by, cy)
+    return min(width, 1.0) * min(height, 1.0)
+
+
+FEATURES = (
+    "triangles",
+    "area",
+    "half_perimeter",
+    "bbox_area",
+    "edge_length",
+    "shape",
+    "rotated_bbox_area",
+    "expected_quads",
+    "expected_blocks",
+    "expected_setups",
+)
+
+
+@njit(cache=True)
+def weighted(
+    weights: np.ndarray, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
+) -> float:
+    """Weighted sum of the features of one triangle; `weights` in the order of `FEATURES`."""
+    # Named one by one: a loop over a tuple of functions and a chain of closures both took two to
+    # three times as long in the optimiser, which calls this for every triple of vertices.
+    total = weights[0]
+    if weights[1] != 0.0:
+        total += weights[1] * area(ax, ay, bx, by, cx, cy)
+    if weights[2] != 0.0:
+        total += weights[2] * half_perimeter(ax, ay, bx, by, cx, cy)
+    if weights[3] != 0.0:
+        total += weights[3] * bbox_area(ax, ay, bx, by, cx, cy)
+    if weights[4] != 0.0:
+        total += weights[4] * edge_length(ax, ay, bx, by, cx, cy)
+    if weights[5] != 0.0:
+        total += weights[5] * shape(ax, ay, bx, by, cx, cy)
+    if weights[6] != 0.0:
+        total += weights[6] * rotated_bbox_area(ax, ay, bx, by, cx, cy)
+    if weights[7] != 0.0:
+        total += weights[7] * expected_quads(ax, ay, bx, by, cx, cy)
+    if weights[8] != 0.0:
+        total += weights[8] * expected_blocks(ax, ay, bx, by, cx, cy)
+    if weights[9] != 0.0:
+        total += weights[9] * expected_setups(ax, ay, bx, by, cx, cy)
+    return total
+
+
+@njit(cache=True)
+def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Sum of each of `FEATURES` over (m, 3) triangles of (n, 2) points, shape (k,)."""
+    sums = np.zeros(len(FEATURES))
+    for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        ax, ay = points[a, 0], points[a, 1]
+        bx, by = points[b, 0], points[b, 1]
+        cx, cy = points[c, 0], points[c, 1]
+        sums[0] += 1.0
+        sums[1] += area(ax, ay, bx, by, cx, cy)
+        sums[2] += half_perimeter(ax, ay, bx, by, cx, cy)
+        sums[3] += bbox_area(ax, ay, bx, by, cx, cy)
+        sums[4] += edge_length(ax, ay, bx, by, cx, cy)
+        sums[5] += shape(ax, ay, bx, by, cx, cy)
+        sums[6] += rotated_bbox_area(ax, ay, bx, by, cx, cy)
+        sums[7] += expected_quads(ax, ay, bx, by, cx, cy)
+        sums[8] += expected_blocks(ax, ay, bx, by, cx, cy)
+        sums[9] += expected_setups(ax, ay, bx, by, cx, cy)
+    return sums

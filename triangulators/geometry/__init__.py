@@ -1,0 +1,1 @@
+"""Exact predicates on coordinates, who sees whom, neighbours and order of triangles."""

@@ -1,0 +1,1 @@
+"""Triangulations as other libraries make them: ear clipping, Delaunay, sweep, manifold."""

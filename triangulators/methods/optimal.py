@@ -1,0 +1,170 @@
+"""The optimum of a criterion over all triangulations of a polygon.
+
+Without holes it is exact, up to a number of vertices that the caller may set, by a table over all
+sub-polygons. With holes a local search comes first, and `proof` makes an optimum of what it finds
+and says whether that could be proven. Beyond the number of vertices, windows of the better of ear
+clipping and Delaunay are optimised.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from triangulators import criteria
+from triangulators.certificate.certify import certificate_of, certify
+from triangulators.certificate.proof import SECONDS, prove
+from triangulators.checking.evidence import Certificate
+from triangulators.criteria.cost import cost_of
+from triangulators.errors import Skipped
+from triangulators.geometry.order import walk
+from triangulators.geometry.predicates import on_grid
+from triangulators.optimum.bridges import ONE_HOLE, one_hole_optimum
+from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
+from triangulators.optimum.simple_polygon import TABLE_ONLY, optimum, small_optimum
+from triangulators.polygon import Boundary, boundary, boundary_area, check
+from triangulators.starting.starts import best_start, ring_triangulation
+
+LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
+MOST_PLACED = 500
+"""Vertices up to which a criterion that is counted pixel by pixel is optimised."""
+
+PROVEN = 500
+"""Vertices up to which the linear program is asked where a polygon's rings stay apart.
+
+With more it can take minutes: `solve` and `certify` ask it for those who want a proof. What is
+worst is never proven: local minimality excludes next to nothing there.
+"""
+
+
+def triangulate(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    limit: int = LIMIT,
+    seed: int = 0,
+    **parameters: Any,
+) -> np.ndarray:
+    """Return the triangulation (m, 3) that minimises `criterion`.
+
+    limit: vertices up to which a polygon is optimised as a whole, at a time that grows with their
+    cube at worst; beyond it windows of a triangulation are. seed: choices of the local search.
+    parameters: the criterion's (see `criteria.find`).
+    """
+    wanted = criteria.find(criterion, **parameters)
+    return _optimise(outline, wanted, 1.0, limit, seed).triangles
+
+
+def triangulate_with_gap(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    limit: int = LIMIT,
+    seed: int = 0,
+    **parameters: Any,
+) -> tuple[np.ndarray, float]:
+    """Return what `triangulate` does, and how far it may be from the optimum, relative to its cost.
+
+    0 where it is the optimum: by a table, or by a proof as `certify` makes one, which `checker` has
+    not looked at. Infinite where there is no bound: what windows or the local search gave.
+    """
+    wanted = criteria.find(criterion, **parameters)
+    found = _optimise(outline, wanted, 1.0, limit, seed)
+    return found.triangles, found.gap
+
+
+def triangulate_worst(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    limit: int = LIMIT,
+    seed: int = 0,
+    **parameters: Any,
+) -> np.ndarray:
+    """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
+    wanted = criteria.find(criterion, **parameters)
+    return _optimise(outline, wanted, -1.0, limit, seed).triangles
+
+
+class Solved(NamedTuple):
+    """A triangulation (m, 3) and how far it may be from the optimum."""
+
+    triangles: np.ndarray
+    certificate: Certificate
+
+
+def solve(
+    polygon: shapely.Polygon,
+    criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
+    *,
+    seconds: float = SECONDS,
+    **parameters: Any,
+) -> Solved:
+    """Return the optimum of a criterion together with its certificate (see `certify`).
+
+    Polygons of any size are tried, those with holes or more than 2,000 vertices as `certify` does.
+    seconds: for each linear program. Raises what `certify` raises.
+    """
+    check(polygon)
+    outline = boundary(polygon)
+    wanted = criteria.find(criterion, **parameters)
+    cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
+    proof = None
+    if not wanted.maximum and (outline.holes > 0 or len(outline.edges) > LIMIT):
+        proof = prove(outline, best_start(outline, cost), cost, seconds)
+    if proof is None:
+        triangles = _optimise(outline, wanted, 1.0, LIMIT, 0).triangles
+        return Solved(triangles, certify(polygon, triangles, wanted, seconds=seconds))
+    triangles = walk(proof.triangles, len(outline.points))
+    return Solved(triangles, certificate_of(outline, triangles, cost, proof.evidence))
+
+
+class _Found(NamedTuple):
+    """A triangulation (m, 3) and how far it may be from the optimum, infinite where unknown."""
+
+    triangles: np.ndarray
+    gap: float
+
+
+def _optimise(
+    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
+) -> _Found:
+    small = small_optimum(outline, criterion, sign, limit)
+    if small is not None:
+        return _Found(walk(small, len(outline.points)), 0.0)
+    found = _search(outline, criterion, sign, limit, seed)
+    return _Found(walk(found.triangles, len(outline.points)), found.gap)
+
+
+def _search(
+    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
+) -> _Found:
+    points = outline.points
+    if criterion.placed and len(points) > MOST_PLACED:
+        raise Skipped(
+            f"{criterion.name} of {len(points):,} vertices: up to {MOST_PLACED} are done, because"
+            " every triangle's rows of pixels are looked at"
+        )
+    cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
+    if outline.holes == 0 and len(outline.edges) <= limit:
+        cycle = outline.edges[:, 0]
+        table = cost.is_box and len(cycle) <= TABLE_ONLY and on_grid(points)
+        start = None if table else ring_triangulation(outline, cycle)
+        return _Found(cycle[optimum(points[cycle], start, cost)], 0.0)
+    if len(outline.edges) > limit:
+        start = best_start(outline, cost)
+        return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
+    if outline.holes == 1 and len(points) <= ONE_HOLE:
+        exact = one_hole_optimum(outline, cost)
+        if exact is not None:
+            return _Found(exact, 0.0)
+    proof = None
+    if sign > 0.0 and not cost.maximum:
+        # Never a time between the two: the result is the same on any machine.
+        seconds = math.inf if len(points) <= PROVEN else 0.0
+        proof = prove(outline, best_start(outline, cost), cost, seconds)
+    if proof is None:
+        return _Found(search_cuts(points, best_start(outline, cost), cost, seed), math.inf)
+    return _Found(proof.triangles, proof.gap)

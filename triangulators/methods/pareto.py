@@ -1,0 +1,152 @@
+"""The Pareto front of two criteria over all triangulations of a simple polygon.
+
+The recurrence of the optimum with sets of non-dominated pairs of costs for single costs. It needs
+no list of triangulations; the fronts of the sub-polygons stay small, though there is no bound. A
+weighted sum of the two criteria reaches only the corners of the front's convex hull; here is all.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from triangulators import criteria
+from triangulators.criteria.cost import Cost, cost_of, evaluate
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
+from triangulators.starting.starts import Cycle, cycle_of
+
+MOST = 100_000  # points in the front of a sub-polygon
+LIMIT = 100  # vertices up to which a point of the front is a triangulator: a minute at worst
+_SAME = 1e-9  # costs closer than this part of the largest count as equal
+
+Wanted = criteria.Criterion | str | Callable[..., float]
+
+
+class Front(NamedTuple):
+    """Non-dominated triangulations: costs (f, 2), ascending in the first, and triangles.
+
+    `triangles` is (f, m, 3) int32.
+    """
+
+    costs: np.ndarray
+    triangles: np.ndarray
+
+
+class _Partial(NamedTuple):
+    """A front of a sub-polygon: costs (f, 2) and, for each, (apex, left entry, right entry)."""
+
+    costs: np.ndarray
+    origin: np.ndarray
+
+
+def pareto_front(
+    polygon: shapely.Polygon, first: Wanted = "overdraw", second: Wanted = "shape"
+) -> Front:
+    """Return the Pareto front of two criteria, both to be small.
+
+    Raises `InvalidPolygon`, `Skipped` for holes, `UnknownName`, and `TriangulationError` if the
+    front of some sub-polygon has more than 100,000 entries.
+    """
+    check(polygon)
+    return _front(boundary(polygon), first, second)
+
+
+def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
+    """Return the k-th triangulation (n - 2, 3) of the front of A and D, from the least A on.
+
+    The fronts of the last polygons are kept, so that the next number costs nothing. Raises
+    `Skipped` for holes, beyond 100 vertices, and where the front ends before k.
+    """
+    if len(outline.edges) > LIMIT:
+        raise Skipped(f"pareto: {len(outline.edges)} vertices, more than {LIMIT}")
+    triangles = _of_a_and_d(outline).triangles
+    if not 0 <= k < len(triangles):
+        raise Skipped(f"pareto: the front ends at number {len(triangles) - 1}, before {k}")
+    return triangles[k].copy()
+
+
+@remembered(32)
+def _of_a_and_d(outline: Boundary) -> Front:
+    return _front(outline, "overdraw", "shape")
+
+
+def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
+    ring = cycle_of(outline, "pareto")
+    area, count = boundary_area(outline), outline.expected_triangles
+    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
+    if any(cost.maximum for cost in pair):
+        raise ValueError("pareto: minmax criteria do not add up")
+    fronts = _fronts(ring, pair[0], pair[1])
+    whole = fronts[0, len(ring.cycle) - 1]
+    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
+    return Front(whole.costs, ring.cycle[triangles])
+
+
+def _fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
+    n = len(ring.cycle)
+    fronts: dict[tuple[int, int], _Partial] = {}
+    below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j it sees, descending
+    for i in range(n - 1, -1, -1):
+        for j in ring.target[ring.start[i] : ring.start[i + 1]].tolist():
+            if j == i + 1:
+                fronts[i, j] = _Partial(np.zeros((1, 2)), np.zeros((1, 3), dtype=np.int32))
+            else:
+                apexes = [k for k in below[j] if (i, k) in fronts]
+                fronts[i, j] = _merge(ring.points, fronts, i, j, apexes, (first, second))
+            below[j].append(i)
+    return fronts
+
+
+def _merge(
+    points: np.ndarray,
+    fronts: dict[tuple[int, int], _Partial],
+    i: int,
+    j: int,
+    apexes: list[int],
+    pair: tuple[Cost, Cost],
+) -> _Partial:
+    """Return the front beneath the pair i, j: the best of every apex's sums."""
+    costs: list[np.ndarray] = []
+    origins: list[np.ndarray] = []
+    for k in apexes:
+        left, right = fronts[i, k].costs, fronts[k, j].costs
+        triangle = np.array([[i, k, j]], dtype=np.int32)
+        own = np.array([evaluate(points, triangle, cost) for cost in pair])
+        sums = (left[:, None] + right[None, :]).reshape(-1, 2) + own
+        kept = _non_dominated(sums)
+        costs.append(sums[kept])
+        origins.append(
+            np.column_stack((np.full(len(kept), k), kept // len(right), kept % len(right)))
+        )
+    if not costs:
+        return _Partial(np.empty((0, 2)), np.empty((0, 3), dtype=np.int32))
+    sums, origin = np.concatenate(costs), np.concatenate(origins).astype(np.int32)
+    kept = _non_dominated(sums)
+    if len(kept) > MOST:
+        raise TriangulationError(f"pareto: a front has more than {MOST} entries")
+    return _Partial(sums[kept], origin[kept])
+
+
+def _non_dominated(costs: np.ndarray) -> np.ndarray:
+    """Return the rows of (c, 2) that no other row is as good as in both columns; one of equals."""
+    order = np.lexsort((costs[:, 1], costs[:, 0]))
+    second = costs[order, 1]
+    least = np.minimum.accumulate(second)
+    slack = _SAME * max(float(np.abs(second).max(initial=0.0)), 1e-300)
+    better = np.r_[True, second[1:] < least[:-1] - slack]
+    return order[better]
+
+
+def _trace(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[Any]:
+    triangles: list[tuple[int, int, int]] = []
+    waiting = [(0, n - 1, entry)]
+    while waiting:
+        i, j, which = waiting.pop()
+        if j - i < 2:
+            continue
+        k, left, right = fronts[i, j].origin[which].tolist()
+        triangles.append((i, k, j))
+        waiting += [(i, k, left), (k, j, right)]
+    return triangles

@@ -1,0 +1,87 @@
+"""The optimum of one simple polygon, by the table or by visible pairs, whichever is faster."""
+
+import numpy as np
+
+from triangulators.criteria import Criterion
+from triangulators.criteria.cost import Cost, plain_cost
+from triangulators.errors import TriangulationError
+from triangulators.geometry.predicates import on_grid, turns
+from triangulators.geometry.unfold import neighbours
+from triangulators.geometry.visibility import visible_pairs
+from triangulators.optimum.edge_table import edge_optimum
+from triangulators.optimum.full_table import box_optimum
+from triangulators.optimum.small_holes import holes_optimum
+from triangulators.optimum.small_ring import SMALL, ring_optimum
+from triangulators.optimum.visible_table import sparse_optimum
+from triangulators.polygon import Boundary
+
+TABLE_ONLY = 128  # corners; up to here looking for visible pairs costs more than it saves
+_SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by table
+
+
+def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.ndarray:
+    """Return the triangulation (n - 2, 3) of least cost of a simple polygon.
+
+    points: (n, 2), a counter-clockwise cycle, in which a point may be met several times;
+    triangles: (n - 2, 3), some triangulation of it, positions in the cycle; if None, one is found
+    first by the table. Raises `TriangulationError` if there is none.
+
+    Exact for all doubles: the table is used where float64 determinants are exact or no triple
+    fails to turn left, visibility is decided by exact predicates.
+    """
+    n = len(points)
+    if cost.is_box and n <= TABLE_ONLY:
+        small = np.empty((n - 2, 3), dtype=np.int32)
+        if ring_optimum(points, cost.box, small) < np.inf:
+            return small
+    if triangles is None:
+        triangles = _by_table(points, cost, _flat(points))
+    start, target = visible_pairs(points, triangles, neighbours(triangles, n), n * n)
+    if cost.is_box and cost.box[1] == 0.0:
+        found = edge_optimum(points, start, target, cost.box)
+        if len(found) != n - 2:
+            raise TriangulationError(f"no triangulation of {n} corners found")
+        return found
+    if cost.is_box:
+        seen_from_above = np.bincount(target, minlength=n)
+        tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
+        everything = len(target) == n * (n - 1) // 2
+        if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or on_grid(points)):
+            return _by_table(points, cost, -np.inf if everything else 0.0)
+    return sparse_optimum(points, start, target, cost)
+
+
+def small_optimum(
+    outline: Boundary, criterion: Criterion, sign: float, limit: int
+) -> np.ndarray | None:
+    """Return the optimum (m, 3) of a small polygon, in `order.walk`'s order, or None.
+
+    None where it is not small, has more vertices than `limit` or rings that touch, or where the
+    criterion is not made of boxes and edges alone: then `optimum` and what is around it do it.
+    """
+    points = outline.points
+    if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
+        return None
+    cost = plain_cost(criterion, sign)
+    if cost is None or not cost.is_box:
+        return None
+    triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
+    if outline.holes:
+        found = holes_optimum(points, outline.ends.astype(np.int64), cost.box, triangles)
+    else:
+        found = ring_optimum(points, cost.box, triangles) < np.inf
+    return triangles if found else None
+
+
+def _flat(points: np.ndarray) -> float:
+    """Doubled area below which the sign of a plain float64 determinant is not to be trusted."""
+    if on_grid(points):
+        return 0.0
+    return 16.0 * 2.0**-53 * float(np.ptp(points, axis=0).max()) ** 2
+
+
+def _by_table(points: np.ndarray, cost: Cost, flat: float) -> np.ndarray:
+    best = box_optimum(points, cost.box, flat)
+    if best is None or (flat != 0.0 and (turns(points, best) <= 0.0).any()):
+        raise TriangulationError(f"no triangulation of {len(points)} corners found")
+    return best

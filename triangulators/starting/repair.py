@@ -1,0 +1,47 @@
+"""Put back collinear vertices that a triangulator has dropped, so that the result conforms."""
+
+import numpy as np
+
+from triangulators.geometry.predicates import tolerance
+from triangulators.polygon import Boundary
+from triangulators.verify import unmatched_edges, vertices_on
+
+
+def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
+    """Split triangles at vertices that lie on their edges; return (m', 3) int32.
+
+    Each T-junction is resolved by drawing the vertex to the opposite corner. Area, coverage and
+    winding do not change; triangles without T-junctions keep their place and order. A sliver
+    with a corner on its own opposite edge goes: the triangle across that edge is split there.
+    """
+    loose = unmatched_edges(outline, triangles)
+    if not loose:
+        return triangles
+    allowed = tolerance(outline.points)
+    candidates = np.unique(outline.edges)
+    inside = {
+        edge: found
+        for edge in loose
+        if (found := vertices_on(outline.points, candidates, *edge, allowed))
+    }
+    result: list[tuple[int, int, int]] = []
+    for corners in triangles.tolist():
+        chains = []
+        for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
+            on_edge = inside.get((int(outline.site[tail]), int(outline.site[head])), [])
+            chains.append([tail, *on_edge, head])
+        if not any(set(chain[1:-1]) & set(corners) for chain in chains):
+            _split(chains, result)
+    return np.array(result, dtype=np.int32).reshape(-1, 3)
+
+
+def _split(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
+    """Append the pieces of a triangle given by the vertices along each of its three edges."""
+    for first in range(3):
+        edge, second, third = chains[first], chains[first - 2], chains[first - 1]
+        if len(edge) > 2:
+            vertex, apex = edge[1], third[0]
+            _split([edge[:2], [vertex, apex], third], result)
+            _split([edge[1:], second, [apex, vertex]], result)
+            return
+    result.append((chains[0][0], chains[1][0], chains[2][0]))

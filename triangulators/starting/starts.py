@@ -1,0 +1,109 @@
+"""Triangulations to start from, and the simple polygon to work on."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from triangulators.checking.visibility import visible
+from triangulators.criteria.cost import Cost, evaluate
+from triangulators.errors import Skipped, TriangulationError
+from triangulators.geometry.predicates import turns
+from triangulators.geometry.unfold import neighbours
+from triangulators.geometry.visibility import visible_pairs
+from triangulators.libraries import delaunay, ear_clipping
+from triangulators.polygon import Boundary
+from triangulators.starting.diagonals import shortest_first
+from triangulators.starting.repair import insert_dropped_vertices
+from triangulators.verify import verify_boundary
+
+_EXACT = 1000  # vertices up to which all pairs of them are tried
+
+
+class Cycle(NamedTuple):
+    """A simple polygon: `cycle` (n,), its corners counter-clockwise as indices of `points`' rows.
+
+    `points` (n, 2) are the corners' coordinates; corner i sees `target[start[i]:start[i + 1]]`,
+    ascending, all > i (see `visible_pairs`).
+    """
+
+    cycle: np.ndarray
+    points: np.ndarray
+    start: np.ndarray
+    target: np.ndarray
+
+
+def cycle_of(outline: Boundary, who: str) -> Cycle:
+    """Return the only ring of a polygon with what its corners see; raises `Skipped` for holes."""
+    if outline.holes:
+        raise Skipped(f"{who}: the polygon has holes")
+    cycle = outline.edges[:, 0].copy()
+    points = outline.points[cycle]
+    local = ring_triangulation(outline, cycle)
+    start, target = visible_pairs(points, local, neighbours(local, len(cycle)), len(cycle) ** 2)
+    return Cycle(cycle, points, start, target)
+
+
+def ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
+    """Return some triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
+    position = np.empty(len(outline.points), dtype=np.int32)
+    position[cycle] = np.arange(len(cycle), dtype=np.int32)
+    local = position[outline.site[ear_clipping.triangulate(outline)]]
+    if len(local) == len(cycle) - 2 and _covers(outline.points[cycle], local):
+        return local
+    return position[starts(outline)[0]]
+
+
+def _covers(points: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether n - 2 triangles of a cycle of n points all turn left and match along their edges."""
+    n = len(points)
+    tails = triangles.astype(np.int64).ravel()
+    heads = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
+    inner = heads != (tails + 1) % n
+    forward = np.sort((tails * n + heads)[inner])
+    backward = np.sort((heads * n + tails)[inner])
+    sides = len(tails) - len(forward)
+    matched = sides == n and np.array_equal(forward, backward)
+    return matched and bool((turns(points, triangles) > 0.0).all())
+
+
+def starts(outline: Boundary) -> list[np.ndarray]:
+    """Return the conforming ones of ear clipping and Delaunay, dropped vertices put back.
+
+    Where neither is, because they leave out slivers that float64 can tell from nothing, the greedy
+    triangulation by exact orientations. Raises `TriangulationError` if that fails, too.
+    """
+    found = []
+    for method in (ear_clipping, delaunay):
+        try:
+            raw = np.ascontiguousarray(method.triangulate(outline), dtype=np.int32)
+        except TriangulationError:
+            continue
+        triangles = insert_dropped_vertices(outline, left_turning(outline.points, raw))
+        if verify_boundary(outline, triangles).conforming:
+            found.append(outline.site[triangles])
+    if not found and len(outline.points) <= _EXACT:
+        # Which sites see each other is found from the boundary alone, as the checker does.
+        pairs = visible(outline.points, outline.edges, outline.site)
+        triangles = shortest_first(outline, pairs)
+        if verify_boundary(outline, triangles).conforming:
+            found.append(triangles)
+    if not found:
+        raise TriangulationError(
+            "neither ear clipping nor Delaunay gave a valid triangulation to start from"
+        )
+    return found
+
+
+def best_start(outline: Boundary, cost: Cost) -> np.ndarray:
+    """Return the better of ear clipping and Delaunay; raises `TriangulationError` if neither."""
+    return min(starts(outline), key=lambda triangles: evaluate(outline.points, triangles, cost))
+
+
+def left_turning(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return int32 triangles wound counter-clockwise, those without area left out."""
+    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
+    orientation = turns(points, triangles)
+    if (orientation > 0.0).all():
+        return triangles
+    triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
+    return np.ascontiguousarray(triangles[orientation != 0.0])
