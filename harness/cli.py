@@ -100,7 +100,7 @@ def _options(
 
 
 def _versions() -> str:
-    from harness.rasterisers import egl
+    from harness.rasterisers.opengl import egl
 
     lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
     devices, problems = egl.probe()

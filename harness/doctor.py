@@ -19,10 +19,12 @@ from harness.errors import HarnessError
 from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.measuring.timing import self_test
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, adapters, egl, osmesa
+from harness.rasterisers import Device, Options
 from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.gl import GLRasteriser
+from harness.rasterisers.opengl import egl, osmesa
+from harness.rasterisers.opengl.gl import GLRasteriser
 from harness.rasterisers.reference import Reference, predict
+from harness.rasterisers.webgpu import adapters
 
 Status = Literal["ok", "warning", "missing"]
 

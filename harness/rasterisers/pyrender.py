@@ -15,7 +15,6 @@ import numpy as np
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import Frame
-from harness.rasterisers import egl, osmesa
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -27,6 +26,7 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.extrude import extrude
+from harness.rasterisers.opengl import egl, osmesa
 from triangulators.devices import is_software, matches
 
 INSTALL = "python -m pip install 'raster-harness[pyrender]'"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
-from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+from harness.rasterisers.opengl.compute import JOB_PIXELS, LANES, split_rows
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])

@@ -13,7 +13,7 @@ from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Counters, Options, find_device, get
 from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.tally import COUNTED
+from harness.rasterisers.opengl.tally import COUNTED
 
 
 def counted_elsewhere(rasteriser: str, name: str, cases: list, options: Options) -> list[Counters]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness import doctor, rasterisers
-from harness.rasterisers import egl, osmesa
+from harness.rasterisers.opengl import egl, osmesa
 
 
 @pytest.fixture(scope="module")

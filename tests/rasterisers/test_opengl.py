@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Options, get
-from harness.rasterisers.mesh import batches
-from harness.rasterisers.opengl import STATISTICS
-from harness.rasterisers.tally import COUNTED
+from harness.rasterisers.opengl.mesh import batches
+from harness.rasterisers.opengl.opengl import STATISTICS
+from harness.rasterisers.opengl.tally import COUNTED
 
 
 @pytest.mark.parametrize("size", [64, 250, 1024])

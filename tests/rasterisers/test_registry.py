@@ -8,7 +8,8 @@ import pytest
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
-from harness.rasterisers import Device, Rasteriser, egl, find_device, get, names, probing
+from harness.rasterisers import Device, Rasteriser, find_device, get, names, probing
+from harness.rasterisers.opengl import egl
 from triangulators.devices import matches
 
 

@@ -12,9 +12,10 @@ import pytest
 from harness.errors import NoRasteriser, UsageError
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, adapters, find_device, get, probing
+from harness.rasterisers import Device, Options, find_device, get, probing
 from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.webgpu import snapped
+from harness.rasterisers.webgpu import adapters
+from harness.rasterisers.webgpu.webgpu import snapped
 from tests.rasterisers.conftest import loose_triangles
 
 DEVICES = ("llvmpipe", "lavapipe")

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, find_device
+from harness.rasterisers.opengl.tally import COUNTED
 from harness.rasterisers.reference import predict
-from harness.rasterisers.tally import COUNTED
 from tests.fuzz.target import target
 from tests.rasterisers.conftest import loose_triangles
 from tests.rasterisers.pixels import SIZE, blocks_touched, covered

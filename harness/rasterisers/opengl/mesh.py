@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers.base import Triangles
-from harness.rasterisers.context import Context, Target
+from harness.rasterisers.opengl.context import Context, Target
 
 
 class Upload:

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import glcontext  # type: ignore[import-untyped]
 
 from harness.errors import NoRasteriser
-from harness.rasterisers import context, egl
 from harness.rasterisers.base import Device, Rasteriser
-from harness.rasterisers.context import Context
+from harness.rasterisers.opengl import context, egl
+from harness.rasterisers.opengl.context import Context
 from triangulators.devices import is_software, matches
 
 

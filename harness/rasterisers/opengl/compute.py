@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers import context
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -25,9 +24,10 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.context import Context
-from harness.rasterisers.gl import GLRasteriser
-from harness.rasterisers.mesh import Upload, batches
+from harness.rasterisers.opengl import context
+from harness.rasterisers.opengl.context import Context
+from harness.rasterisers.opengl.gl import GLRasteriser
+from harness.rasterisers.opengl.mesh import Upload, batches
 
 MAX_GROUPS = 65535
 """Workgroups a dispatch may have in one dimension, on every device."""

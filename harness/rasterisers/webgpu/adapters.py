@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from harness.rasterisers import egl, probing
+from harness.rasterisers import probing
 from harness.rasterisers.base import Device
+from harness.rasterisers.opengl import egl
 
 PROBE = Path(__file__).with_name("webgpu_probe.py")
 INSTALL = "python -m pip install 'raster-harness[webgpu]'"

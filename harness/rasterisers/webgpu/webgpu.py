@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import SUBPIXEL, Frame, bare_frame
-from harness.rasterisers import adapters
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -27,11 +26,12 @@ from harness.rasterisers.base import (
     Triangles,
     one_sample,
 )
-from harness.rasterisers.mesh import batches
-from harness.rasterisers.passes import FORMAT, Pass, Target, Timed
+from harness.rasterisers.opengl.mesh import batches
+from harness.rasterisers.opengl.tally import COUNTED
 from harness.rasterisers.reference import predict
 from harness.rasterisers.sources import shader
-from harness.rasterisers.tally import COUNTED
+from harness.rasterisers.webgpu import adapters
+from harness.rasterisers.webgpu.passes import FORMAT, Pass, Target, Timed
 
 TWELVE = 12
 """What the pixels of one quad add to its counter together; see shaders/count.wgsl."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from harness.errors import NoRasteriser
 from harness.frame import Frame
-from harness.rasterisers import context
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -19,10 +18,11 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.context import Context, Target
-from harness.rasterisers.gl import GLRasteriser
-from harness.rasterisers.mesh import BoundMesh, batches
-from harness.rasterisers.tally import COUNTED, open_tally
+from harness.rasterisers.opengl import context
+from harness.rasterisers.opengl.context import Context, Target
+from harness.rasterisers.opengl.gl import GLRasteriser
+from harness.rasterisers.opengl.mesh import BoundMesh, batches
+from harness.rasterisers.opengl.tally import COUNTED, open_tally
 
 STATISTICS = {
     "driver_vertices_submitted": 0x82EE,

@@ -1,0 +1,1 @@
+"""OpenGL: contexts, devices through EGL and OSMesa, counting by atomics, compute shaders."""
