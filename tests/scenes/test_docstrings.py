@@ -9,9 +9,14 @@ import pytest
 
 import scenes
 
-MODULES = ["scenes", *(f"scenes.{module.name}" for module in pkgutil.iter_modules(scenes.__path__))]
+MODULES = [
+    "scenes",
+    *(module.name for module in pkgutil.walk_packages(scenes.__path__, "scenes.")),
+]
 SHOWN = (
-    *("clean", "damage", "layout", "names", "projection", "registry", "spec", "tables", "where"),
+    *("cleaning.clean", "cleaning.layout", "cleaning.projection"),
+    *("readers.damage", "readers.tables", "readers.where"),
+    *("names", "registry", "spec"),
 )
 """Modules that other code calls, function by function; the others are reached by `scenes.load`."""
 

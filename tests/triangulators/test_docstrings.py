@@ -12,7 +12,7 @@ MODULES = (
     "triangulators",
     "triangulators.batch.many",
     "triangulators.certificate.certify",
-    "triangulators.criteria",
+    "triangulators.criteria.catalogue",
     "triangulators.dropin",
     "triangulators.polygon",
     "triangulators.registry",
