@@ -33,13 +33,11 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def commands() -> str:
     """Return a section for each command, from its `--help`."""
-    import typer.main
+    from harness.commands.index import COMMANDS, load
 
-    from harness.cli import app
-
-    group = typer.main.get_command(app)
     parts = []
-    for name, command in group.commands.items():
+    for name in COMMANDS:
+        command = load(name)
         context = command.make_context(name, [], resilient_parsing=True)
         rows = []
         for parameter in command.params:

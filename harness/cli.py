@@ -17,27 +17,7 @@ import typer
 from rich.console import Console
 
 from harness import __version__
-from harness.commands import (
-    calibrate,
-    catalogue,
-    census,
-    compare,
-    doctor,
-    enumeration,
-    examples,
-    export,
-    gains,
-    history,
-    inspect,
-    merge,
-    page,
-    pareto,
-    repeat,
-    report,
-    run,
-    study,
-    validate,
-)
+from harness.commands.index import CommandGroup
 from harness.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -49,8 +29,6 @@ from harness.errors import (
 )
 from harness.machine import system
 from harness.progress import let_go_of_terminal
-from scenes import SceneError
-from triangulators import TriangulationError, UnknownName
 
 ClickException: Any = next(  # typer has its own copy of click, and names this part of it nowhere
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
@@ -58,34 +36,13 @@ ClickException: Any = next(  # typer has its own copy of click, and names this p
 
 app = typer.Typer(
     name="harness",
+    cls=CommandGroup,
     help="Measures what a polygon's triangulation costs to rasterise.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (
-    run,
-    validate,
-    calibrate,
-    compare,
-    history,
-    report,
-    enumeration,
-    inspect,
-    export,
-    gains,
-    pareto,
-    repeat,
-    study,
-    page,
-    census,
-    merge,
-    doctor,
-    catalogue,
-):
-    command.add_to(app)
-examples.add_to(app)
 
 
 @app.callback(invoke_without_command=True)
@@ -146,18 +103,31 @@ def _explain(error: BaseException) -> int | str | None:
             return BROKEN_PIPE
         case HarnessError():
             return _say(f"error: {error}", error.exit_code)
-        case SceneError() | UnknownName() | TriangulationError():
-            return _say(f"error: {error}", BAD_INPUT)
         case ClickException():
             return _say(*_misused(error))
         case OSError():
             return _say(f"error: {of_system(error)}", BAD_INPUT)
         case MemoryError():
             return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
+        case _ if _of_input(error):
+            return _say(f"error: {error}", BAD_INPUT)
         case _:
             traceback.print_exception(error)
             what = f"{type(error).__name__}: {error}".splitlines()[0]
             return _say(f"error: a defect of the harness, please report it: {what}", DEFECT)
+
+
+def _of_input(error: BaseException) -> bool:
+    """Whether a scene or a triangulator refused what it was given; loads neither for that."""
+    for module, names in (
+        ("scenes.scene", ("SceneError",)),
+        ("triangulators.errors", ("UnknownName", "TriangulationError")),
+    ):
+        if module in sys.modules:
+            kinds = tuple(getattr(sys.modules[module], name) for name in names)
+            if isinstance(error, kinds):
+                return True
+    return False
 
 
 def _misused(error: ClickException) -> tuple[str, int]:

@@ -10,16 +10,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from harness import rasterisers
 from harness.commands.options import CALIBRATIONS, Quiet, Seed, split_names
 from harness.errors import Inconclusive
-from harness.measuring.loading import load_scene
-from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Worker
-from harness.pictures.style import plain_table
+from harness.measuring.settings import TimingSettings
 from harness.progress import Reporter
-from harness.rasterisers.base import Options
 
 if TYPE_CHECKING:
     from harness.study.model_terms import Model
@@ -59,7 +53,11 @@ def calibrate(
 
     A second table has the best model of each number of terms, and the fewest that predict as well.
     """
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness import rasterisers
+    from harness.measuring.loading import load_scene
+    from harness.measuring.processes import Backend, Bench
+    from harness.measuring.worker import Worker
+    from harness.rasterisers.base import Options
     from harness.study import calibration_draws as study
     from harness.study import cost_model, model_terms
 
@@ -116,6 +114,8 @@ def calibrate(
 
 def _print_models(found: Sequence[Model], chosen: Model, console: Console) -> None:
     """Print the best model of each number of terms, and which is the smallest that will do."""
+    from harness.pictures.style import plain_table
+
     table = plain_table("the best model of each number of terms, on held-out polygons")
     table.add_column("terms")
     for heading in ("R2 over", "R2 within", "regret"):
@@ -129,8 +129,3 @@ def _print_models(found: Sequence[Model], chosen: Model, console: Console) -> No
         f"(to fit them alone: --terms {','.join(chosen.letters)})",
         soft_wrap=True,
     )
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(calibrate)

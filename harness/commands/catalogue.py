@@ -121,8 +121,3 @@ def catalogue(
         typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
     else:
         Console().print(_table(rows))
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("list")(catalogue)

@@ -63,8 +63,3 @@ def census(
     names = split_names(triangulators)
     options = census_options(file, names, units_per_pixel, cell, layer, where)
     count_many_files(file, out, options, dask, Reporter(quiet=quiet))
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(census)

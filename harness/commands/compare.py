@@ -14,10 +14,10 @@ import typer
 from rich.console import Console
 
 from harness.errors import ReaderGone, UsageError
-from harness.stored.folder import Run, read_run
 
 if TYPE_CHECKING:
     from harness.compare import Comparison
+    from harness.stored.folder import Run
 
 
 class Format(StrEnum):
@@ -85,9 +85,9 @@ def compare(
 
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
-    # Statistics take a second to import, which other commands need not wait for.
     from harness.compare import compare_runs, no_baseline
     from harness.compare.settings import from_project, parse_gates, parse_threshold
+    from harness.stored.folder import read_run
 
     settings = from_project(Path.cwd())
     settings = replace(
@@ -112,6 +112,8 @@ def compare(
 
 def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     """Read BASE; None where it is not there and may be missing."""
+    from harness.stored.folder import read_run
+
     there = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))
     if there:
         return read_run(path)
@@ -185,8 +187,3 @@ def _write(file: Path, text: str, *, append: bool = False) -> None:
             stream.write(text)
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror}") from error
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(compare)

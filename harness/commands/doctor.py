@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -27,8 +26,3 @@ def doctor() -> None:
             console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
     if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
         raise NoRasteriser("no OpenGL or WebGPU device works here; see what to install, above")
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(doctor)

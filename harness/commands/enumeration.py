@@ -10,11 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.commands.options import PolygonNumber
-from harness.commands.results import default_folder
 from harness.errors import UsageError
-from harness.measuring.run import load_scene
 from harness.progress import Reporter
-from triangulators import Skipped, TriangulationError
 
 
 def enumerate_(
@@ -35,8 +32,10 @@ def enumerate_(
     ] = None,
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness.commands.results import default_folder
+    from harness.measuring.loading import load_scene
     from harness.study import enumeration
+    from triangulators import Skipped, TriangulationError
 
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
@@ -65,8 +64,3 @@ def enumerate_(
         markup=False,
         soft_wrap=True,
     )
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("enumerate")(enumerate_)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-
-import typer
-
 PROGRAM = "python -m harness"
 RUN = "results/city-20260101-120000"
 LATER = "results/city-20260102-120000"
@@ -45,14 +41,3 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "list": ("list triangulators", "list scenes"),
     "cache": ("cache info",),
 }
-
-
-def add_to(app: typer.Typer) -> None:
-    """Show its examples below the help of each command, whose paragraphs wrap at any width."""
-    for command in app.registered_commands:
-        paragraphs = (inspect.getdoc(command.callback) or "").split("\n\n")
-        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-        name = str(command.name or getattr(command.callback, "__name__", ""))
-        lines = [f"{PROGRAM} {line}" for line in EXAMPLES.get(name, ())]
-        if lines:
-            command.epilog = "\n\n".join(["Examples:", *lines])

@@ -11,7 +11,6 @@ from rich.console import Console
 from harness.commands.options import Quiet
 from harness.errors import UsageError
 from harness.progress import Reporter
-from harness.triangulating.database import ModelDatabase
 
 SAID_AFTER_S = 3.0
 COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
@@ -89,6 +88,7 @@ def triangulate(
     in the folder -o. The same command, given again, does what is missing.
     """
     from harness.export.export import export_file
+    from harness.triangulating.database import ModelDatabase
     from harness.triangulating.device import get_ready
 
     reporter = Reporter(quiet=quiet)
@@ -164,6 +164,8 @@ def cache(
     action: Annotated[str, typer.Argument(help="info: what the database holds; clear: empty it.")],
 ) -> None:
     """Show or empty the model database of triangulations."""
+    from harness.triangulating.database import ModelDatabase
+
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: say info or clear")
     console = Console(highlight=False)
@@ -180,9 +182,3 @@ def cache(
     )
     for name, (count, size) in info.by_triangulator.items():
         console.print(f"  {name}: {count:,}, {size:,} bytes", markup=False)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(triangulate)
-    app.command()(cache)

@@ -10,10 +10,6 @@ from rich.console import Console
 
 from harness.commands.options import split_names
 from harness.errors import NothingMeasured
-from harness.pictures.style import plain_table
-from harness.rasterisers.order import ORDERS
-from harness.stored.folder import read_run
-from harness.triangulating.names import parse_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,10 +29,11 @@ def gains(
     ] = ",".join(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
-    # Statistics take a second to import, which other commands need not wait for.
     import pandas as pd
 
+    from harness.stored.folder import read_run
     from harness.study import gains as study
+    from harness.triangulating.names import parse_all
 
     wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
     table = study.gain_table([read_run(path).records for path in runs], wanted)
@@ -86,6 +83,9 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
 
 def _say_orders(found: pd.DataFrame, console: Console) -> None:
     """Print the times in ratio to the first base's, in own orders and both in a common one."""
+    from harness.pictures.style import plain_table
+    from harness.rasterisers.order import ORDERS
+
     orders = [name for name in found.columns if name in ORDERS]
     for (scene, _, device, resolution), part in found.groupby(
         ["scene", "rasteriser", "device", "resolution"], sort=False
@@ -100,8 +100,3 @@ def _say_orders(found: pd.DataFrame, console: Console) -> None:
             cells = ["" if value != value else f"{value:.3f}" for value in shown]
             table.add_row(row["triangulator"], *cells)
         console.print(table)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(gains)

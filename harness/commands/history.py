@@ -126,8 +126,3 @@ def _write_csv(runs: Sequence[Run], series: Sequence[Series], file: Path) -> Non
                 cell = "" if value != value else repr(float(value))
                 row = [run.path, created, entry.metric, name.triangulator, name.where, cell]
                 writer.writerow([*row, int(number in entry.changes)])
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(history)

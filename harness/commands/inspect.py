@@ -7,17 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 
 from harness.commands.options import PolygonNumber, Seed, split_names
 from harness.errors import UsageError
-from harness.frame import View, make_frame
-from harness.measuring.loading import load_scene
 from harness.progress import Reporter
-from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse_all
 
 
 def inspect(
@@ -36,7 +31,13 @@ def inspect(
     ] = None,
 ) -> None:
     """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
+    import numpy as np
+
+    from harness.frame import View, make_frame
+    from harness.measuring.loading import load_scene
     from harness.pictures.heatmaps import draw_heatmaps
+    from harness.triangulating.frames import triangulate_polygons
+    from harness.triangulating.names import parse_all
 
     recipes = parse_all(split_names(triangulator), seed=seed)
     reporter = Reporter()
@@ -76,8 +77,3 @@ def _require_writable(file: Path) -> None:
         raise UsageError(f"cannot write {file}: there is no folder {folder}")
     if not os.access(file if file.exists() else folder, os.W_OK):
         raise UsageError(f"cannot write {file}: Permission denied; give another --out")
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(inspect)

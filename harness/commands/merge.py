@@ -11,8 +11,6 @@ from rich.console import Console
 
 from harness.commands.options import Quiet, split_names
 from harness.errors import UsageError
-from harness.stored.folder import clear_errors, read_run
-from harness.summary import print_summary, write_csv
 
 
 def merge(
@@ -34,6 +32,8 @@ def merge(
     from harness.compare.checking import checked
     from harness.report import write_report
     from harness.scaling import merging
+    from harness.stored.folder import clear_errors, read_run
+    from harness.summary import print_summary, write_csv
 
     read = [checked(read_run(run)) for run in runs]
     names = split_names(hosts)
@@ -49,8 +49,3 @@ def merge(
     console = Console(quiet=quiet)
     print_summary(stored.records, console)
     console.print(f"results: {os.path.relpath(out)}", markup=False, soft_wrap=True)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(merge)

@@ -11,10 +11,7 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import Quiet
-from harness.commands.results import folder_for
 from harness.errors import UsageError
-from harness.stored.folder import clear_errors, file_stem, read_run
-from harness.summary import print_summary, write_csv
 
 
 def page(
@@ -28,6 +25,7 @@ def page(
     """
     from harness.compare.checking import checked
     from harness.page import write_page
+    from harness.stored.folder import read_run
 
     file = write_page(checked(read_run(run)), out)
     size = file.stat().st_size / 1e6
@@ -65,10 +63,13 @@ def import_(
     `report`, `compare`, `gains` and `history` read it like any other run. Given the folder of a
     run that was measured here, it writes its --summary and nothing else.
     """
+    from harness.commands.results import folder_for
     from harness.compare.checking import checked
     from harness.page.devices import write_summary
     from harness.page.result import device_name, import_result, read_result
     from harness.report import write_report
+    from harness.stored.folder import clear_errors, file_stem, read_run
+    from harness.summary import print_summary, write_csv
 
     if file.is_dir():
         if summary is None:
@@ -93,9 +94,3 @@ def import_(
     if summary is not None:
         write_summary(stored, summary)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(page)
-    app.command(name="import")(import_)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -17,17 +17,11 @@ from harness.commands.options import (
     named_rasterisers,
     split_names,
 )
-from harness.commands.results import folder_for, require_finished
-from harness.frame import View
-from harness.measuring.plan import Plan
-from harness.measuring.run import Part
-from harness.measuring.run import run as carry_out
-from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.stored.folder import read_run
-from harness.triangulating.names import parse_all
-from scenes import Scene
-from scenes.spec import label
+
+if TYPE_CHECKING:
+    from harness.measuring.run import Part
+    from scenes import Scene
 
 POLYGONS = 6
 
@@ -60,10 +54,17 @@ def pareto(
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness.commands.results import folder_for, require_finished
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.measuring.run import run as carry_out
+    from harness.measuring.settings import TimingSettings
     from harness.report import write_report
+    from harness.stored.folder import read_run
     from harness.study import pareto as study
     from harness.study import pareto_answer, pareto_plot
+    from harness.triangulating.names import parse_all
+    from scenes.spec import label
 
     view = View(resolution)
     plan = Plan(
@@ -100,8 +101,3 @@ def pareto(
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(pareto)

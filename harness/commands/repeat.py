@@ -9,7 +9,6 @@ import typer
 from rich.console import Console
 
 from harness.errors import UsageError
-from harness.stored.folder import read_run
 
 
 def repeat(
@@ -22,7 +21,7 @@ def repeat(
     verdict on the pair: faster, slower, or no difference shown, which means that the two are too
     close for the time spent. Exits with 1 if a counter differs.
     """
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness.stored.folder import read_run
     from harness.study.repeat import repeat as compare
 
     found = compare(read_run(first).records, read_run(second).records)
@@ -45,8 +44,3 @@ def repeat(
         alike = f"{verdicts.same / verdicts.pairs:.1%}"
         say(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
     raise typer.Exit(1 if found.unequal else 0)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(repeat)

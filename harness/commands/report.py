@@ -9,8 +9,6 @@ from typing import Annotated
 import typer
 
 from harness.commands.options import Base
-from harness.figures.groups import with_base
-from harness.stored.folder import read_run
 
 
 def report(
@@ -23,13 +21,10 @@ def report(
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network."""
     from harness.compare.checking import checked
+    from harness.figures.groups import with_base
     from harness.report import write_report
+    from harness.stored.folder import read_run
 
     found = checked(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
     typer.echo(f"report: {os.path.relpath(file)}")
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(report)

@@ -16,9 +16,7 @@ from harness.commands.options import Quiet, Rasterisers, Seed, named_rasterisers
 from harness.commands.run import run
 from harness.commands.validate import validate
 from harness.errors import NothingMeasured, UsageError
-from harness.stored.folder import file_stem
 from harness.study.design import Design
-from scenes.spec import label
 
 ANGLES = "0,15,30,45,60,75,90"
 
@@ -54,8 +52,9 @@ def study(
     Each study is a folder of its own in the output folder, with its report; findings.md sets what
     was found beside what we found. A study that is there already is not measured again.
     """
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness.stored.folder import file_stem
     from harness.study import replication
+    from scenes.spec import label
 
     console = Console(quiet=quiet)
     names = [file_stem(Path(label(scene)).stem) for scene in scenes]
@@ -115,8 +114,3 @@ def _carry_out(scene: str, folder: Path, part: _Part) -> None:
         part.command(scene=scene, **where, **part.options)
         if part.bases:
             gains([folder], out=folder, bases=",".join(part.bases))
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(study)

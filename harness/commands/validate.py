@@ -19,17 +19,8 @@ from harness.commands.options import (
     numbers,
     split_names,
 )
-from harness.commands.results import folder_for, require_finished
-from harness.frame import View
-from harness.measuring.plan import Plan
-from harness.measuring.run import Part
-from harness.measuring.run import run as carry_out
-from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.rasterisers.base import Options
-from harness.stored.folder import read_run
-from harness.study.design import Design, choose_polygons, choose_triangulators
-from harness.triangulating.names import parse_all
+from harness.study.design import Design
 
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
@@ -74,9 +65,18 @@ def validate(
     ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
     best costs little more than the best there is: its regret.
     """
-    # Statistics take a second to import, which other commands need not wait for.
+    from harness.commands.results import folder_for, require_finished
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.measuring.run import Part
+    from harness.measuring.run import run as carry_out
+    from harness.measuring.settings import TimingSettings
+    from harness.rasterisers.base import Options
     from harness.report import write_report
+    from harness.stored.folder import read_run
     from harness.study import analysis, extremes, matrix, regret
+    from harness.study.subjects import choose_polygons, choose_triangulators
+    from harness.triangulating.names import parse_all
 
     design = QUICK if quick else Design(polygons=polygons, random=random)
     named = dict.fromkeys([*named_rasterisers(rasterisers, "bounding-box"), *COUNTED_ON_THE_CPU])
@@ -126,8 +126,3 @@ def validate(
         console.print(f"{few} polygons say little; by default a study has {Design.polygons}")
     console.print(f"study: {folder}", markup=False, soft_wrap=True)
     console.print(f"to look at: {folder}/report.html", markup=False, soft_wrap=True)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command()(validate)

@@ -9,18 +9,9 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from harness.frame import View
-from harness.measuring.timing import TimingSettings
+from harness.measuring.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.rasterisers.base import Options
 from harness.triangulating.names import Recipe, parse_all
-
-DEFAULT_TRIANGULATORS = (
-    "fan",
-    "ear-clipping",
-    "delaunay",
-    "refined:half-perimeter",
-    "optimal:overdraw",
-    "optimal:half-perimeter",
-)
 
 
 @dataclass(frozen=True)
@@ -41,7 +32,7 @@ class Plan:
     views: tuple[View, ...] = (View(),)
     options: tuple[Options, ...] = (Options(),)
     timing: TimingSettings = field(default_factory=TimingSettings)
-    timeout_s: float = 600.0
+    timeout_s: float = TIMEOUT_S
 
     def to_json(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values: triangulators by name, calibration apart."""

@@ -21,7 +21,8 @@ from harness.measuring.timing import REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import cost_model, model_terms
-from harness.study.design import STEERED, Design, choose_polygons
+from harness.study.design import STEERED, Design
+from harness.study.subjects import choose_polygons
 from harness.triangulating.names import parse
 from scenes import Scene
 from triangulators.criteria import predict

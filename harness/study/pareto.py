@@ -22,7 +22,8 @@ from harness.figures.polygons import PREDICTED, columns_of
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.stored.folder import Record, Run
-from harness.study.design import Design, choose_polygons
+from harness.study.design import Design
+from harness.study.subjects import choose_polygons
 from harness.triangulating.names import parse_all
 from scenes import Scene
 from triangulators import criteria, registry

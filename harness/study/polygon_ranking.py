@@ -23,8 +23,8 @@ from harness.rasterisers.reference import Reference, predict
 from harness.stored import drawings
 from harness.stored.folder import Run
 from harness.study.analysis import SAME
-from harness.study.design import evenly
 from harness.study.statistics import Estimate, median_within
+from harness.study.subjects import evenly
 from triangulators import Skipped, TriangulationError, criteria, triangulate, vertices
 
 FILE = "spread.csv"

@@ -5,10 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib import import_module
+from inspect import isfunction, signature
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from harness.commands.index import COMMANDS, load
+from harness.commands.run import Fit
+from harness.frame import FitMode
 from tests.paths import ROOT
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
@@ -173,9 +179,67 @@ def test_help_and_version_work_as_a_module():
         assert part in done.stdout
 
 
-def test_the_command_line_loads_no_statistics():
-    """They take longer to load than everything else, and `list` or `--help` needs none."""
-    slow = ("pandas", "scipy.stats", "scipy.optimize", "matplotlib", "jinja2")
-    program = f"import sys, harness.cli; print([n for n in {slow} if n in sys.modules])"
+def test_the_table_of_commands_says_what_their_modules_say():
+    for name, entry in COMMANDS.items():
+        command = load(name)
+        assert command.name == name
+        assert command.help.split("\n\n")[0] == entry.summary
+
+
+def test_no_command_is_left_out_of_the_table():
+    """A command is a public function of `harness.commands` whose options are Typer's."""
+    found = set()
+    for file in (ROOT / "harness" / "commands").glob("*.py"):
+        module = import_module(f"harness.commands.{file.stem}")
+        found |= {
+            f"{file.stem}:{name}"
+            for name, member in vars(module).items()
+            if isfunction(member)
+            and member.__module__ == module.__name__
+            and not name.startswith("_")
+            and "typer." in file.read_text()
+            and "Annotated" in str(signature(member))
+        }
+    assert {entry.function for entry in COMMANDS.values()} >= found
+
+
+def test_fit_has_the_choices_of_a_view():
+    assert get_args(Fit) == get_args(FitMode)
+
+
+WITHOUT_HEAVY_LIBRARIES = (
+    ("--help",),
+    ("run", "--help"),
+    ("no-command",),
+    ("run", "--no-option"),
+    ("validate", "--no-option"),
+    ("triangulate", "--no-option"),
+    ("compare", "--no-option"),
+    ("calibrate", "--no-option"),
+    ("list", "nothing"),
+)
+
+
+def test_help_and_wrong_options_need_no_heavy_library():
+    """Importing any of these takes longer than everything else that such a command does."""
+    program = f"""
+import contextlib, io, os, sys
+from harness.cli import main
+heavy = ("numba", "scipy", "matplotlib", "pandas", "jinja2", "moderngl", "trimesh")
+for arguments in {WITHOUT_HEAVY_LIBRARIES!r}:
+    sys.argv = ["harness", *arguments]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with contextlib.suppress(SystemExit):
+            main()
+    loaded = [name for name in heavy if name in sys.modules]
+    if loaded:
+        print(arguments, loaded)
+        break
+os.environ.update(_HARNESS_COMPLETE="complete_bash", COMP_WORDS="harness re", COMP_CWORD="1")
+sys.argv = ["harness"]
+with contextlib.suppress(SystemExit):
+    main()
+print([name for name in heavy if name in sys.modules])
+"""
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout == "[]\n"
+    assert done.stdout.splitlines() == ["report", "repeat", "[]"]

@@ -14,8 +14,9 @@ from harness.measuring.worker import Inline
 from harness.stored.folder import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, measure_table
-from harness.study.design import Design, choose_polygons, choose_triangulators
+from harness.study.design import Design
 from harness.study.repeat import repeat
+from harness.study.subjects import choose_polygons, choose_triangulators
 from scenes import load
 from tests.conftest import exit_code
 from tests.harness.test_cli import assert_one_line

@@ -1,0 +1,140 @@
+"""What `harness run` does around a run: reads its plan, shows and stores what came out."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from harness.commands.options import CALIBRATIONS, split_names
+from harness.commands.results import require_finished
+from harness.errors import Inconclusive, UsageError
+from harness.figures.groups import base_of, groups
+from harness.measuring.plan import Plan
+from harness.measuring.run import RunResult
+from harness.measuring.two_versions import Beside, version
+from harness.progress import Reporter
+from harness.stored.folder import clear_errors, read_run
+from harness.summary import print_summary, row_of, write_csv
+from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
+
+
+def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
+    """Measure on the devices of many hosts; raises Inconclusive if groups were set aside."""
+    from harness.scaling.farm import measure
+
+    outcome, aside = measure(plan, folder, where, reporter)
+    finish(outcome, Console(), reporter)
+    for name, why in aside.items():
+        reporter.warn(f"set aside {name}: {why}")
+    if aside:
+        raise Inconclusive(f"{len(aside)} groups of cases were set aside; give the command again")
+
+
+@contextmanager
+def beside_version(
+    reference: str, plan: Plan, resume: Path | None, *, twice: bool
+) -> Iterator[Beside | None]:
+    """Give what a run is measured beside, also where it goes on with one that was; None if not."""
+    stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
+    reference = reference or str(stored.get("base") or "")
+    if not reference:
+        if twice:
+            raise UsageError("--draw-twice is for runs --beside another version")
+        yield None
+        return
+    with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
+        yield Beside(place, twice or bool(stored.get("twice")))
+
+
+def base_named(name: str, plan: Plan) -> str | None:
+    """Return the full name of the base that the user chose, None if none."""
+    if not name:
+        return None
+    known = [str(recipe) for recipe in plan.triangulators]
+    found = str(parse(name, seed=plan.seed))
+    if found not in known:
+        raise UsageError(f"--base {name}: it is not among --triangulators {','.join(known)}")
+    return found
+
+
+def recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:
+    """Read the triangulators, and the calibration that optimal:calibrated needs.
+
+    file : by default that of the device
+    """
+    recipes = parse_all(split_names(triangulators), seed=seed)
+    if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
+        return recipes
+    from harness.study.calibration_draws import read_coefficients
+
+    devices = split_names(device)
+    if file is None and len(devices) != 1:
+        raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
+    coefficients = read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
+    return parse_all(split_names(triangulators), seed=seed, calibration=coefficients)
+
+
+def load_ahead() -> None:
+    """Import what draws plots and tables while other processes triangulate: it takes seconds."""
+
+    def load() -> None:
+        for name in ("pandas", "matplotlib.figure", "scipy.stats"):
+            importlib.import_module(name)
+
+    threading.Thread(target=load, daemon=True).start()
+
+
+def stored_plan(folder: Path) -> Plan:
+    """Return the plan of the run in a folder; raises UsageError if there is none."""
+    facts = read_run(folder).facts
+    try:
+        return Plan.from_json(facts["plan"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
+
+
+def told(outcome: RunResult) -> dict[str, Any]:
+    """Return what `--json` writes: where the run is, and each case as in summary.csv."""
+    rows = []
+    for members in groups(read_run(outcome.path).records):
+        base = base_of(members)
+        rows += [row_of(record, base) for record in members]
+    place = os.path.relpath(outcome.path)
+    return {"results": place, "interrupted": outcome.interrupted, "cases": rows}
+
+
+def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
+    """Show and store what came out; ends the process with the exit code of the design.
+
+    Raises
+    ------
+    NothingMeasured
+        if no case was measured
+    """
+    where = os.path.relpath(outcome.path)
+    again = f"python -m harness report {where}"
+    measured = [record for record in outcome.records if record["status"] == "ok"]
+    stored = read_run(outcome.path)
+    with clear_errors(outcome.path, again):
+        write_csv(stored.records, outcome.path / "summary.csv")
+    print_summary(stored.records, console)
+    console.print(f"results: {where}", markup=False, soft_wrap=True)
+    if measured and not outcome.hurried:
+        from harness.report import write_report
+        from harness.report.plots import plot_run
+        from harness.study import polygon_ranking
+
+        with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
+            polygon_ranking.write(stored)
+        with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
+            plot_run(stored)
+            write_report(stored)
+        console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
+    require_finished(outcome, console, f"continue with: harness run --resume {outcome.path}")

@@ -1,0 +1,43 @@
+"""What a run measures and how carefully, unless told otherwise: all that `--help` needs to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DEFAULT_TRIANGULATORS = (
+    "fan",
+    "ear-clipping",
+    "delaunay",
+    "refined:half-perimeter",
+    "optimal:overdraw",
+    "optimal:half-perimeter",
+)
+
+TIMEOUT_S = 600.0
+"""Seconds after which a triangulator or a device is stopped."""
+
+
+@dataclass(frozen=True)
+class TimingSettings:
+    """How carefully to time.
+
+    precision : wanted half-width of the 95 % interval of the median, relative to the median
+    budget_s : seconds of drawing a candidate may cost on average; what ends the rounds when
+        `precision` is not reached
+    min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer
+    warm_up_s : longest warm-up a candidate
+    least_share : share of the budget that is always drawn: what is precise enough by itself gets
+        pairs that tell smaller differences
+    epochs : how often drawings are prepared anew, at least, where they can be
+    paired : whether the candidates are compared with each other; then all are drawn equally often
+        a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
+        up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
+    """
+
+    precision: float = 0.01
+    budget_s: float = 2.0
+    min_batch_s: float = 1e-3
+    warm_up_s: float = 0.5
+    least_share: float = 0.65
+    paired: bool = True
+    epochs: int = 6
