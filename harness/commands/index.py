@@ -11,7 +11,10 @@ from typing import Any, NamedTuple
 
 import typer
 
-from harness.commands.examples import EXAMPLES, PROGRAM
+
+PROGRAM = "python -m harness"
+RUN = "results/city-20260101-120000"
+LATER = "results/city-20260102-120000"
 
 
 class Entry(NamedTuple):
@@ -20,11 +23,13 @@ class Entry(NamedTuple):
     panel : the heading under which `--help` lists it
     function : where it is, "module:function" in `harness.commands`
     summary : the first paragraph of the function's docstring
+    examples : shown by its `--help`; a test runs each of them
     """
 
     panel: str
     function: str
     summary: str
+    examples: tuple[str, ...]
 
 
 MEASURE, COMPARE, STUDY = "Measure", "Compare", "Study"
@@ -35,102 +40,135 @@ COMMANDS = {
         MEASURE,
         "run:run",
         "Measure triangulators on a scene, with exact counters and repeated times; store it all.",
+        (
+            "run --scene city",
+            "run --scene buildings.geojson --triangulators delaunay,optimal:half-perimeter",
+            "run --scene city:buildings=50 --resolution 256,512 --rotation 0,30 --quick",
+        ),
     ),
     "report": Entry(
         MEASURE,
         "report:report",
         "Write the report of a run: one HTML file, which needs no network.",
+        (
+            f"report {RUN}",
+            f"report {RUN} --out city.html",
+        ),
     ),
     "page": Entry(
         MEASURE,
         "page:page",
         "Write a page that measures a run's triangulations in any browser that has WebGPU.",
+        (f"page {RUN} --out city.html",),
     ),
     "import": Entry(
         MEASURE,
         "page:import_",
         "Make a run folder of what a measuring page saved.",
+        ("import saved-by-the-page.json --out results/phone",),
     ),
     "merge": Entry(
         MEASURE,
         "merge:merge",
         "Merge runs into one, by case; the order in which they are given does not matter.",
+        (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
     ),
     "compare": Entry(
         COMPARE,
         "compare:compare",
         "Say what changed from BASE to HEAD; exit with 1 if something became slower or costs more.",
+        (
+            f"compare {RUN} {LATER}",
+            f"compare {RUN} {LATER} --gate counters --html comparison.html",
+        ),
     ),
     "history": Entry(
         COMPARE,
         "history:history",
         "Show what changed over runs, in the order they were made.",
+        ("history results",),
     ),
     "gains": Entry(
         COMPARE,
         "gains:gains",
         "Compare each triangulator's time with the bases', in all views; say which one was faster.",
+        (f"gains {RUN} --out results/gains",),
     ),
     "repeat": Entry(
         COMPARE,
         "repeat:repeat",
         "Check that two runs of one plan have equal counters, and say how often verdicts agree.",
+        (f"repeat {RUN} {RUN}",),
     ),
     "validate": Entry(
         STUDY,
         "validate:validate",
         "Say how well each criterion predicts the measured cost, within single polygons.",
+        ("validate --scene city --quick",),
     ),
     "study": Entry(
         STUDY,
         "study:study",
         "Say which of our findings hold on your data: validation, gains, regret and rotation, "
         "bundled.",
+        ("study buildings.geojson --out results/study --quick",),
     ),
     "calibrate": Entry(
         STUDY,
         "calibrate:calibrate",
         "Fit a model of a device's draw time, and test it on polygons that it has not seen.",
+        ("calibrate --scene city:buildings=50 --budget 0.05",),
     ),
     "pareto": Entry(
         STUDY,
         "pareto:pareto",
         "Measure the Pareto front of the paper's A and D, and the sweep of their weights.",
+        (
+            "pareto --scene paper",
+            "pareto --scene city --polygons 4 --budget 0.2",
+        ),
     ),
     "census": Entry(
         STUDY,
         "census:census",
         "Say what each triangulator gains on every footprint of a data set, by exact counting.",
+        ("census buildings.geojson --out results/census",),
     ),
     "triangulate": Entry(
         GEOMETRY,
         "export:triangulate",
         "Triangulate a file of polygons and write the triangles.",
+        ("triangulate buildings.geojson --criterion overdraw -o buildings.glb",),
     ),
     "inspect": Entry(
         GEOMETRY,
         "inspect:inspect",
         "Draw overdraw and helper lanes of one polygon, side by side for several triangulators.",
+        ("inspect --scene city --polygon 3 --out polygon-3.png",),
     ),
     "enumerate": Entry(
         GEOMETRY,
         "enumeration:enumerate_",
         "List every triangulation of a polygon with its criteria; draw shape against overdraw.",
+        ("enumerate --scene paper --mode paper",),
     ),
     "list": Entry(
         MACHINE,
         "catalogue:catalogue",
         "List scenes, triangulators, rasterisers, criteria or metrics.",
+        ("list triangulators", "list scenes"),
     ),
     "doctor": Entry(
         MACHINE,
         "doctor:doctor",
         "Check devices, drivers, extensions and timers; say how to repair what does not work.",
+        ("doctor",),
     ),
     "cache": Entry(
         MACHINE,
         "export:cache",
         "Show or empty the model database of triangulations.",
+        ("cache info",),
     ),
 }
 
@@ -141,14 +179,14 @@ def load(name: str) -> Any:
     function = getattr(import_module(f"harness.commands.{module}"), attribute)
     # Paragraphs wrap at any width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
-    lines = [f"{PROGRAM} {line}" for line in EXAMPLES.get(name, ())]
+    lines = [f"{PROGRAM} {line}" for line in COMMANDS[name].examples]
     alone = typer.Typer(
         add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich"
     )
     alone.command(
         name,
         help="\n\n".join(paragraphs),
-        epilog="\n\n".join(["Examples:", *lines]) if lines else None,
+        epilog="\n\n".join(["Examples:", *lines]),
     )(function)
     return typer.main.get_command(alone)
 
