@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import typer
 
-
 PROGRAM = "python -m harness"
 RUN = "results/city-20260101-120000"
 LATER = "results/city-20260102-120000"
