@@ -96,7 +96,8 @@ def not_held(document: str, held: Sequence[Held], definitions: Sequence[str]) ->
     """
     spans = [match.span() for match in _CODE.finditer(document)]
     for pattern in definitions:
-        spans += [match.span() for match in re.finditer(pattern, document)]
+        anywhere = pattern.replace(" ", r"\s+")  # lines may break between any two words
+        spans += [match.span() for match in re.finditer(anywhere, document)]
     for each in held:
         if isinstance(each, Table):
             spans.append(each.span(document))

@@ -1,0 +1,184 @@
+"""The charts of docs/findings.md, drawn from the files of results as SVG.
+
+One file serves light and dark pages: it has no background, and its text turns light where the
+reader's system prefers dark.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from docs.held import findings
+from docs.held.findings import BEST_FOR_H, DEVICES, REFINED, SCENES, SHOWN
+
+INK = "#24292f"
+SOFT = "#8c959f"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Those of Okabe and Ito, which colour-blind readers can tell apart."""
+MARKS = ("o", "s", "D", "^", "v", "P")
+
+LABELS = {
+    BEST_FOR_H: "best for H",
+    REFINED: "refined",
+    "optimal:expected-quads": "best for Q",
+    "optimal:overdraw": "best for A",
+    "delaunay": "Delaunay",
+    "greedy": "greedy",
+}
+
+_DARK = (
+    "<style>@media (prefers-color-scheme: dark) {"
+    f'[style*="fill: {INK}"]{{fill:#e6edf3 !important}}'
+    f'[style*="stroke: {INK}"]{{stroke:#e6edf3 !important}}'
+    "}</style>"
+)
+
+
+def choice() -> str:
+    """Return the chart of draw times in ratio to ear clipping's, with their intervals."""
+    figure, axes = _figure(len(SCENES), "draw time, ear clipping = 1")
+    for ax, (scene, label) in zip(axes, SCENES.items(), strict=True):
+        file = findings.run_of(scene)
+        rows = {row["triangulator"]: row for row in findings.some(file, resolution=1024)}
+        shown = [name for name in LABELS if name in rows]
+        _dots(
+            ax,
+            label,
+            [LABELS[name] for name in LABELS],
+            [
+                (list(LABELS).index(name), *_three(rows[name]), list(LABELS).index(name))
+                for name in shown
+            ],
+        )
+    return _svg(figure)
+
+
+def predicted() -> str:
+    """Return the chart of predicted and counted helper lanes, in one unit."""
+    figure = Figure(figsize=(6.4, 4.6))
+    ax = figure.subplots()
+    rows = findings.predicted_lanes()
+    for place, (scene, label) in enumerate(SCENES.items()):
+        mine = [row for row in rows if row[0] == scene]
+        ax.scatter(
+            [row[1] for row in mine],
+            [row[3] for row in mine],
+            s=22,
+            marker=MARKS[place],
+            color=COLOURS[place],
+            alpha=0.8,
+            linewidths=0,
+            label=label,
+        )
+    ends = [min(row[1] for row in rows) * 0.97, max(row[1] for row in rows) * 1.03]
+    ax.plot(ends, ends, color=SOFT, linewidth=1, linestyle="--", zorder=0)
+    ax.set_xlabel("predicted: 4Q - S, ear clipping = 1", color=INK)
+    ax.set_ylabel("counted helper lanes, ear clipping = 1", color=INK)
+    ax.legend(frameon=False, labelcolor=INK)
+    _plain(ax)
+    return _svg(figure)
+
+
+def regret() -> str:
+    """Return the chart of helper lanes above the fewest there are, by criterion."""
+    figure, axes = _figure(len(SCENES), "helper lanes above the fewest, 1024 px", one_scale=False)
+    chosen = ("Q", "H", "E", "A", "D")
+    for ax, (scene, label) in zip(axes, SCENES.items(), strict=True):
+        points = []
+        for place, who in enumerate(chosen):
+            row = findings.regret("cpu", scene, 1024, who, "helper_lanes")
+            mean, low, high = (100 * float(row[c]) for c in ("mean", "ci_low", "ci_high"))
+            points.append((place, mean, low, high, place))
+        _dots(ax, label, list(chosen), points, one=None)
+        ax.xaxis.set_major_formatter(lambda value, _: f"{value:g} %")
+        ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
+    return _svg(figure)
+
+
+def devices() -> str:
+    """Return the chart of draw times on four rasterisers."""
+    figure, axes = _figure(
+        len(DEVICES), "draw time, ear clipping = 1; in each row city above, Helsinki below"
+    )
+    for ax, (device, label) in zip(axes, DEVICES.items(), strict=True):
+        points = []
+        for place, name in enumerate(SHOWN):
+            for shift, scene in ((-0.14, "city"), (0.14, "helsinki")):
+                value, low, high = findings.device_view(device, scene)["triangulators"][name][
+                    "time"
+                ]
+                points.append((place + shift, value, low, high, place))
+        _dots(ax, label, [LABELS[name] for name in SHOWN], points)
+    return _svg(figure)
+
+
+CHARTS: dict[str, Callable[[], str]] = {
+    "findings-choice": choice,
+    "findings-predicted": predicted,
+    "findings-regret": regret,
+    "findings-devices": devices,
+}
+
+
+def _three(row: findings.Row) -> tuple[float, float, float]:
+    return (
+        float(row["time_ratio"]),
+        float(row["time_ratio_low"]),
+        float(row["time_ratio_high"]),
+    )
+
+
+def _figure(panels: int, unit: str, one_scale: bool = True) -> tuple[Figure, Sequence[Axes]]:
+    figure = Figure(figsize=(9.0, 2.9))
+    axes = figure.subplots(1, panels, sharey=True, sharex=one_scale)
+    figure.supxlabel(unit, color=INK, fontsize=10)
+    return figure, axes
+
+
+def _dots(
+    ax: Axes,
+    title: str,
+    names: Sequence[str],
+    points: Sequence[tuple[float, float, float, float, int]],
+    one: float | None = 1.0,
+) -> None:
+    """Draw (row, value, low, high, kind) as marks with intervals."""
+    for row, value, low, high, kind in points:
+        colour = COLOURS[kind % len(COLOURS)]
+        ax.plot([low, high], [row, row], color=colour, linewidth=1.6)
+        ax.plot(value, row, MARKS[kind % len(MARKS)], color=colour, markersize=5)
+    if one is not None:
+        ax.axvline(one, color=SOFT, linewidth=1, linestyle="--", zorder=0)
+    ax.set_title(title, color=INK, fontsize=10)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    _plain(ax)
+
+
+def _plain(ax: Axes) -> None:
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_color(SOFT)
+    ax.tick_params(colors=INK, labelsize=9)
+    ax.grid(color=SOFT, alpha=0.25, linewidth=0.6)
+    ax.set_axisbelow(True)
+
+
+def _svg(figure: Figure) -> str:
+    for ax in figure.axes:
+        ax.patch.set_alpha(0.0)
+    figure.patch.set_alpha(0.0)
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "findings"}):
+        figure.tight_layout()
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    at = text.index("<defs>")
+    lines = (text[:at] + _DARK + "\n" + text[at:]).splitlines()
+    return "\n".join(line.rstrip() for line in lines) + "\n"

@@ -1,0 +1,27 @@
+"""Write the figures and charts of the documents as the files of results say; tells what changed.
+
+.venv/bin/python scripts/documents.py
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from docs.held import ROOT, differences, written
+from docs.held.charts import CHARTS
+from docs.held.documents import DOCUMENTS
+
+if __name__ == "__main__":
+    for name, (held, _) in DOCUMENTS.items():
+        file = ROOT / name
+        before = file.read_text(encoding="utf-8")
+        after = written(before, held)
+        for line in differences(before, held):
+            print(f"{name}: {line}")
+        if after != before:
+            file.write_text(after, encoding="utf-8")
+    for name, draw in CHARTS.items():
+        (ROOT / "docs" / "images" / f"{name}.svg").write_text(draw(), encoding="utf-8")
