@@ -121,6 +121,8 @@ def census_options(
 
 def _complete(dataset: Dataset, out: Path, where: str, reporter: Reporter) -> Summary:
     """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
+    for file, earlier in dataset.cut.repeated.items():
+        reporter.warn(f"{file} has the content of {earlier}: its polygons count twice")
     there = len(dataset.done)
     if there:
         reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")

@@ -26,10 +26,13 @@ def page(
     from harness.compare.checking import checked
     from harness.page import write_page
     from harness.stored.folder import read_run
+    from harness.webpages.single_file import is_stream
 
     file = write_page(checked(read_run(run)), out)
-    size = file.stat().st_size / 1e6
-    typer.echo(f"page: {os.path.relpath(file)} ({size:.1f} MB); open it in a browser with WebGPU")
+    streamed = is_stream(file)
+    size = "" if streamed else f" ({file.stat().st_size / 1e6:.1f} MB)"
+    said = f"page: {os.path.relpath(file)}{size}; open it in a browser with WebGPU"
+    typer.echo(said, err=streamed)
 
 
 def import_(

@@ -24,7 +24,8 @@ def report(
     from harness.figures.groups import with_base
     from harness.report import write_report
     from harness.stored.folder import read_run
+    from harness.webpages.single_file import is_stream
 
     found = checked(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
-    typer.echo(f"report: {os.path.relpath(file)}")
+    typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))

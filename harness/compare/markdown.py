@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Iterable, Sequence
 
+from harness.compare.matching import printable
 from harness.compare.model import Comparison
 from harness.compare.rows import (
     TOTALS_HEADING,
@@ -48,8 +50,12 @@ def to_markdown(comparison: Comparison, limit: int = LIMIT) -> str:
 
 def escape(text: str) -> str:
     """Make `text` appear as it is in a paragraph or a cell of a table."""
-    text = " ".join(text.split())
-    return re.sub(r"([\\`*_\[\]<>|~#@!$])", r"\\\1", text).replace("\\@", "@\u200b")
+    return re.sub(r"([\\`*_\[\]<>|~#!$])", r"\\\1", _quiet(text))
+
+
+def _quiet(text: str) -> str:
+    """Return one line that names nobody, with nothing in it that a terminal would obey."""
+    return printable(text).replace("@", "@\u200b")
 
 
 def _totals(comparison: Comparison, *, counted: bool) -> str:
@@ -87,7 +93,7 @@ def _rows(heading: Sequence[str], words: Sequence[int], rows: Iterable[Iterable[
 
 
 def _folded(summary: str, content: str) -> str:
-    title = summary.replace("&", "&amp;").replace("<", "&lt;")
+    title = html.escape(_quiet(summary), quote=False).replace("#", "#\u200b")
     return f"<details><summary>{title}</summary>\n\n{content}\n</details>\n"
 
 

@@ -64,9 +64,11 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     ------
     UsageError
         if records of one case differ, counters of one kind of device differ between hosts, the runs
-        are of different scenes, or the folder cannot be written
+        are of different scenes or do not say of which, one run is given under two hosts' names, or
+        the folder cannot be written
     """
     _refuse_other_scenes(runs)
+    _refuse_one_run_twice(runs)
     found = _by_key(runs)
     _refuse_other_counters(found)
     facts = _facts(runs)
@@ -156,13 +158,33 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
 
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
-    scenes = {record["scene_hash"]: run.path for run in runs for record in run.records}
-    if not scenes:
+    if not any(run.records for run in runs):
         raise UsageError("there is no record to merge")
-    of_runs = {(run.facts.get("scene") or {}).get("hash") for run in runs} - {None}
+    of_runs = {(run.facts.get("scene") or {}).get("hash"): str(run.path) for run in runs}
+    if None in of_runs:
+        raise UsageError(
+            f"{of_runs[None]} does not say which polygons it is of (its run.json names no scene): "
+            "give folders of whole runs"
+        )
     if len(of_runs) > 1:
         places = ", ".join(sorted(str(run.path) for run in runs))
         raise UsageError(f"the runs are of different polygons ({places}): merge runs of one scene")
+
+
+def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
+    """The same measurements under two hosts' names are no two devices."""
+    first: dict[str, tuple[str, Run]] = {}
+    for run in runs:
+        host = next((str(record["host"]) for record in run.records if "host" in record), "")
+        facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
+        times = sorted(_text(r["time"]["samples_s"]) for r in run.records if r.get("time"))
+        for what in [_text(facts), *([_text(times)] if times else [])]:
+            known, other = first.setdefault(what, (host, run))
+            if known != host:
+                raise UsageError(
+                    f"{other.path} and {run.path} hold the same measurements: one run cannot be "
+                    f"of two hosts, {known or 'its own'} and {host or 'its own'}"
+                )
 
 
 def _facts(runs: Sequence[Run]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -53,11 +54,13 @@ class Cut:
     parts : in the order of the files and of their rows
     unreadable : file to reason
     pruned : rows that are left out because no row of their row group meets the condition
+    repeated : a file to an earlier one that has the same content
     """
 
     parts: list[Part] = field(default_factory=list)
     unreadable: dict[str, str] = field(default_factory=dict)
     pruned: int = 0
+    repeated: dict[str, str] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -93,7 +96,7 @@ def cut_all(found: Sequence[Path], options: Mapping[str, Any], code: str) -> Cut
     options : what a result depends on beside the input; `layer` and `where` are those of the files
     code : the version of the code
     """
-    result = Cut()
+    result = Cut(repeated=_repeated(found))
     seen: Counter[str] = Counter()
     for file in found:
         try:
@@ -110,3 +113,19 @@ def cut_all(found: Sequence[Path], options: Mapping[str, Any], code: str) -> Cut
             key = hashlib.sha256(f"{content} {again}".encode()).hexdigest()[:16]
             result.parts.append(Part(key, str(file), slices.identity, rows, size))
     return result
+
+
+def _repeated(found: Sequence[Path]) -> dict[str, str]:
+    """Return files with the content of an earlier one; only those of one size are read for it."""
+    sizes = {file: file.stat().st_size for file in found if file.is_file()}
+    often = Counter(sizes.values())
+    first: dict[str, str] = {}
+    repeated = {}
+    for file, size in sizes.items():
+        if often[size] > 1 and os.access(file, os.R_OK):
+            with file.open("rb") as content:
+                digest = hashlib.file_digest(content, "sha256").hexdigest()
+            earlier = first.setdefault(digest, str(file))
+            if earlier != str(file):
+                repeated[str(file)] = earlier
+    return repeated

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from pathlib import Path
@@ -38,8 +39,11 @@ def move(made: Path, place: Path, *, forced: bool = False) -> None:
     Raises
     ------
     OSError
-        if the disk is full or gone; nothing is at `place` then but what was before
+        if the disk is full or gone, or `place` is a device, a pipe or a socket; nothing is there
+        then but what was before
     """
+    if place.exists() and not place.is_file() and not place.is_dir():
+        raise FileExistsError(errno.EEXIST, "it is no regular file", str(place))
     if forced:
         with made.open("rb+") as file:
             os.fsync(file.fileno())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,16 @@ def encoded(values: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
+def is_stream(file: Path) -> bool:
+    """Return whether `file` is a pipe or this program's standard output, to be written into."""
+    try:
+        return file.is_fifo() or os.path.samestat(file.stat(), os.fstat(1))
+    except OSError:
+        return False
+
+
 def write_whole(file: Path, text: str) -> None:
-    """Write `file` whole or not at all.
+    """Write `file` whole or not at all; a pipe and standard output are written into.
 
     Raises
     ------
@@ -41,6 +50,9 @@ def write_whole(file: Path, text: str) -> None:
         if it cannot be written
     """
     try:
+        if is_stream(file):
+            file.write_bytes(text.encode())
+            return
         file.parent.mkdir(parents=True, exist_ok=True)
         atomic.write(file, text.encode())
     except OSError as error:

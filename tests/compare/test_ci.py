@@ -133,3 +133,39 @@ def test_the_script_says_how_it_is_used():
     )
     assert done.returncode == 2
     assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")
+
+
+def test_every_action_that_is_used_is_pinned_by_commit():
+    files = [ROOT / "action.yml", *(ROOT / ".github/workflows").glob("*.yml")]
+    files += [ROOT / "docs/ci/README.md", ROOT / "docs/how-to/ci.md"]
+    used = [use for file in files for use in re.findall(r"uses: (\S+)", file.read_text())]
+    others = [use for use in used if use != "./" and not use.startswith("OWNER/")]
+    assert len(others) > 8
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", use) for use in others)
+
+
+@pytest.mark.parametrize(
+    ("name", "marked"),
+    [
+        ("city", "city"),
+        ("glyphs 2.0_x-y", "glyphs 2.0_x-y"),
+        ('")) | error("x', "--- - error--x"),
+        ("a --> @someone\\`id`$(id)\n", "a --- -someone--id---id--"),
+        ("\u00e9", "--"),
+    ],
+)
+def test_a_name_ends_neither_the_comment_nor_the_program(name, marked, tmp_path):
+    (script,) = (step["run"] for step in STEPS if step.get("name") == "Comment")
+    gh = tmp_path / "gh"
+    gh.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each" >> "$LOG"; done\n')
+    gh.chmod(0o755)
+    (tmp_path / "compare.md").write_text("report\n")
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NAME": name}
+    environment |= {"REPORT": str(tmp_path / "compare.md"), "LOG": str(tmp_path / "log")}
+    environment |= {"REPOSITORY": "a/b", "NUMBER": "7"}
+    subprocess.run(["bash", "-e", "-c", script], env=environment, cwd=tmp_path, check=True)
+    marker = f"<!-- raster-harness compare: {marked} -->"
+    assert (tmp_path / "comment.md").read_text() == f"report\n{marker}\n"
+    program = next(line for line in (tmp_path / "log").read_text().splitlines() if "select" in line)
+    assert f'contains("{marker}")' in program
+    assert program.endswith("| .id")

@@ -168,3 +168,20 @@ def test_html_asks_for_nothing(comparison):
     timed = any(case.time and case.time.ratio for case in comparison.cases)
     differing = any(x.exact != "equal" for case in comparison.cases for x in case.counters)
     assert ("<svg" in page) == (timed or differing)
+
+
+def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
+    """In a table, in a heading that is folded, in a fact: names are text."""
+    name = "@someone \x1b[31m\u202e#7 <b>"
+
+    def rename(entry):
+        entry.update(triangulator=name, scene=name)
+
+    edits = {next(iter(TRIANGULATORS)): rename}
+    runs = [write_run(tmp_path / each, seed=1, edits=edits) for each in ("base", "head")]
+    text = to_markdown(compare_runs(*map(read_run, runs)))
+    assert text.count("someone") >= 2
+    assert "@someone" not in text
+    assert "#7" not in text.replace("\\#7", "")
+    assert "<b>" not in text.replace("\\<b\\>", "")
+    assert all(letter.isprintable() or letter in "\n\u200b" for letter in text)

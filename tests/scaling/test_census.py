@@ -147,3 +147,14 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     code, _, error = harness("census", f"{parts}", "-o", "other", "--triangulators", "fan")
     assert code == 2
     assert "give two or more" in error
+
+
+def test_a_file_that_is_there_twice_is_told(harness, parts, tmp_path, no_plots):
+    folder = tmp_path / "both"
+    folder.mkdir()
+    for name in ("a.parquet", "b.parquet"):
+        (folder / name).write_bytes((parts / "0.parquet").read_bytes())
+    names = "fan,ear-clipping"
+    code, _, error = harness("census", str(folder), "-o", "out", "--triangulators", names)
+    assert code == 0
+    assert f"b.parquet has the content of {folder}/a.parquet: its polygons count twice" in error

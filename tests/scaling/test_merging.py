@@ -146,3 +146,24 @@ def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plo
     code, _, error = harness("merge", first, third, "--hosts", "a,b/c", "-o", "other")
     assert code == 2
     assert "host 'b/c'" in error
+
+
+def test_a_run_that_names_no_scene_is_refused(runs, tmp_path):
+    first = read_run(runs["first"])
+    bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
+    with pytest.raises(UsageError, match=r"first does not say which polygons"):
+        merge([first, bare], tmp_path / "out")
+    with pytest.raises(UsageError, match=r"does not say which polygons"):
+        merge([bare], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_run_under_two_hosts_names_is_refused(runs, tmp_path):
+    first = read_run(runs["first"])
+    with pytest.raises(UsageError, match=r"one run cannot be of two hosts, here and there"):
+        merge([on_host(first, "here"), on_host(first, "there")], tmp_path / "out")
+    # run.json written anew does not hide that the times are the same
+    again = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
+    with pytest.raises(UsageError, match=r"one run cannot be of two hosts"):
+        merge([on_host(first, "here"), on_host(again, "there")], tmp_path / "out")
+    assert not (tmp_path / "out").exists()

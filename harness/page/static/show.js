@@ -87,7 +87,7 @@ function drawCharts() {
     xAxis: names.map((name, k) => axis(`predicted by ${state.page.criteria[name]}`, k, false)),
     yAxis: names.map((name, k) => axis(k && !stacked ? "" : "measured time", k, true)),
     tooltip: { confine: true, backgroundColor: styled("--panel"), textStyle: { color: ink },
-      formatter: ({ data: [x, y, name] }) => `${name}: predicted ${x.toFixed(3)}, measured ${y.toFixed(3)}` },
+      formatter: ({ data: [x, y, name] }) => element("div", {}, `${name}: predicted ${x.toFixed(3)}, measured ${y.toFixed(3)}`) },
     legend: { bottom: 0, itemWidth: 12, itemHeight: 12, textStyle: { color: ink, fontSize: 12 }, inactiveColor: soft,
       data: all[0].map((mark) => ({ name: mark.name, icon: state.page.looks[mark.name].symbol })) },
     series: names.flatMap((_, k) => all[k].map((mark) => ({ type: "scatter", name: mark.name, xAxisIndex: k, yAxisIndex: k, symbolSize: 11,

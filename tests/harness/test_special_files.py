@@ -1,0 +1,69 @@
+"""What is no regular file is never replaced; pipes and standard output are written into."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from harness.errors import UsageError
+from harness.stored import atomic
+from harness.webpages.single_file import write_whole
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no device nodes in its files")
+
+
+@pytest.fixture
+def endpoint(tmp_path, monkeypatch):
+    """A socket's file: like a device node it is no regular file, and anybody may make one."""
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind("endpoint")
+        yield tmp_path / "endpoint"
+
+
+def test_devices_and_sockets_stay(endpoint):
+    with pytest.raises(UsageError, match=r"cannot write .*endpoint: it is no regular file"):
+        write_whole(endpoint, "text")
+    with pytest.raises(FileExistsError):
+        atomic.write(endpoint, b"text")
+    assert stat.S_ISSOCK(endpoint.stat().st_mode)
+    assert [each.name for each in endpoint.parent.iterdir()] == ["endpoint"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root makes nodes")
+def test_a_device_node_stays(tmp_path):
+    node = tmp_path / "null"
+    os.mknod(node, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    with pytest.raises(UsageError, match="no regular file"):
+        write_whole(node, "text")
+    assert stat.S_ISCHR(node.stat().st_mode)
+
+
+def test_a_pipe_is_written_into(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    found = []
+    reader = threading.Thread(target=lambda: found.append(pipe.read_text()))
+    reader.start()
+    write_whole(pipe, "text")
+    reader.join(10)
+    assert found == ["text"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.parametrize("to_file", [False, True])
+def test_standard_output_is_written_into(tmp_path, to_file):
+    code = "from pathlib import Path; from harness.webpages.single_file import write_whole;"
+    code += "write_whole(Path('/dev/stdout'), 'text')"
+    target = tmp_path / "out"
+    with target.open("wb") as file:
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=file if to_file else subprocess.PIPE, check=True
+        )
+    assert (target.read_bytes() if to_file else done.stdout) == b"text"
