@@ -21,7 +21,9 @@ NUMBER = r"[-+]?\d[\d,]*(?:\.\d+)?"
 """A figure as documents write it: 0.85, 1,002,538, -0.4."""
 
 _CITED = re.compile(rf"(?<![\w.#-]){NUMBER}(?: ?%)?")
-_CODE = re.compile(r"```.*?```|`[^`]*`|<!--.*?-->|\]\([^)]*\)|<[^>]+>", re.DOTALL)
+_CODE = re.compile(
+    r"```.*?```|`[^`]*`|<!--.*?-->|\]\([^)]*\)|<[^>]+>|(?<=\n\n)(?: {4}[^\n]*\n+)+", re.DOTALL
+)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,11 @@
 """Which document cites which figures."""
 
-from docs.held import Held, findings
+from docs.held import Held, findings, others
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
+    "docs/ci/README.md": (others.GATE, others.GATE_RULES),
     "docs/findings.md": (findings.HELD, findings.DEFINITIONS),
+    "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),
+    "docs/studies/learned.md": (others.LEARNED, others.LEARNED_PLAN),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""

@@ -63,7 +63,8 @@ def matched(file: str, pattern: str) -> tuple[str, ...]:
 
 def fixed(value: object, digits: int) -> str:
     """Write with so many digits after the point, and commas between thousands."""
-    return f"{float(str(value)):,.{digits}f}".replace("-0.000", "0.000")
+    shown = f"{float(str(value)):,.{digits}f}"
+    return shown.lstrip("-") if float(shown.replace(",", "")) == 0.0 else shown
 
 
 def two(value: object) -> str:

@@ -1,0 +1,113 @@
+"""The figures of the pages beside docs/findings.md."""
+
+from __future__ import annotations
+
+from docs.held import Held, Sentence, Table
+from docs.held.lookups import interval, matched, one, some, table_row, text, two, whole
+
+SHARES = "learned/shares.csv"
+SCENES = {"glyphs": "letters"}
+
+
+def learned() -> list[str]:
+    """Return the table of savings when a scene is held out."""
+    lines = []
+    for scene in dict.fromkeys(row["held_out"] for row in some(SHARES)):
+
+        def share(at: str, rule: str, scene: str = scene) -> tuple[str, str]:
+            row = one(SHARES, held_out=scene, at=at, rule=rule)
+            return two(row["share_of_saving"]), interval(row["low"], row["high"], two)
+
+        flips = one(SHARES, held_out=scene, at="refined", rule="refined")
+        saved, within = share("refined", "refined")
+        lines.append(
+            table_row(
+                SCENES.get(scene, scene),
+                whole(flips["polygons"]),
+                " ".join(share("a quarter", "learned")),
+                " ".join(share("a quarter", "small first")),
+                f"**{saved}** {within}",
+                two(flips["share_of_time"]),
+            )
+        )
+    return lines
+
+
+def _city(column: str, **where: object) -> str:
+    return two(one(SHARES, held_out="city", **where)[column])
+
+
+LEARNED: list[Held] = [
+    Sentence(
+        "for it takes {} there:",
+        lambda: [_city("share_of_time", at="refined", rule="refined")],
+    ),
+    Table(
+        "| held out | polygons | learned, a quarter of the time | small first | refined, whatever"
+        " it takes | refined's time |",
+        learned,
+    ),
+    Sentence(
+        "On city the features, the prediction and ear clipping alone take {} of the optimum's"
+        " time.",
+        lambda: [_city("spent_before", at="a quarter", rule="learned")],
+    ),
+]
+
+LEARNED_PLAN = (
+    r"(?s)^.*?\n---\n",
+    r"Run on 2026-11-22",
+    r"\b95 %",
+)
+"""The plan was registered before anything was measured; it is never changed."""
+
+
+def _alarms() -> list[str]:
+    equal, slower = some("aa/pairs.csv", share=0), some("aa/pairs.csv", share=0.03)
+    ends = [row["exit_code"] for row in equal]
+    found = sum(row["exit_code"] == "1" for row in slower)
+    return [str(n) for n in (len(equal), ends.count("1"), ends.count("5"), found, len(slower))]
+
+
+GATE: list[Held] = [
+    Sentence(
+        "Of {} pairs of equal code {} were called a regression and {} were inconclusive. {} of {}"
+        " pairs in which 3 % of one drawing's triangles were drawn twice were found.",
+        _alarms,
+    ),
+]
+
+GATE_RULES = (
+    r"0 %, whatever|\(5 %\)|95 % interval|excludes 1\b|0.75 %|exceeds 1.015|60,000 characters",
+    r"3 % of one|at least 3 %|2x2|time=5%|quads=0%|quads=1%|\b3 or more",
+    r"Revels, [^)]*2016",
+    r"\| \d \||makes it 0|in which 10 % of",
+)
+
+EQUALITY = "llvmpipe/optimum-equality.txt"
+
+
+def _on_device() -> list[str]:
+    lines = text(EQUALITY).splitlines()
+    scenes = [line for line in lines if " px, " in line]
+    of_scenes = sum(int(line.split()[-3].replace(",", "")) for line in scenes)
+    (large,) = {line.split()[-3] for line in lines if line.startswith("large rings")}
+    generated = sum(line.startswith("footprints, seed") for line in lines)
+    (footprints,) = matched(EQUALITY, r"footprints on the device: ([\d,]+)")
+    return [footprints, str(generated), f"{of_scenes:,}", str(2 * int(large))]
+
+
+GPU: list[Held] = [
+    Sentence(
+        "{} footprints of {} generated cities, {} rings of all scenes (three views each, the"
+        " optimum and the worst) and {} rings of 65 to 2,048 corners",
+        _on_device,
+    ),
+]
+
+GPU_DESIGN = (
+    r"(?s)^.*?## What was measured where",
+    r"(?s)published for this recurrence.*?TITAN X",
+    r"65 to 2,048 corners",
+)
+"""What the algorithm is made for, what it costs on paper, and what others have published."""
