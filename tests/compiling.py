@@ -1,19 +1,12 @@
 """Compiles every kernel once, before the processes that run the tests start.
 
-Otherwise each would compile them, and Numba's index of a function's compiled forms can be torn by
-two that add to it at the same time. Where nothing is compiled yet, two processes do half each: the
-second into a cache of its own, of which what the first lacks is then taken over.
+Otherwise each would compile them. Where nothing is compiled yet, two processes do half each.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +19,13 @@ from harness.triangulating.names import parse
 from scenes import load
 from tests.paths import ROOT
 from triangulators import names, triangulate_many, warm_up
+from triangulators.compute import kernels
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
 """Small ones whose polygons go every way through the kernels: holes, many holes, none."""
+
+LATE = "triangulators/geometry/order.py"
+"""A module whose kernels are compiled once the optimum is."""
 
 LISTING = ("exhaustive", "listed", "pareto")
 
@@ -39,17 +36,11 @@ BESIDE = ("max-area", "greedy", "random", "pareto", "refined")
 def compile_everything() -> None:
     """Call each kernel as the product calls it; next to no time where all are compiled."""
     known = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
-    if any((ROOT / "triangulators").rglob("order.*.nbi")) or "NUMBA_CACHE_DIR" in os.environ:
-        warm_up(known)
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
-            command = [sys.executable, "-m", "tests.compiling"]
-            with subprocess.Popen(command, cwd=ROOT, env=environment) as second:
-                warm_up([name for name in known if name not in BESIDE])
-                second.wait()
-            _take_over(Path(folder))
-        warm_up(known)
+    if not any(kernels.place().glob(f"*-{kernels.digest(ROOT / LATE)}")):
+        with subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT) as second:
+            warm_up([name for name in known if name not in BESIDE])
+            second.wait()
+    warm_up(known)
     known = [name for name in known if name not in LISTING]  # which take long for more than that
     for scene in SCENES:
         polygons = load(scene).polygons
@@ -67,25 +58,6 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
         if rasteriser.pictured:
             rasteriser.image(frame, triangles, Options())
     lane_maps(frame, triangles)
-
-
-def _take_over(folder: Path) -> None:
-    """Copy what another process compiled of functions that have no compiled form here."""
-    sources = {path.parent for part in ("triangulators", "harness") for path in _modules(part)}
-    for source in sources:
-        # Numba's name for a folder of sources in a cache that is elsewhere.
-        digest = hashlib.sha1(str(source).encode(), usedforsecurity=False).hexdigest()
-        for index in (folder / f"{source.name}_{digest}").glob("*.nbi"):
-            here = source / "__pycache__" / index.name
-            if not here.exists():
-                here.parent.mkdir(exist_ok=True)
-                for data in index.parent.glob(f"{index.stem}.*.nbc"):
-                    shutil.copy2(data, here.parent)
-                shutil.copy2(index, here)
-
-
-def _modules(package: str) -> list[Path]:
-    return list((ROOT / package).rglob("*.py"))
 
 
 def _half() -> None:

@@ -23,7 +23,7 @@ from triangulators.batch.device_times import measure_device
 from triangulators.batch.many import Ragged, Triangulations, triangulate_many
 from triangulators.certificate.certify import certify
 from triangulators.checking.evidence import Certificate
-from triangulators.compiled import drop_stale, warm_up
+from triangulators.compiled import warm_up
 from triangulators.errors import (
     InvalidPolygon,
     Skipped,
@@ -40,8 +40,6 @@ from triangulators.registry import (
     triangulate,
     triangulate_with_gap,
 )
-
-drop_stale()  # compiled code is loaded at the first call
 
 __all__ = [
     "Certificate",

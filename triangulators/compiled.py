@@ -1,25 +1,9 @@
-"""Compiled code on disk: drop it when it is stale, make it when it is missing."""
+"""Compiled code: made, where it is missing, before it is needed."""
 
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import shapely
-
-
-def drop_stale() -> None:
-    """Delete compiled code in `__pycache__` that is older than any source file of the package.
-
-    Numba notices a change in a function's own file, but not in those it calls and has built in.
-    """
-    package = Path(__file__).parent
-    newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
-    for index in package.rglob("__pycache__/*.nbi"):
-        try:
-            if index.stat().st_mtime < newest:
-                index.unlink()
-        except OSError:
-            continue  # another process was faster, or the folder is read-only
 
 
 def warm_up(names: Sequence[str]) -> float:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
@@ -23,6 +22,7 @@ from harness.rasterisers.base import (
     Triangles,
     per_polygon,
 )
+from triangulators.compute.kernels import njit
 
 TILES = (16, 32, 64)
 """Sides of a tile, px."""
@@ -44,7 +44,7 @@ def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArra
     return counts
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def count_tiles(
     points: NDArray[np.int32], triangles: NDArray[np.int32], side: int
 ) -> NDArray[np.int64]:
@@ -75,7 +75,7 @@ def count_tiles(
     return counts
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def tile_span(
     corners: NDArray[np.int64], row: int, side: int, left: int, right: int
 ) -> tuple[int, int]:

@@ -13,8 +13,9 @@ SIGGRAPH 1988.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from triangulators.compute.kernels import njit
 
 Points = NDArray[np.int32]
 Triangles = NDArray[np.int32]
@@ -27,13 +28,13 @@ _UNIT = 256
 _HALF = 128
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def pixel_range(low: int, high: int) -> tuple[int, int]:
     """First and last pixel whose centre lies in [low, high], in 1/256 px; empty if first > last."""
     return -((_HALF - low) // _UNIT), (high - _HALF) // _UNIT
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def setup(
     points: Points, triangle: NDArray[np.int32], edges: Edges
 ) -> tuple[int, int, int, int, bool]:
@@ -64,7 +65,7 @@ def setup(
     return first, last, left, right, True
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
     """First and last covered pixel of row `y`; empty if first > last."""
     for k in range(3):
@@ -79,7 +80,7 @@ def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
     return left, right
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
     """Count for each triangle what it covers and touches, (m, 4).
 
@@ -106,7 +107,7 @@ def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
     return counts
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def outline_quads(
     points: Points, triangles: Triangles, bounds: NDArray[np.int64]
 ) -> NDArray[np.int64]:
@@ -147,7 +148,7 @@ def outline_quads(
     return counts
 
 
-@njit(cache=True)
+@njit
 def cells(spans: NDArray[np.int64], shift: int) -> int:
     """Count the cells of 2**shift px that any of the spans (k, 2) touches; reorders `spans`."""
     total = 0
@@ -164,7 +165,7 @@ def cells(spans: NDArray[np.int64], shift: int) -> int:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def fill(
     points: Points,
     triangles: Triangles,
@@ -185,7 +186,7 @@ def fill(
                 picture[y, low : high + 1] = colours[t]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def shade(
     points: Points,
     triangles: Triangles,
@@ -222,7 +223,7 @@ def shade(
                         helpers[bottom + row, column] += 1
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _inside(column: int, row: int, low: int, high: int, above_low: int, above_high: int) -> bool:
     if row == 0:
         return low <= column <= high

@@ -1,6 +1,5 @@
 """Names, errors and third parties."""
 
-import os
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -96,18 +95,3 @@ def test_warming_up_makes_the_next_call_quick():
     names = triangulators.names(available_only=True)
     triangulators.warm_up(names)
     assert triangulators.warm_up(names) < 5.0
-
-
-def test_stale_compiled_code_is_dropped(tmp_path, monkeypatch):
-    (tmp_path / "__pycache__").mkdir()
-    source, stale = tmp_path / "compiled.py", tmp_path / "__pycache__" / "a.nbi"
-    stale.write_text("")
-    source.write_text("")
-    os.utime(stale, (1, 1))
-    fresh = tmp_path / "__pycache__" / "b.nbi"
-    fresh.write_text("")
-    os.utime(source, (2, 2))
-    monkeypatch.setattr(triangulators.compiled, "__file__", str(source))
-    triangulators.compiled.drop_stale()
-    assert not stale.exists()
-    assert fresh.exists()

@@ -9,9 +9,9 @@ polygon."""
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from triangulators.certificate.sight import Sight
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
 
 
@@ -58,7 +58,7 @@ def how_many(sight: Sight, most: int, kept: np.ndarray | None = None) -> int:
     return int(_count(first, edges, len(sight.points), most))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _count(first: np.ndarray, edges: np.ndarray, count: int, most: int) -> int:
     """Count triples that see each other; gives up beyond `most`."""
     mark = np.zeros(count, dtype=np.bool_)
@@ -77,7 +77,7 @@ def _count(first: np.ndarray, edges: np.ndarray, count: int, most: int) -> int:
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _list(
     points: np.ndarray,
     first: np.ndarray,
@@ -119,7 +119,7 @@ def _list(
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, way: int) -> bool:
     """Whether a hole is inside the triangle of edges a-b-c, which turns left (way 1) or right."""
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
@@ -143,7 +143,7 @@ def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, wa
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _by_edge(triangles: np.ndarray, sides: np.ndarray, edges: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, items) of `Candidates`."""
     start = np.zeros(2 * edges + 1, dtype=np.int64)

@@ -25,11 +25,11 @@ which every triangle may exceed its weight by, half of what is missing goes to e
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from triangulators.certificate.candidates import Candidates, holds_ring
 from triangulators.certificate.local_minimality import seen_by_both
 from triangulators.certificate.sight import Fans, Sight
+from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.criteria.integer_costs import Units, weight
 from triangulators.geometry.predicates import turn
@@ -78,13 +78,13 @@ def extend_thinned(
     _extend_thinned(*sight, *fans, *(backwards, given, potentials), *terms)
 
 
-@njit(cache=True)
+@njit
 def _between(low: np.int64, high: np.int64) -> Any:
     """Return what is nearest to zero of low to high; where nothing is, half-way."""
     return min(max(0, low), high) if low <= high else (low + high) // 2
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _extend(
     triangles: np.ndarray,
     sides: np.ndarray,
@@ -119,7 +119,7 @@ def _extend(
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _extend_thinned(
     points: np.ndarray,
     edges: np.ndarray,

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import highspy
 import numpy as np
-from numba import njit
 
 from triangulators.certificate.candidates import Candidates
+from triangulators.compute.kernels import njit
 from triangulators.compute.union_find import join
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
@@ -171,7 +171,7 @@ def _per_edge(candidates: Candidates, which: np.ndarray, key: np.ndarray, most: 
     return which[order[_take(places[which[order]], taken, most)]]
 
 
-@njit(cache=True)
+@njit
 def _take(places: np.ndarray, taken: np.ndarray, most: int) -> np.ndarray:
     wanted = np.zeros(len(places), dtype=np.bool_)
     for row in range(len(places)):
@@ -190,7 +190,7 @@ def _off_tree(count: int, edges: np.ndarray, side: np.ndarray, inner: np.ndarray
     return free
 
 
-@njit(cache=True)
+@njit
 def _grow_tree(count: int, edges: np.ndarray, order: np.ndarray, free: np.ndarray) -> None:
     root = np.arange(count)
     for e in order:

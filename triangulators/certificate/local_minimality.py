@@ -23,10 +23,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from triangulators.certificate.candidates import Candidates, holds_ring
 from triangulators.certificate.sight import Fans, Sight
+from triangulators.compute.kernels import njit
 from triangulators.compute.threads import cores
 from triangulators.criteria.cost import Cost, triangle_cost
 from triangulators.criteria.integer_costs import Units, noise, units_of
@@ -101,7 +101,7 @@ def _longest_first(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.argsort(-spans, kind="stable")
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _largest(
     points: np.ndarray,
     edges: np.ndarray,
@@ -125,7 +125,7 @@ def _largest(
     return most
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _thin(
     points: np.ndarray,
     edges: np.ndarray,
@@ -178,7 +178,7 @@ def _thin(
     return excluded[:found].copy()
 
 
-@njit(cache=True)
+@njit
 def _apexes(
     points: np.ndarray,
     side: np.ndarray,
@@ -207,7 +207,7 @@ def _apexes(
             count[int(left)] += 1
 
 
-@njit(cache=True)
+@njit
 def seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.ndarray) -> int:
     """Write where the sites that a and b see stand in `near`, for each of them; return how many."""
     found = 0
@@ -225,7 +225,7 @@ def seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.n
     return found
 
 
-@njit(cache=True)
+@njit
 def _can_be_flipped(
     points: np.ndarray,
     a: int,
@@ -254,7 +254,7 @@ def _can_be_flipped(
     return flipped < value
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _exclude(
     points: np.ndarray,
     edges: np.ndarray,
@@ -323,7 +323,7 @@ def _exclude(
     return found
 
 
-@njit(cache=True)
+@njit
 def _look_again(
     three: np.ndarray,
     gone: int,

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.unfold import neighbours
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
@@ -77,7 +77,7 @@ def _ring_samples(outline: Boundary) -> np.ndarray:
     return samples
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _lists(edges: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (begin, near, by) of `Fans`."""
     begin = np.zeros(count + 1, dtype=np.int64)

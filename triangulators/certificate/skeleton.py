@@ -22,9 +22,9 @@ One of these is in every triangulation, so each in turn is taken as given (see `
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from triangulators.certificate.candidates import Candidates
+from triangulators.compute.kernels import njit
 from triangulators.compute.union_find import join, root_of
 from triangulators.geometry.predicates import cross, turn
 
@@ -130,7 +130,7 @@ def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Ac
     return Across(edge, sides[row, k - 1])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent: np.ndarray) -> int:
     """Join the sites of each ring in `parent` (n,), 0..n - 1; return how many rings there are."""
     on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
@@ -144,7 +144,7 @@ def _join_rings(points: np.ndarray, edges: np.ndarray, side: np.ndarray, parent:
     return rings
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _connect(
     points: np.ndarray,
     edges: np.ndarray,
@@ -183,7 +183,7 @@ def _connect(
     return parts
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _is_crossed(
     points: np.ndarray,
     edges: np.ndarray,
@@ -209,7 +209,7 @@ def _is_crossed(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
     """Return which edges (e,) cross the edge a-b."""
     found = np.zeros(len(edges), dtype=np.bool_)
@@ -218,7 +218,7 @@ def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fill(
     root: int,
     side: np.ndarray,
@@ -277,7 +277,7 @@ def _fill(
     return True
 
 
-@njit(cache=True)
+@njit
 def _way_out(
     triangles: np.ndarray,
     sides: np.ndarray,
@@ -298,7 +298,7 @@ def _way_out(
     return 2 * e + (triangles[t, k] < triangles[t, (k + 1) % 3])
 
 
-@njit(cache=True)
+@njit
 def _trace(
     triangles: np.ndarray,
     sides: np.ndarray,
@@ -359,7 +359,7 @@ def _trace(
     return chosen[:found].copy(), places[:found].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fill_rest(
     points: np.ndarray,
     chosen: np.ndarray,
@@ -402,7 +402,7 @@ def _fill_rest(
     return True
 
 
-@njit(cache=True)
+@njit
 def _corners_at(
     count: int, triangles: np.ndarray, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -423,7 +423,7 @@ def _corners_at(
     return begin, at
 
 
-@njit(cache=True)
+@njit
 def _place(
     points: np.ndarray,
     triangles: np.ndarray,

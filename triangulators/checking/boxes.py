@@ -10,8 +10,8 @@ exact. The edges asked are those that hid something from a before: what is near 
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import orient
 
 _BUCKET = 8  # sites in a box
@@ -27,7 +27,7 @@ def near_each_other(points: np.ndarray, sites: np.ndarray) -> np.ndarray:
     return sites[np.argsort(cells[:, 0] | (cells[:, 1] << 1), kind="stable")]
 
 
-@njit(cache=True)
+@njit
 def boxes_of(points: np.ndarray, order: np.ndarray) -> np.ndarray:
     """Return a binary tree of boxes (2 k, 2, 2), low and high corner: node i has 2 i and 2 i + 1.
 
@@ -49,7 +49,7 @@ def boxes_of(points: np.ndarray, order: np.ndarray) -> np.ndarray:
     return boxes
 
 
-@njit(cache=True)
+@njit
 def places_of(node: int, leaves: int, count: int) -> tuple[int, int]:
     """Return the first place of a node's sites, and the one after the last."""
     span = _BUCKET
@@ -60,7 +60,7 @@ def places_of(node: int, leaves: int, count: int) -> tuple[int, int]:
     return begin, min(begin + span, count)
 
 
-@njit(cache=True)
+@njit
 def distance(points: np.ndarray, a: int, box: np.ndarray) -> float:
     """Return the squared distance of a site from a box."""
     x = max(box[0, 0] - points[a, 0], points[a, 0] - box[1, 0], 0.0)
@@ -68,7 +68,7 @@ def distance(points: np.ndarray, a: int, box: np.ndarray) -> float:
     return x * x + y * y
 
 
-@njit(cache=True)
+@njit
 def is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, count: int, box: np.ndarray) -> bool:
     """Whether all of a box is behind one of the first `count` edges of `hiding`; it goes first."""
     for place in range(count):
@@ -84,7 +84,7 @@ def is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, count: int, box: n
     return False
 
 
-@njit(cache=True)
+@njit
 def is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b: int) -> bool:
     """Whether the site b is behind one of the first `count` edges of `hiding`; it goes first."""
     for place in range(count):
@@ -95,7 +95,7 @@ def is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b:
     return False
 
 
-@njit(cache=True)
+@njit
 def _behind(points: np.ndarray, a: int, c: int, d: int, x: float, y: float) -> bool:
     """Whether the segment from a to (x, y) crosses the edge c-d, which has a on its left."""
     ax, ay, cx, cy = points[a, 0], points[a, 1], points[c, 0], points[c, 1]
@@ -107,7 +107,7 @@ def _behind(points: np.ndarray, a: int, c: int, d: int, x: float, y: float) -> b
     )
 
 
-@njit(cache=True)
+@njit
 def to_front(hiding: np.ndarray, place: int) -> None:
     """Move an edge of `hiding` to the first place; those before it go one further."""
     c, d = hiding[place, 0], hiding[place, 1]

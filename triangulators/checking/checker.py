@@ -22,10 +22,10 @@ orientation and the criteria's features.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from triangulators.checking.evidence import Branch, Evidence, Leaf, Refused
 from triangulators.checking.visibility import visible
+from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
 from triangulators.criteria.cost import Cost, triangle_cost
 from triangulators.geometry.predicates import turn
@@ -174,7 +174,7 @@ def _check_triangles(given: _Given, potential: np.ndarray, lift: int, left: np.n
         raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
 
 
-@njit(cache=True)
+@njit
 def _mixed(a: int, b: int, bits: int) -> np.int64:
     """The noise of an edge, as `Evidence` defines it."""
     x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
@@ -185,7 +185,7 @@ def _mixed(a: int, b: int, bits: int) -> np.int64:
     return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
 
 
-@njit(cache=True)
+@njit
 def _weight(
     points: np.ndarray,
     i: int,
@@ -219,7 +219,7 @@ def _weight(
     return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
 
 
-@njit(cache=True)
+@njit
 def _fans(ends: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (start, other, over): site v sees `other[start[v]:start[v + 1]]` along edges `over`.
 
@@ -239,7 +239,7 @@ def _fans(ends: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return start[:-1].copy(), other, over
 
 
-@njit(cache=True)
+@njit
 def _third_corners(
     points: np.ndarray,
     ways: np.ndarray,
@@ -277,7 +277,7 @@ def _third_corners(
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _replay(
     points: np.ndarray,
     ends: np.ndarray,
@@ -333,7 +333,7 @@ def _replay(
     return -1
 
 
-@njit(cache=True)
+@njit
 def _crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
     """Return which edges cross a-b."""
     result = np.zeros(len(edges), dtype=np.bool_)
@@ -346,7 +346,7 @@ def _crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarra
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _exceeded(
     points: np.ndarray,
     ends: np.ndarray,
@@ -399,7 +399,7 @@ def _exceeded(
     return np.empty(0, dtype=np.int32)
 
 
-@njit(cache=True)
+@njit
 def _around_hole(points: np.ndarray, samples: np.ndarray, a: int, b: int, c: int, run: int) -> bool:
     """Whether a triangle of edges runs round a hole: all sites of one are inside or corners."""
     for hole in range(len(samples)):

@@ -9,7 +9,6 @@ those outside the angle between the sides at a site.
 """
 
 import numpy as np
-from numba import njit
 
 from triangulators.checking.boxes import (
     boxes_of,
@@ -20,6 +19,7 @@ from triangulators.checking.boxes import (
     places_of,
     to_front,
 )
+from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
 from triangulators.geometry.predicates import orient, turn
 
@@ -58,7 +58,7 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     return np.concatenate(shared_out(each, slices))
 
 
-@njit(cache=True)
+@njit
 def _span(
     ax: float,
     ay: float,
@@ -85,7 +85,7 @@ def _span(
     return max(0, bottom), min(cells - 1, top)
 
 
-@njit(cache=True)
+@njit
 def _columns(ax: float, bx: float, low: float, size: float, cells: int) -> tuple[int, int]:
     margin = 1e-6 * size
     first = int(np.floor((min(ax, bx) - margin - low) / size))
@@ -93,7 +93,7 @@ def _columns(ax: float, bx: float, low: float, size: float, cells: int) -> tuple
     return max(0, first), min(cells - 1, last)
 
 
-@njit(cache=True)
+@njit
 def _fill(
     points: np.ndarray, edges: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -119,7 +119,7 @@ def _fill(
     return start[:-1].copy(), items
 
 
-@njit(cache=True)
+@njit
 def _starts_inside(
     points: np.ndarray,
     edges: np.ndarray,
@@ -145,7 +145,7 @@ def _starts_inside(
     return True
 
 
-@njit(cache=True)
+@njit
 def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Whether the segments a-b and c-d, without a common end, have a point in common."""
     c_side, d_side = turn(points, a, b, c), turn(points, a, b, d)
@@ -163,7 +163,7 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit
 def _meeting(
     points: np.ndarray,
     edges: np.ndarray,
@@ -205,7 +205,7 @@ def _meeting(
     return -1
 
 
-@njit(cache=True)
+@njit
 def _outside(
     points: np.ndarray,
     edges: np.ndarray,
@@ -232,7 +232,7 @@ def _outside(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _diagonals(
     points: np.ndarray,
     edges: np.ndarray,
@@ -282,7 +282,7 @@ def _diagonals(
     return found[:count]
 
 
-@njit(cache=True)
+@njit
 def _seen_after(
     points: np.ndarray,
     edges: np.ndarray,

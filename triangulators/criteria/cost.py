@@ -4,9 +4,10 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
-from numba import cfunc, njit
 
+from triangulators.compute.kernels import cfunc, njit
 from triangulators.criteria.catalogue import Criterion
 from triangulators.criteria.features import FEATURES, SIGNATURE, weighted
 from triangulators.criteria.quads import exact_quads
@@ -33,7 +34,7 @@ class Cost(NamedTuple):
     is_box: bool
 
 
-@cfunc(SIGNATURE, cache=True)
+@cfunc(SIGNATURE)
 def _no_function(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy: float) -> float:
     """Stand in where a built-in criterion is used."""
     return 0.0
@@ -42,9 +43,9 @@ def _no_function(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy
 @lru_cache(maxsize=256)
 def _compiled(function: Callable[..., float]) -> Any:
     """Return a function of three points behind the one signature kernels are built for."""
-    # What is not typed in at a prompt has a file, and so is compiled once a machine.
-    ours = function is exact_quads
-    return cfunc(SIGNATURE, cache=ours)(_quads if ours else getattr(function, "py_func", function))
+    if function is exact_quads:
+        return cfunc(SIGNATURE)(_quads)
+    return numba.cfunc(SIGNATURE)(getattr(function, "py_func", function))
 
 
 def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
@@ -73,7 +74,7 @@ def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: flo
     return Cost(weights, _no_function, False, sign, criterion.maximum, weights[_BOX].copy(), is_box)
 
 
-@njit(cache=True)
+@njit
 def triangle_cost(
     weights: np.ndarray,
     function: Any,
@@ -91,7 +92,7 @@ def triangle_cost(
     return weighted(weights, ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True)
+@njit
 def total_cost(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -126,7 +127,7 @@ def evaluate(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     return float(total_cost(points, triangles, *cost[:5]))
 
 
-@njit(cache=True)
+@njit
 def _cheapest(
     points: np.ndarray,
     many: np.ndarray,

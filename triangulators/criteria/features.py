@@ -10,33 +10,34 @@ Units are those of the coordinates: pixels for a frame.
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import twice_area
 
 SIGNATURE = types.float64(*[types.float64] * 6)
 """The form of a feature and of a user's own criterion: three points as six numbers."""
 
 
-@njit(cache=True)
+@njit
 def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Area S."""
     return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
-@njit(cache=True)
+@njit
 def half_perimeter(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Width plus height of the bounding box (H)."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) + (max(ay, by, cy) - min(ay, by, cy))
 
 
-@njit(cache=True)
+@njit
 def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Width times height of the bounding box."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) * (max(ay, by, cy) - min(ay, by, cy))
 
 
-@njit(cache=True)
+@njit
 def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Perimeter (E): summed, boundary edges count once and diagonals twice."""
     ab = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
@@ -45,7 +46,7 @@ def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     return ab + bc + ca
 
 
-@njit(cache=True)
+@njit
 def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Deviation from equilateral (D): |60-q| + |60-r| + |60-n| over the angles, in degrees."""
     cross = twice_area(ax, ay, bx, by, cx, cy)
@@ -56,7 +57,7 @@ def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
     return total * 180.0 / math.pi
 
 
-@njit(cache=True)
+@njit
 def rotated_bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Mean over all rotations of the bounding box's area, in closed form.
 
@@ -80,14 +81,14 @@ def rotated_bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy:
     return (squares + 2.0 * dots + 2.0 * cross * angles) / (4.0 * math.pi)
 
 
-@njit(cache=True)
+@njit
 def _left(lost: float, doubled_area: float) -> float:
     """Area, as a share, of what is common to a triangle and its moved copies."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit
 def _expected(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
@@ -125,19 +126,19 @@ def _expected(
     return 0.5 * cross * share / (size * size)
 
 
-@njit(cache=True)
+@njit
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """2x2 pixel quads with a covered pixel centre (Q), the mean over positions on the grid."""
     return _expected(2.0, ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True)
+@njit
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """4x4 pixel blocks with a covered pixel centre (P), the mean over positions on the grid."""
     return _expected(4.0, ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True)
+@njit
 def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Chance that the bounding box holds a pixel centre (R), the mean over positions on the grid.
 
@@ -162,7 +163,7 @@ FEATURES = (
 )
 
 
-@njit(cache=True)
+@njit
 def weighted(
     weights: np.ndarray, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
@@ -191,7 +192,7 @@ def weighted(
     return total
 
 
-@njit(cache=True)
+@njit
 def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Sum of each of `FEATURES` over (m, 3) triangles of (n, 2) points, shape (k,)."""
     sums = np.zeros(len(FEATURES))

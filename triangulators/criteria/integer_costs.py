@@ -15,8 +15,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import (
     AREA,
     BBOX_AREA,
@@ -44,7 +44,7 @@ class Units(NamedTuple):
     exact: bool
 
 
-@njit(cache=True)
+@njit
 def noise(a: int, b: int, bits: int) -> np.int64:
     """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64)."""
     low, high = np.uint64(min(a, b)), np.uint64(max(a, b))
@@ -54,7 +54,7 @@ def noise(a: int, b: int, bits: int) -> np.int64:
     return np.int64((x ^ (x >> np.uint64(31))) >> np.uint64(64 - bits))
 
 
-@njit(cache=True)
+@njit
 def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
     """Turn a triangle so that its lowest corner is the first."""
     if b < a and b < c:
@@ -64,7 +64,7 @@ def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
     return a, b, c
 
 
-@njit(cache=True)
+@njit
 def weight(
     points: np.ndarray,
     a: int,
@@ -83,7 +83,7 @@ def weight(
     return units * factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
 
 
-@njit(cache=True)
+@njit
 def units_of(
     points: np.ndarray,
     a: int,
@@ -103,7 +103,7 @@ def units_of(
     return np.int64(np.floor(cost * scale))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def weights_of(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -126,7 +126,7 @@ def weights_of(
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def costs_of(
     points: np.ndarray,
     triangles: np.ndarray,

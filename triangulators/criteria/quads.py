@@ -22,12 +22,13 @@ Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
 """
 
 import numpy as np
-from numba import njit
+
+from triangulators.compute.kernels import njit
 
 _UNIT, _HALF = 256, 128
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _within(value: int, step: int, left: int, right: int) -> tuple[int, int]:
     """Return what an edge leaves of the span left..right."""
     if step > 0:
@@ -37,7 +38,7 @@ def _within(value: int, step: int, left: int, right: int) -> tuple[int, int]:
     return (left, right) if value >= 0 else (left, left - 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return the 2x2 pixel quads with a pixel that the triangle a, b, c covers."""
     x0, y0 = int(np.rint(ax * _UNIT)), int(np.rint(ay * _UNIT))

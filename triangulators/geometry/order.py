@@ -8,8 +8,8 @@ finds, finds, misses, triangle after triangle, which a processor learns to fores
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.unfold import neighbours_of
 
 
@@ -19,13 +19,13 @@ def walk(triangles: np.ndarray, count: int) -> np.ndarray:
     return walk_of(rows, count) if len(rows) > 1 else rows
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def walk_of(triangles: np.ndarray, count: int) -> np.ndarray:
     """Do the work of `walk`, for int32 triangles."""
     return walk_along(triangles, neighbours_of(triangles, count), count)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def walk_along(triangles: np.ndarray, across: np.ndarray, count: int) -> np.ndarray:
     """Do the work of `walk` where the neighbours (m, 3) are known."""
     rows = _rows_of(across)
@@ -43,7 +43,7 @@ def walk_along(triangles: np.ndarray, across: np.ndarray, count: int) -> np.ndar
     return ordered
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _rows_of(across: np.ndarray) -> np.ndarray:
     """Return the (m,) rows of triangles in the order of the walk, by their neighbours (m, 3).
 
@@ -66,7 +66,7 @@ def _rows_of(across: np.ndarray) -> np.ndarray:
     return order
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _walk_part(
     across: np.ndarray,
     root: int,
@@ -115,7 +115,7 @@ def _walk_part(
     return done
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _edge_to(across: np.ndarray, row: int, other: int) -> int:
     """Return the edge from `row` to `other`: where to begin, however the triangle is turned."""
     for e in range(3):
@@ -124,7 +124,7 @@ def _edge_to(across: np.ndarray, row: int, other: int) -> int:
     return 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _leaf(across: np.ndarray, first: int, parent: np.ndarray, queue: np.ndarray) -> int:
     """Return a triangle with at most one neighbour that hangs together with `first`, or `first`."""
     queue[0] = first

@@ -9,7 +9,8 @@ Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself 
 """
 
 import numpy as np
-from numba import njit
+
+from triangulators.compute.kernels import njit
 
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
 FILTER = 3.3306690738754716e-16
@@ -19,7 +20,7 @@ _ACCURATE = 1e-4  # share of its products that a determinant keeps, which so has
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _product(a: float, b: float) -> tuple[float, float]:
     """Return a * b as (rounded, error), exactly (Dekker)."""
     rounded = a * b
@@ -33,7 +34,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
     return rounded, error
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _grow(expansion: np.ndarray, length: int, value: float) -> int:
     """Add `value` to a non-overlapping expansion in place; return its new length."""
     carry = value
@@ -53,7 +54,7 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     largest, least = 0.0, np.inf
     for x in (ax, ay, bx, by, cx, cy):
@@ -68,7 +69,7 @@ def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     return down if down != 0.0 or found == 0.0 else np.copysign(5e-324, found)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     expansion = np.empty(13)
     length = 0
@@ -83,7 +84,7 @@ def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) 
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
     """Whether a - b and c - d are free of rounding errors."""
     x = a - b
@@ -95,7 +96,7 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
     return (c - (x + virtual)) + (virtual - d) == 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
     left = (ax - cx) * (by - cy)
@@ -117,7 +118,7 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     return _exact(ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the area of a, b, c, to eleven digits, also of slivers.
 
@@ -130,7 +131,7 @@ def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
     return abs(_exact(ax, ay, bx, by, cx, cy))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
     """`orient` of three rows of `points`."""
     return orient(
@@ -138,7 +139,7 @@ def turn(points: np.ndarray, a: int, b: int, c: int) -> float:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def turns(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """`turn` of every triangle, shape (m,)."""
     result = np.empty(len(triangles))
@@ -150,7 +151,7 @@ def turns(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
     """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE where an index is not one of a point."""
     count = len(points)
@@ -164,7 +165,7 @@ def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
     """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times its length."""
     dx = points[b, 0] - points[a, 0]
@@ -176,7 +177,7 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
     return abs(turn(points, a, b, v)) <= tolerance * np.sqrt(length2)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def touching(points: np.ndarray, edges: np.ndarray, allowed: float) -> list[tuple[int, int]]:
     """Return (edge, vertex) for each vertex of `edges` (b, 2) that lies inside another edge."""
     found = [(0, 0) for _ in range(0)]
@@ -218,7 +219,7 @@ def tolerance(points: np.ndarray) -> float:
     return 0.0 if on_grid(points) else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Whether the open segments a-b and c-d cross in a point inside both."""
     ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]

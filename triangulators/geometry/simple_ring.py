@@ -7,8 +7,8 @@ or not, is left to GEOS, whose words the error messages are.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import FILTER, orient
 
 MOST = 96  # vertices up to which all pairs of edges are looked at
@@ -16,7 +16,7 @@ MOST = 96  # vertices up to which all pairs of edges are looked at
 UNSURE, LEFT, RIGHT = 0, 1, -1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _sure_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
     """Return the side of a-b that c is on, 1 or -1; 0 on it or where rounding may decide."""
     left, right = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
@@ -26,7 +26,7 @@ def _sure_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
     return 1 if determinant > 0.0 else -1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _meets_none_beyond(coordinates: np.ndarray, a: int, n: int) -> bool:
     """Whether edge a surely has no point in common with those from a + 2 on."""
     ax, ay = coordinates[a, 0], coordinates[a, 1]
@@ -48,7 +48,7 @@ def _meets_none_beyond(coordinates: np.ndarray, a: int, n: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def winding(coordinates: np.ndarray) -> int:
     """Return LEFT or RIGHT, the way a simple ring winds, or UNSURE.
 

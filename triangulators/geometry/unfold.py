@@ -6,7 +6,8 @@ cuts, holes need no geometry, and the triangulation at hand is one of the polygo
 """
 
 import numpy as np
-from numba import njit
+
+from triangulators.compute.kernels import njit
 
 
 def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
@@ -17,7 +18,7 @@ def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
     return neighbours_of(np.ascontiguousarray(triangles, dtype=np.int32), count)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def neighbours_of(triangles: np.ndarray, count: int) -> np.ndarray:
     """Do the work of `neighbours`, for int32 triangles."""
     # Half-edges are chained by their tail; the twin of a-b is looked for among those that leave b.
@@ -39,7 +40,7 @@ def neighbours_of(triangles: np.ndarray, count: int) -> np.ndarray:
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def grow(
     across: np.ndarray,
     root: int,
@@ -88,7 +89,7 @@ def grow(
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def unfold(
     triangles: np.ndarray, across: np.ndarray, tree: np.ndarray, root: int, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,7 +151,7 @@ def unfold(
     return cycle, local, outline
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _twins(triangles: np.ndarray, across: np.ndarray, half_edges: np.ndarray) -> np.ndarray:
     """Return the half-edge on the other side of each of `half_edges`, or -1."""
     result = np.full(len(half_edges), -1, dtype=np.int32)
@@ -165,7 +166,7 @@ def _twins(triangles: np.ndarray, across: np.ndarray, half_edges: np.ndarray) ->
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fold_back(
     triangles: np.ndarray,
     across: np.ndarray,

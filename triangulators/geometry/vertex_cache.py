@@ -11,7 +11,8 @@ vertices given, and then to the next vertex by number.
 """
 
 import numpy as np
-from numba import njit
+
+from triangulators.compute.kernels import njit
 
 CACHE_SIZE = 16
 """Shaded vertices that are assumed to be kept. GPUs keep 16 to 32 in each batch."""
@@ -25,7 +26,7 @@ def vertex_cache_order(
     return rows[_rows_of(rows, count, cache_size)]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _rows_of(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     """Return the (m,) rows of triangles in the order of Tipsify."""
     m = len(triangles)
@@ -65,7 +66,7 @@ def _rows_of(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     return order
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _next_fan(
     given: np.ndarray, left: np.ndarray, entered: np.ndarray, time: int, cache_size: int
 ) -> int:
@@ -80,7 +81,7 @@ def _next_fan(
     return fan
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _around(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return how many triangles each vertex has, where its rows begin in the last, and the rows."""
     left = np.zeros(count, dtype=np.int32)

@@ -27,12 +27,12 @@ are never looked through.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _find_sides(triangles: np.ndarray, row_of: np.ndarray, edge_of: np.ndarray) -> None:
     """Find, for each corner, the triangle and its edge that is the side to the next corner."""
     n = len(row_of)
@@ -43,7 +43,7 @@ def _find_sides(triangles: np.ndarray, row_of: np.ndarray, edge_of: np.ndarray) 
                 row_of[corner], edge_of[corner] = row, e
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def visible_pairs(
     points: np.ndarray, triangles: np.ndarray, across: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +98,7 @@ def visible_pairs(
     return start, target[:found]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _look(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -149,7 +149,7 @@ def _look(
     return found
 
 
-@njit(cache=True)
+@njit
 def visible_sites(points: np.ndarray, triangles: np.ndarray, across: np.ndarray) -> np.ndarray:
     """Return the pairs (p, 2) of points, a < b, that see each other in any triangulated polygon.
 

@@ -11,14 +11,14 @@ came with them. A ring of which one of these does not hold is left to the CPU.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.order import walk_of
 from triangulators.gpu.rings import MOST
 from triangulators.optimum.small_ring import SMALL
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def place(
     which: np.ndarray,
     bases: np.ndarray,
@@ -57,7 +57,7 @@ def place(
         done[index] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _walk(
     bases: np.ndarray,
     corners: np.ndarray,
@@ -105,7 +105,7 @@ def _walk(
     return found == n - 2 and total == np.int64(bases[0])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _grow(bases: np.ndarray, below: np.ndarray) -> int:
     """Link each apex below the one whose triangle has its base for a side; return the top or -1.
 

@@ -7,8 +7,8 @@ the ring's grid, so that every sum of diagonals fits, with room for two that sta
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.optimum.edge_table import INT32_LIMIT
 from triangulators.optimum.small_ring import SPAN, box_of, grid_unit, twice_area
 
@@ -53,7 +53,7 @@ class Rings(NamedTuple):
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def prepare(
     first: int,
     last: int,
@@ -99,7 +99,7 @@ def prepare(
         turned[index] = back
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _repeats(corners: np.ndarray) -> bool:
     """Whether a corner is met twice in a row: shapely takes that for valid."""
     x, y = corners[-1, 0], corners[-1, 1]

@@ -6,8 +6,8 @@ J.-R. Sack, "Generating triangulations at random", 1994.
 
 import numpy as np
 import shapely
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.polygon import boundary, check
 from triangulators.starting.starts import Cycle, cycle_of
 
@@ -47,7 +47,7 @@ def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
     return row[n - 1]
 
 
-@njit(cache=True)
+@njit
 def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the logarithm of the number of triangulations beneath each visible pair, (pairs,).
 

@@ -1,14 +1,14 @@
 """Fan: all diagonals from one vertex, if some vertex sees the whole polygon."""
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 
 
-@njit(cache=True)
+@njit
 def fan_centre(points: np.ndarray, ring: np.ndarray) -> int:
     """Return the first position in a counter-clockwise ring whose fan is valid, or -1.
 
@@ -37,7 +37,7 @@ def triangulate(outline: Boundary) -> np.ndarray:
     return triangles
 
 
-@njit(cache=True)
+@njit
 def _fan(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     n = len(edges)
     centre = fan_centre(points, edges[:, 0])

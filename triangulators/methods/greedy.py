@@ -1,8 +1,8 @@
 """The greedy triangulation: all diagonals, shortest first, each kept if it crosses none kept."""
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.geometry.unfold import neighbours
 from triangulators.geometry.visibility import visible_sites
@@ -13,7 +13,7 @@ from triangulators.starting.starts import cycle_of, starts
 LIMIT = 3000  # vertices, as pairs of them are looked at
 
 
-@njit(cache=True)
+@njit
 def _keep_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Mark the pairs (i, j) of a cycle's corners, i < j, that cross no earlier one kept."""
     least, most = np.arange(n), np.arange(n)  # range of what each corner is joined to

@@ -5,8 +5,8 @@ other are joined, so any simple polygon will do.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.polygon import Boundary
 from triangulators.starting.starts import cycle_of
@@ -14,7 +14,7 @@ from triangulators.starting.starts import cycle_of
 LIMIT = 1500  # corners; the search takes a time that grows with their cube
 
 
-@njit(cache=True)
+@njit
 def _largest_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)

@@ -5,8 +5,8 @@ P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.methods.counting import log_counts
 from triangulators.polygon import Boundary
@@ -15,7 +15,7 @@ from triangulators.starting.starts import cycle_of
 LIMIT = 2000  # corners, as a table of all pairs is kept
 
 
-@njit(cache=True)
+@njit
 def _draw(
     start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
 ) -> np.ndarray:

@@ -16,9 +16,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from triangulators import criteria
+from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_of, plain_cost, total_cost, triangle_cost
 from triangulators.geometry.order import walk_along
 from triangulators.geometry.predicates import turn
@@ -33,7 +33,7 @@ _SLACK = 1e-12  # of what is compared: a gain below it may be rounding, and flip
 _SWEEPS = 100  # for the in-circle test, whose rounding might let flips go round in a circle
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def is_triangulation(
     points: np.ndarray, ends: np.ndarray, triangles: np.ndarray, across: np.ndarray
 ) -> bool:
@@ -63,12 +63,12 @@ def is_triangulation(
     return edges == n
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _l1(points: np.ndarray, a: int, b: int) -> float:
     return abs(points[a, 0] - points[b, 0]) + abs(points[a, 1] - points[b, 1])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _cost_of_three(
     points: np.ndarray, a: int, b: int, c: int, weights: np.ndarray, function: Any, custom: bool
 ) -> float:
@@ -76,7 +76,7 @@ def _cost_of_three(
     return triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int) -> float:
     """Return how far d is inside the circle through a, b, c, which turn left; in no unit."""
     ax, ay = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
@@ -88,7 +88,7 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int) -> float:
     return inside - _SLACK * size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _gains(
     points: np.ndarray,
     a: int,
@@ -112,7 +112,7 @@ def _gains(
     return new < old - _SLACK * (abs(old) + abs(new))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _point_back(
     triangles: np.ndarray, across: np.ndarray, row: int, tail: int, head: int, to: int
 ) -> None:
@@ -124,7 +124,7 @@ def _point_back(
             across[row, e] = to
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _flip(triangles: np.ndarray, across: np.ndarray, r: int, e: int, s: int, f: int) -> None:
     """Flip the edge e of triangle r, which is the edge f of triangle s."""
     a, b, c = triangles[r, e], triangles[r, (e + 1) % 3], triangles[r, (e + 2) % 3]
@@ -139,7 +139,7 @@ def _flip(triangles: np.ndarray, across: np.ndarray, r: int, e: int, s: int, f: 
     _point_back(triangles, across, beyond_bc, c, b, s)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _flips(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -182,21 +182,21 @@ def _flips(
 # One compiled form for each test: to ask for it at each edge takes longer than what it chooses.
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _flips_by_l1(
     points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
 ) -> int:
     return _flips(points, triangles, across, _L1, weights, f, False)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _flips_by_circles(
     points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
 ) -> int:
     return _flips(points, triangles, across, _IN_CIRCLE, weights, f, False)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _flips_by_cost(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -208,7 +208,7 @@ def _flips_by_cost(
     return _flips(points, triangles, across, _ANY, weights, function, custom)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _l1_of(points: np.ndarray, triangles: np.ndarray) -> float:
     """Return the L1 length of all triangles' edges."""
     total = 0.0
@@ -218,7 +218,7 @@ def _l1_of(points: np.ndarray, triangles: np.ndarray) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def refine(
     points: np.ndarray,
     triangles: np.ndarray,
@@ -250,7 +250,7 @@ def refine(
     return walk_along(triangles, across, len(points))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def refine_many(
     first: int,
     last: int,
@@ -283,7 +283,7 @@ def refine_many(
             done[index] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def take_many(
     first: int,
     last: int,

@@ -1,14 +1,14 @@
 """Strip: a zigzag of diagonals, as a triangle strip would be drawn, where some start allows it."""
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 
 
-@njit(cache=True)
+@njit
 def zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
 

@@ -1,13 +1,13 @@
 """Compiled parts of `batch.many`: what is done for each polygon, without holding the GIL."""
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.optimum.small_holes import holes_optimum
 from triangulators.optimum.small_ring import ring_optimum
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def polygon_of(
     index: int, coordinates: np.ndarray, ring_ends: np.ndarray, owners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -17,7 +17,7 @@ def polygon_of(
     return coordinates[start : start + ends[-1]], ends
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def do_rings(
     first: int,
     last: int,
@@ -42,7 +42,7 @@ def do_rings(
             done[index] = ring_optimum(points, box, own) < np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def do_holes(
     first: int,
     last: int,

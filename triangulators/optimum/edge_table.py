@@ -25,8 +25,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST
 from triangulators.optimum.small_ring import box_of, grid_unit
 
@@ -55,7 +55,7 @@ def most_squares(corners: int) -> float:
     return corners**3 / (3.0 * _SPARSE_TO_DENSE) if _SPARSE_TO_DENSE > 0.0 else math.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _l1_of_pairs(
     points: np.ndarray, unit: float, start: np.ndarray, target: np.ndarray, weight: np.ndarray
 ) -> None:
@@ -67,7 +67,7 @@ def _l1_of_pairs(
             weight[p] = np.int64((abs(dx) + abs(dy)) / unit)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _length_of_pairs(
     points: np.ndarray, by_l1: float, by_l2: float, start: np.ndarray, target: np.ndarray
 ) -> np.ndarray:
@@ -81,7 +81,7 @@ def _length_of_pairs(
     return weight
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _push(
     table: np.ndarray,
     rows: np.ndarray,
@@ -100,7 +100,7 @@ def _push(
         rows[3, j] = min(rows[3, j], rows.dtype.type(d + beyond))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill_table(table: np.ndarray, none: float) -> None:
     """Turn the weights of pairs into the least costs of what lies above them, in place.
 
@@ -140,7 +140,7 @@ def fill_table(table: np.ndarray, none: float) -> None:
                 _push(table, rows, (a, b, c, d), np.uint64(k), first)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _trace_table(table: np.ndarray, none: float) -> np.ndarray:
     """Return the triangles (n - 2, 3) behind a filled table; no rows if there are none."""
     n = len(table)
@@ -168,7 +168,7 @@ def _trace_table(table: np.ndarray, none: float) -> np.ndarray:
     return triangles
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _spread(
     n: int, start: np.ndarray, target: np.ndarray, weight: np.ndarray, none: float
 ) -> np.ndarray:
@@ -184,7 +184,7 @@ def _spread(
     return table
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(nogil=True, fastmath=FAST)
 def _least(
     row: np.ndarray, apex: np.ndarray, column: np.ndarray, first: np.uint64, end: np.uint64
 ) -> float:
@@ -195,7 +195,7 @@ def _least(
     return best
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill_lists(
     n: int, start: np.ndarray, target: np.ndarray, weight: np.ndarray, none: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -237,7 +237,7 @@ def fill_lists(
     return row_cost, first, apex, column
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _trace_lists(
     n: int,
     start: np.ndarray,

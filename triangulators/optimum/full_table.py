@@ -29,15 +29,15 @@ the determinant's error, and what is not sure to turn left is left out.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.compute.simd import fmin
 
 NONE = 1e300  # cost of a sub-polygon that has no triangulation; a sum of two still is finite
 _FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}  # all but the assumption of no infinities
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(fastmath=_FAST)
 def _best_apex(
     table: np.ndarray,
     x: np.ndarray,
@@ -70,7 +70,7 @@ def _best_apex(
     return best
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(fastmath=_FAST)
 def _mark_inward(
     x: np.ndarray, y: np.ndarray, sides: np.ndarray, i: int, flat: float, inward: np.ndarray
 ) -> None:
@@ -92,7 +92,7 @@ def _mark_inward(
         inward[j] = min(here, there) > -abs(flat)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill_box_table(
     table: np.ndarray,
     x: np.ndarray,
@@ -131,7 +131,7 @@ def fill_box_table(
             table[i, j] = table[j, i] = min(best, NONE)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def trace_box_table(
     table: np.ndarray,
     x: np.ndarray,

@@ -15,8 +15,8 @@ corners around it. A ring's table takes less than what is left to be filled for 
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, fmin
 from triangulators.geometry.order import walk_of
 from triangulators.geometry.predicates import FILTER
@@ -27,7 +27,7 @@ _MOST_CUTS = 250  # rings to triangulate at most
 _NEAR = 1e-9  # of the span: rings nearer than that are left to those who know what touching means
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def holes_optimum(
     points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np.ndarray
 ) -> bool:
@@ -94,7 +94,7 @@ def holes_optimum(
     return least < np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _ring_cost(
     points: np.ndarray, ring: np.ndarray, box: np.ndarray, corners: np.ndarray, found: np.ndarray
 ) -> float:
@@ -104,7 +104,7 @@ def _ring_cost(
     return ring_optimum(corners, box, found)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Return the vertices ring after ring, the exterior counter-clockwise and holes clockwise."""
     ring = np.empty(len(points), dtype=np.int32)
@@ -123,7 +123,7 @@ def _wound(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return ring
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _merge(
     ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, place: int, tip: int, merged: np.ndarray
 ) -> int:
@@ -140,7 +140,7 @@ def _merge(
     return hole
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _bridges(
     points: np.ndarray,
     ends: np.ndarray,
@@ -178,7 +178,7 @@ def _bridges(
     return fewest if fewest <= len(cycle) else 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _along(x: float, y: float, direction: int) -> float:
     """Return how far against one of eight directions a point lies."""
     along = x if direction % 4 < 2 else y
@@ -187,7 +187,7 @@ def _along(x: float, y: float, direction: int) -> float:
     return along if direction % 2 == 0 else -along
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _furthest(
     points: np.ndarray, ends: np.ndarray, ring: np.ndarray, merged: np.ndarray, direction: int
 ) -> tuple[int, float]:
@@ -202,7 +202,7 @@ def _furthest(
     return best, least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _edges(
     points: np.ndarray, ends: np.ndarray, ring: np.ndarray, cycle: np.ndarray, merged: np.ndarray
 ) -> np.ndarray:
@@ -224,7 +224,7 @@ def _edges(
     return edges[:, :count]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(nogil=True, fastmath=FAST)
 def _blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the open segment from x, y to ax, ay surely crosses an edge, inside both.
 
@@ -249,7 +249,7 @@ def _blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt:
     return least < -doubt
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _rings_touch(points: np.ndarray, ends: np.ndarray) -> bool:
     """Whether a vertex of one ring lies on an edge of another, or too near to tell."""
     n = len(points)

@@ -33,8 +33,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, LANES, fmin, push
 from triangulators.geometry.predicates import FILTER, orient
 
@@ -47,7 +47,7 @@ _NONE = 1e300
 _FAR = 1e30
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of.
 
@@ -75,7 +75,7 @@ def grid_unit(points: np.ndarray) -> float:
     return float(bits & -bits) / scale
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the table of a ring of n integer corners.
 
@@ -103,7 +103,7 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
             cost = space[_ROW, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _weigh(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
     """Prepare the row of corner i: where the others are from there, and what diagonals cost.
 
@@ -126,7 +126,7 @@ def _weigh(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
         space[_WEIGHT, n - 1] = 0  # a side, as is the pair (i, i + 1), which nothing is pushed to
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: float) -> np.ndarray:
     """Return the table of a ring, (n, lanes) float64.
 
@@ -172,7 +172,7 @@ def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: fl
     return table
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(nogil=True, fastmath=FAST)
 def _sides(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
@@ -188,7 +188,7 @@ def _sides(
     return least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def weight(dx: float, dy: float, box: np.ndarray) -> float:
     """What a diagonal costs: it is an edge of two triangles, and so twice half its L1 length."""
     cost = box[0] * (abs(dx) + abs(dy))
@@ -197,7 +197,7 @@ def weight(dx: float, dy: float, box: np.ndarray) -> float:
     return cost
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _trace(
     table: np.ndarray,
     x: np.ndarray,
@@ -257,7 +257,7 @@ def _trace(
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> float:
     """Triangulate one ring (n, 2) of either winding into `triangles` (n - 2, 3) at least cost.
 
@@ -304,7 +304,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def twice_area(points: np.ndarray) -> float:
     """Return twice the signed area of a ring (n, 2), positive if counter-clockwise."""
     area = 0.0
@@ -315,7 +315,7 @@ def twice_area(points: np.ndarray) -> float:
     return area
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
     """Return the least x and y of points, their width and their height."""
     low_x = high_x = points[0, 0]

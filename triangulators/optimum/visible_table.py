@@ -23,14 +23,14 @@ sums of half-perimeters and of areas are exact.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.compute.simd import fmin
 from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, triangle_cost
 from triangulators.optimum.full_table import NONE
 
 
-@njit(cache=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
+@njit(fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
 def _best_box(
     row: np.ndarray,
     apex: np.ndarray,
@@ -54,7 +54,7 @@ def _best_box(
     return best
 
 
-@njit(cache=True)
+@njit
 def _best_any(
     row: np.ndarray,
     apex: np.ndarray,
@@ -82,7 +82,7 @@ def _best_any(
     return best
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def fill_pairs(
     x: np.ndarray,
     y: np.ndarray,
@@ -133,7 +133,7 @@ def fill_pairs(
     return row_cost, first, apex, column
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def trace_pairs(
     x: np.ndarray,
     y: np.ndarray,

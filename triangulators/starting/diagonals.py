@@ -5,8 +5,8 @@ error. With all diagonals, shortest first, it is the greedy triangulation.
 """
 
 import numpy as np
-from numba import njit
 
+from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import cross, turn
 from triangulators.polygon import Boundary
 
@@ -36,7 +36,7 @@ def by_length(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return pairs[np.argsort(lengths, kind="stable")]
 
 
-@njit(cache=True)
+@njit
 def _keep(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Mark the pairs of points that cross no earlier one kept."""
     kept = np.zeros(len(pairs), dtype=np.bool_)
@@ -56,7 +56,7 @@ def _keep(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return kept
 
 
-@njit(cache=True)
+@njit
 def _triangles(
     points: np.ndarray, sides: np.ndarray, begin: np.ndarray, near: np.ndarray
 ) -> np.ndarray:

@@ -1,0 +1,129 @@
+"""Compiled code is that of the sources as they are, wherever it is kept and whoever compiled it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.paths import ROOT
+from triangulators.compute import kernels
+
+INNER = """
+from triangulators.compute.kernels import njit
+
+@njit
+def inner(x):
+    return x + {added}
+"""
+
+OUTER = """
+from triangulators.compute.kernels import njit
+from triangulators.inner import inner
+
+@njit
+def outer(x):
+    return 10 * inner(x)
+
+if __name__ == "__main__":
+    from triangulators.outer import outer as kernel
+    print(kernel(1))
+"""
+
+
+@pytest.fixture
+def sources(tmp_path, monkeypatch) -> Path:
+    """A package of two kernels, one of which calls the other, with the module that keeps them."""
+    package = tmp_path / "triangulators"
+    (package / "compute").mkdir(parents=True)
+    for folder in (package, package / "compute"):
+        (folder / "__init__.py").write_text("")
+    shutil.copy(ROOT / "triangulators" / "compute" / "kernels.py", package / "compute")
+    (package / "inner.py").write_text(INNER.format(added=1))
+    (package / "outer.py").write_text(OUTER)
+    return package
+
+
+def called(sources: Path, cache: Path) -> str:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
+    done = subprocess.run(
+        [sys.executable, "-m", "triangulators.outer"],
+        cwd=sources.parent,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):
+    cache = tmp_path / "cache"
+    assert called(sources, cache) == "20"
+    kept = set(cache.rglob("*.nbc"))
+    assert {file.name.partition("-")[0] for file in kept} == {"inner", "outer"}
+    (sources / "inner.py").write_text(INNER.format(added=4))
+    os.utime(sources / "inner.py", (1, 1))  # older than what was compiled, as after a checkout
+    assert called(sources, cache) == "50"
+    assert kept < set(cache.rglob("*.nbc"))
+
+
+@pytest.fixture
+def in_memory(tmp_path, monkeypatch) -> Path:
+    """Digests of modules in a folder of the test's own."""
+    for function in (kernels.digest, kernels._source, kernels._imported, kernels._file_of):
+        function.cache_clear()
+    monkeypatch.setattr(kernels, "SOURCES", tmp_path)
+    package = tmp_path / "triangulators"
+    package.mkdir()
+    (package / "a.py").write_text("from triangulators import (\n    b,\n)\n")
+    (package / "b.py").write_text("if True:\n    from triangulators.c import f\n")
+    (package / "c.py").write_text("def f(): ...\n")
+    (package / "d.py").write_text("import numpy\n")
+    yield package
+    for function in (kernels.digest, kernels._source, kernels._imported, kernels._file_of):
+        function.cache_clear()
+
+
+@pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
+def test_an_edit_reaches_those_that_import_it_and_no_others(in_memory, edited, changed):
+    before = {name: kernels.digest(in_memory / f"{name}.py") for name in "abcd"}
+    with (in_memory / f"{edited}.py").open("a") as file:
+        file.write("# changed\n")
+    for function in (kernels.digest, kernels._source, kernels._imported):
+        function.cache_clear()
+    after = {name: kernels.digest(in_memory / f"{name}.py") for name in "abcd"}
+    assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
+
+
+def test_damaged_code_is_made_again(tmp_path):
+    files = kernels._Files(tmp_path / "new", "kernel")
+    assert files.load("key") is None
+    files.save("key", [1, 2])
+    assert files.load("key") == [1, 2]
+    assert files.load("another") is None
+    (file,) = (tmp_path / "new").iterdir()
+    whole = file.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"x" + whole[1:]):
+        file.write_bytes(damaged)
+        assert files.load("key") is None
+
+
+def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
+    here = tmp_path / "compiled" / "this"
+    monkeypatch.setattr(kernels, "place", lambda: here)
+    current = f"triangulators.compute.simd-{kernels.digest(ROOT / 'triangulators/compute/simd.py')}"
+    past = time.time() - 2 * kernels.OLD_S
+    for name, when in ((current, past), ("gone-1", past), ("other-1", None)):
+        (here / name).mkdir(parents=True)
+        (here / name / "kernel.nbc").write_bytes(b"code")
+        if when is not None:
+            os.utime(here / name / "kernel.nbc", (when, when))
+    assert kernels.kept().files == 3
+    assert kernels.remove_old() == 1
+    assert {folder.name for folder in here.iterdir()} == {current, "other-1"}
