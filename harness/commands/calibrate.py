@@ -116,12 +116,13 @@ def _print_models(found: Sequence[Model], chosen: Model, console: Console) -> No
     """Print the best model of each number of terms, and which is the smallest that will do."""
     from harness.pictures.style import plain_table
 
-    table = plain_table("the best model of each number of terms, on held-out polygons")
+    table = plain_table("the best model of each number of terms, on polygons that chose none")
     table.add_column("terms")
     for heading in ("R2 over", "R2 within", "regret"):
         table.add_column(heading, justify="right")
     for model in found:
-        regret = f"{model.regret:.2%} ({model.regret_low:.2%} to {model.regret_high:.2%})"
+        ends = f"{model.regret_low:.2%} to {model.regret_high:.2%}"
+        regret = f"{model.regret:.2%} ({'too few' if 'nan' in ends else ends})"
         table.add_row(model.written, f"{model.r2_over:.4f}", f"{model.r2_within:.4f}", regret)
     console.print(table)
     console.print(

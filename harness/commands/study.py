@@ -98,7 +98,7 @@ def study(
     file.write_text(replication.page(found, where), encoding="utf-8")
     for name, evidence in found:
         judged = [figure for _, figure in replication.judge(evidence)]
-        told = [figure for figure in judged if figure is not None]
+        told = [figure for figure in judged if figure is not None and not figure.few]
         console.print(
             f"{name}: {sum(figure.holds for figure in told)} of {len(told)} findings hold",
             markup=False,

@@ -67,7 +67,8 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
         return None
     if times["reference_s"] != base_times["reference_s"]:
         return None
-    return paired_ratio(times["samples_s"], base_times["samples_s"], times.get("epochs"))
+    parts = times.get("epochs"), times.get("processes")
+    return paired_ratio(times["samples_s"], base_times["samples_s"], *parts)
 
 
 def _has_rounds(times: dict[str, Any]) -> bool:

@@ -1,10 +1,26 @@
-"""Confidence intervals that assume nothing of the distribution."""
+"""Confidence intervals that assume little of the distribution.
+
+`scripts/coverage.py` shows by simulation how often each holds the truth.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
+
+FEWEST = 6
+"""Polygons, or groups, of which fewer tell no interval: that of their median would be open."""
+
+TAIL = 0.02
+"""Share of a studentised bootstrap's resamples beyond either end. The 2.5 % that a large sample
+needs cover 93 % with eight values of an exponential distribution; 2 % cover 95 % with 8 to 24."""
+
+RESAMPLES = 1999
+
+UNKNOWN = (float("nan"), float("nan"))
+"""Ends of an interval that the values do not tell."""
 
 
 def median_interval(samples: list[float]) -> tuple[float, float]:
@@ -23,3 +39,49 @@ def median_interval(samples: list[float]) -> tuple[float, float]:
     if k == 0:
         return ordered[0], ordered[-1]
     return ordered[k - 1], ordered[n - k]
+
+
+def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
+    """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
+
+    It follows the skew of the values, which the percentile bootstrap and Student's interval do not.
+    `UNKNOWN` for fewer than `FEWEST` values, for values that are all equal, which do not tell how
+    far others may lie from them, and where one value so outweighs the others that either end is
+    open. What happens to fewer than one in n / 3 is likely not among n values, and no interval of
+    theirs holds it. Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 12.5.
+    """
+    n = len(values)
+    if n < FEWEST or np.ptp(values) == 0:
+        return UNKNOWN
+    drawn = values[np.random.default_rng(seed).integers(n, size=(RESAMPLES, n))]
+    mean, error = values.mean(), values.std(ddof=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (drawn.mean(axis=1) - mean) / drawn.std(axis=1, ddof=1)
+    t = np.where(np.isnan(t), 0.0, t)
+    low, high = np.quantile(t, [TAIL, 1 - TAIL], method="inverted_cdf")
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return UNKNOWN
+    return float(mean - high * error), float(mean - low * error)
+
+
+def median_over(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return `median_interval` of one value a polygon; `UNKNOWN` for fewer than `FEWEST`."""
+    return UNKNOWN if len(values) < FEWEST else median_interval(values.tolist())
+
+
+def share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % interval of a mean share, of (g,) independent groups' shares.
+
+    Comparisons that share rounds are not independent, and count as one group. Where no group, or
+    every one, is affected, it is what as many groups can rule out: with 95 % confidence at most
+    1 - 0.05^(1/g) of groups are otherwise.
+    """
+    if len(shares) == 0:
+        return UNKNOWN
+    seen = 1 - (1 - CONFIDENCE) ** (1 / len(shares))
+    if (shares == 0).all():
+        return 0.0, seen
+    if (shares == 1).all():
+        return 1 - seen, 1.0
+    low, high = mean_interval(shares)
+    return max(0.0, low), min(1.0, high)

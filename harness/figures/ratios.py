@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,28 @@ FEWEST_EPOCHS = 4
 """With fewer, how much epochs differ cannot be told."""
 
 
+FOLDS = 6
+"""Parts of rounds that were all timed in one epoch."""
+
+
+def blocks(times: Mapping[str, Any], rounds: int) -> list[NDArray[np.intp]]:
+    """Return the rounds of parts of a record's times that share as little as may be.
+
+    Processes where there were several, else epochs, else `FOLDS` parts whose rounds alternate.
+    """
+    for name, fewest in (("processes", 2), ("epochs", FEWEST_EPOCHS)):
+        parts = times.get(name) or []
+        if len(parts) >= fewest and sum(parts) == rounds:
+            return np.split(np.arange(rounds), np.cumsum(parts)[:-1])
+    folds = min(FOLDS, rounds)
+    return [np.arange(fold, rounds, folds) for fold in range(folds)]
+
+
 def paired_ratio(
     samples: Sequence[float] | NDArray[np.float64],
     base: Sequence[float] | NDArray[np.float64],
     epochs: Sequence[int] | None = None,
+    processes: Sequence[int] | None = None,
 ) -> Ratio:
     """Return the ratio of `samples` to `base`; element r of both comes from round r.
 
@@ -51,10 +69,12 @@ def paired_ratio(
     were created anew between epochs, each epoch gives the median of its rounds' log ratios. The
     ratio is the mean of these, with Student's interval for the mean of that many independent
     values: it holds what a drawing gains or loses by where its buffers lie, as well as the noise
-    of rounds. With fewer than `FEWEST_EPOCHS` it is the median of all rounds, with its exact
+    of rounds. Where several processes did the same, what they differ by counts, too: each gives the
+    mean of its epochs, and Student's interval is that of as many values as there were processes.
+    With one process and fewer than `FEWEST_EPOCHS` it is the median of all rounds, with its exact
     order-statistics interval, in which the place of the buffers is a constant that is not seen.
 
-    epochs : rounds of each epoch, in order
+    epochs, processes : rounds of each epoch and of each process, in order
 
     Raises
     ------
@@ -64,18 +84,27 @@ def paired_ratio(
     if len(samples) != len(base) or len(samples) == 0:
         raise ValueError(f"{len(samples)} and {len(base)} samples are not rounds of one group")
     ratios = np.asarray(samples, np.float64) / np.asarray(base, np.float64)
-    if epochs is not None and len(epochs) >= FEWEST_EPOCHS and sum(epochs) == len(ratios):
-        return _over_epochs(np.log(ratios), np.cumsum(epochs)[:-1])
+    count = len(ratios)
+    ends = np.cumsum(epochs if epochs is not None and sum(epochs) == count else [count])
+    medians = np.array([np.median(part) for part in np.split(np.log(ratios), ends[:-1])])
+    if processes is not None and len(processes) > 1 and sum(processes) == count:
+        # An epoch belongs to the process in which it ended.
+        of = np.searchsorted(np.cumsum(processes), ends)
+        return _over([medians[of == process].mean() for process in np.unique(of)], count)
+    if len(medians) >= FEWEST_EPOCHS:
+        return _over(medians, count)
     low, high = median_interval(ratios.tolist())
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
 
 
-def _over_epochs(logs: NDArray[np.float64], bounds: NDArray[np.int64]) -> Ratio:
+def _over(logs: Sequence[float] | NDArray[np.float64], rounds: int) -> Ratio:
+    """Return the mean of independent log ratios with Student's interval."""
     from scipy.special import stdtrit
 
-    medians = np.array([np.median(part) for part in np.split(logs, bounds)])
-    count = len(medians)
-    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * medians.std(ddof=1) / np.sqrt(count)
-    middle = medians.mean()
+    count = len(logs)
+    if count < 2:
+        raise ValueError("one value tells no interval")
+    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * np.std(logs, ddof=1) / np.sqrt(count)
+    middle = np.mean(logs)
     value, low, high = np.exp([middle, middle - reach, middle + reach]).tolist()
-    return Ratio(value, low, high, len(logs))
+    return Ratio(value, low, high, rounds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -148,8 +149,8 @@ def _within(measure: str | None, within: Mapping[str, Estimate]) -> str:
     best = max(within, key=lambda name: within[name].value)
     first = within[best]
     words = f"; within a polygon, {find(best).title} predicts {find(measure or '').label} best "
-    words += f"(rank correlation {first.value:.2f}, {first.low:.2f} to {first.high:.2f}, over "
-    words += f"{first.polygons} polygons"
+    interval = "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
+    words += f"(rank correlation {first.value:.2f}{interval}, over {first.polygons} polygons"
     if best != "overdraw" and "overdraw" in within:
         words += f"; {find('overdraw').title} {within['overdraw'].value:.2f}"
     return f"{words})"

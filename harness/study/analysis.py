@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
-from harness.study.statistics import Estimate, pooled, within
+from harness.study.statistics import Estimate, by_polygon, median_estimate, pooled, within
 from triangulators.criteria import FEATURES_KEPT
 
 EXACT = {
@@ -152,22 +154,74 @@ def correlate(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimate]:
-    known = part[[criterion, measure]].notna().all(axis=1)
-    columns, triangles = [], []
-    for _, polygon in part[known].groupby(["polygon", "resolution", "rotation", "samples"]):
-        columns.append((polygon[criterion].to_numpy(float), polygon[measure].to_numpy(float)))
-        triangles.append(polygon["triangles"].to_numpy(float))
-    return [*within(columns), *pooled(columns, triangles)]
+    views, of = _views(part, criterion, measure)
+    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
+    triangles = [view["triangles"].to_numpy(float) for view in views]
+    return [*within(columns, of), *pooled(columns, triangles)]
+
+
+def _views(part: pd.DataFrame, *known: str) -> tuple[list[pd.DataFrame], list[str]]:
+    """Return the rows of each polygon's views that know the columns, and of which polygon each."""
+    rows = part[part[list(known)].notna().all(axis=1)]
+    views = [view for _, view in rows.groupby(["polygon", "resolution", "rotation", "samples"])]
+    return views, [str(view["polygon"].iloc[0]) for view in views]
+
+
+def ranks(part: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
+    """Return by polygon how well a criterion, a column of `part`, ranks a measure."""
+    views, of = _views(part, criterion, measure)
+    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
+    return pd.Series(by_polygon("spearman_within", columns, of), list(dict.fromkeys(of)), float)
+
+
+def difference(one: pd.Series[float], other: pd.Series[float]) -> Estimate:
+    """Return how much better one of two criteria does, of `ranks` of both: the median difference.
+
+    Both are judged on the same polygons, so their difference is known better than either of them.
+    """
+    return median_estimate("spearman_difference", np.asarray(one - other, np.float64))
+
+
+def compare_all(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the contents of criteria_compared.csv: each two criteria, by paired differences."""
+    rows = []
+    known = [name for name in predictions() if name in table.columns]
+    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
+        for measure in measures_of(part):
+            ranked = {name: ranks(part, name, measure) for name in known}
+            for criterion, other in combinations(known, 2):
+                found = difference(ranked[criterion], ranked[other])
+                if found.polygons:
+                    rows.append(
+                        {
+                            "rasteriser": rasteriser,
+                            "device": device,
+                            "measure": measure,
+                            "criterion": written(criterion),
+                            "other": written(other),
+                            "difference": found.value,
+                            "ci_low": found.low,
+                            "ci_high": found.high,
+                            "polygons": found.polygons,
+                            "verdict": found.verdict,
+                        }
+                    )
+    return pd.DataFrame(rows)
 
 
 def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Write what `measure_table` gave, and what `correlate` and `by_resolution` make of it.
 
-    Returns the latter two; correlations_by_resolution.csv is written where there are several.
+    Returns the latter two; correlations_by_resolution.csv is written where there are several, and
+    criteria_compared.csv where polygons rank two criteria.
     """
     table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
     correlations = correlate(table)
     correlations.to_csv(folder / "correlations.csv", index=False, float_format="%.6g")
+    compared = compare_all(table)
+    if not compared.empty:
+        file = folder / "criteria_compared.csv"
+        compared.to_csv(file, index=False, float_format="%.6g")
     sizes = by_resolution(table)
     if not sizes.empty:
         sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")

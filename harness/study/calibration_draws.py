@@ -96,8 +96,9 @@ def calibrate(
 ) -> tuple[cost_model.Fit, Validation, list[model_terms.Model]]:
     """Fit the model on designed draws of `backend` and test it on polygons of the scenes.
 
-    terms : those that the model may have. Returns the fit with all of them, how it does on the
-    held-out polygons, and the best models with fewer terms
+    terms : those that the model may have. Returns the fit with all of them, how it does on held-out
+    polygons, and the best models with fewer terms. Every other held-out polygon chooses the models
+    with fewer terms; the figures of all are of the rest, which nothing was chosen by
     """
     designed, sets = designed_draws(bench, resolution, seed)
     draws, polygons = held_out_draws(bench, scenes, resolution, seed)
@@ -106,13 +107,16 @@ def calibrate(
     second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
     design, seconds = design_of(designed), fitted_on.ratios * second
     fit = cost_model.fit(design, seconds, sets, seed, terms=terms)
-    held_out = model_terms.HeldOut(
+    choosing, telling = model_terms.HeldOut(
         design_of(draws), tested_on.ratios * second, tested_on.halves * second, polygons
-    )
+    ).split()
     with reporter.stage("models with fewer terms", model_terms.number_of_sets(terms)) as stage:
-        fewer = model_terms.alternatives(design, seconds, sets, held_out, terms, stage.advance)
+        fewer = model_terms.alternatives(
+            design, seconds, sets, choosing, telling, terms, stage.advance
+        )
     every = fewer[-1]  # the model with all terms, which is the fit
-    validation = Validation(every.r2_over, every.r2_within, len(set(polygons)), len(draws))
+    told = len(set(telling.polygons)), len(telling.polygons)
+    validation = Validation(every.r2_over, every.r2_within, *told)
     return fit, validation, fewer
 
 

@@ -102,7 +102,10 @@ def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None
             axes.errorbar(
                 line["resolution"] * aside,
                 line["value"],
-                yerr=[line["value"] - line["ci_low"], line["ci_high"] - line["value"]],
+                yerr=[
+                    (line["value"] - line["ci_low"]).fillna(0.0),
+                    (line["ci_high"] - line["value"]).fillna(0.0),
+                ],
                 color=look_of(index).colour,
                 marker=look_of(index).marker,
                 markersize=4,
@@ -153,7 +156,8 @@ def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
         axes.text(column, row, "constant", ha="center", va="center", fontsize=6, color="#777777")
         return
     dark = abs(value) < 0.6
-    interval = f"\n{cell['ci_low']:.2f} to {cell['ci_high']:.2f}" if cell["polygons"] > 2 else ""
+    told = not np.isnan(cell["ci_low"])
+    interval = f"\n{cell['ci_low']:.2f} to {cell['ci_high']:.2f}" if told else ""
     axes.text(
         column,
         row,

@@ -2,8 +2,8 @@
 
 Every set of terms is fitted to the designed draws and judged on polygons that no fit has seen, in
 two ways: by its error over polygons, and by its regret, what is lost by drawing the triangulation
-that it calls fastest. Terms that are the same for all triangulations of a polygon, T and S, change
-the first alone.
+that it calls fastest. Half of these polygons choose the sets; what is told of them is of the rest.
+Terms that are the same for all triangulations of a polygon, T and S, change the first alone.
 
 The rule is that of one standard error (Breiman, Friedman, Olshen and Stone, "Classification and
 Regression Trees", 1984, section 3.4): of the sets that are within one standard error of the best
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from harness.errors import unknown
 from harness.study import cost_model
 from harness.study.cost_model import TERMS, DesignMatrix
-from harness.study.statistics import bootstrap_interval
+from harness.study.statistics import regret_ends, regret_interval
 
 LETTERS = dict(zip(TERMS[1:], ("T", "S", "H", "w*h", "D", "Q", "P", "R"), strict=True))
 """Symbols of the terms but for the draw itself, which every model has."""
@@ -43,6 +43,15 @@ class HeldOut:
     halves: NDArray[np.float64]
     polygons: Sequence[str]
 
+    def split(self) -> tuple[HeldOut, HeldOut]:
+        """Return every other polygon's draws, and those of the others."""
+        sides: list[HeldOut] = []
+        for side in range(2):
+            kept = np.sort(np.concatenate(self.rows[side::2] or self.rows))
+            names = [self.polygons[row] for row in kept]
+            sides.append(HeldOut(self.design[kept], self.seconds[kept], self.halves[kept], names))
+        return sides[0], sides[1]
+
     @cached_property
     def rows(self) -> list[NDArray[np.intp]]:
         """The draws of each polygon."""
@@ -55,9 +64,10 @@ class Model:
     """A set of terms with its fitted seconds, and how it does on held-out polygons.
 
     r2_over, r2_within : of log time, over all draws and within polygons
-    regret, regret_low, regret_high : mean over polygons, with its 95 % interval
+    regret, regret_low, regret_high : mean over polygons, with its 95 % interval; NaN for the ends
+        where there are too few polygons
     distance : how far it is from the best set, in standard errors, in error or regret, whichever
-        is more
+        is more; of the polygons by which sets were chosen, all else is of others
     """
 
     terms: tuple[str, ...]
@@ -87,7 +97,9 @@ class Model:
             "r2_over_polygons": self.r2_over,
             "r2_within_polygons": self.r2_within,
             "regret": self.regret,
-            "regret_ci95": [self.regret_low, self.regret_high],
+            "regret_ci95": [
+                end if np.isfinite(end) else None for end in (self.regret_low, self.regret_high)
+            ],
             "standard_errors_from_best": self.distance,
         }
 
@@ -96,13 +108,16 @@ def alternatives(
     design: DesignMatrix,
     seconds: NDArray[np.float64],
     groups: Sequence[int],
-    held_out: HeldOut,
+    choosing: HeldOut,
+    telling: HeldOut,
     terms: Iterable[str] = TERMS[1:],
     tick: Callable[[], None] = lambda: None,
 ) -> list[Model]:
     """Return the best model of each number of `terms`, from one term to all of them.
 
     design, seconds, groups : the designed draws; see `cost_model.fit`
+    choosing, telling : held-out polygons by which a set is chosen, and others of which its figures
+        are: by those that it was chosen by it would look too good
     tick : called after each of the `number_of_sets` fits
     """
     known = list(terms)
@@ -111,25 +126,24 @@ def alternatives(
     for chosen in sets:
         fits.append(_fitted(design, seconds, groups, chosen))
         tick()
-    predictions = [cost_model.predict(fit, held_out.design) for fit in fits]
-    errors = np.array([_errors(held_out, each) for each in predictions])
-    regrets = np.array([_regrets(held_out, each) for each in predictions])
+    chosen_by = [cost_model.predict(fit, choosing.design) for fit in fits]
+    errors = np.array([_errors(choosing, each) for each in chosen_by])
+    regrets = np.array([_regrets(choosing, each)[1] for each in chosen_by])
     distances = np.maximum(_in_standard_errors(errors), _in_standard_errors(regrets))
     found = []
     for number in range(1, len(known) + 1):
         of_size = [place for place, chosen in enumerate(sets) if len(chosen) == number]
         place = min(of_size, key=lambda p: (distances[p], errors[p].mean()))
-        low, high = bootstrap_interval(regrets[place], np.mean, 0)
-        predicted = predictions[place]
+        predicted = cost_model.predict(fits[place], telling.design)
+        below, above = _regrets(telling, predicted)
+        low, high = regret_interval(below, above)
         found.append(
             Model(
                 terms=sets[place],
                 coefficients=fits[place],
-                r2_over=cost_model.r_squared(np.log(held_out.seconds), np.log(predicted)),
-                r2_within=cost_model.r_squared_within(
-                    held_out.seconds, predicted, held_out.polygons
-                ),
-                regret=float(regrets[place].mean()),
+                r2_over=cost_model.r_squared(np.log(telling.seconds), np.log(predicted)),
+                r2_within=cost_model.r_squared_within(telling.seconds, predicted, telling.polygons),
+                regret=max(0.0, float((below + above).mean() / 2)),
                 regret_low=low,
                 regret_high=high,
                 distance=float(distances[place]),
@@ -183,16 +197,13 @@ def _errors(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.flo
 def _regrets(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what each polygon loses by drawing what is predicted to be fastest.
 
-    Chosen and compared by different halves of the rounds: see `harness.study.regret`.
+    (2, p): from below and from above; see `harness.study.statistics.regret_ends`.
     """
-    found = []
-    for rows in held_out.rows:
-        chosen = int(np.argmin(predicted[rows]))
-        halves = held_out.halves[rows]
-        bests = halves.argmin(axis=0)
-        ratios = [halves[chosen, 1 - k] / halves[best, 1 - k] for k, best in enumerate(bests)]
-        found.append(float(np.mean(ratios)) - 1.0)
-    return np.array(found)
+    ends = [
+        regret_ends(held_out.halves[rows], int(np.argmin(predicted[rows])))
+        for rows in held_out.rows
+    ]
+    return np.array(ends).T
 
 
 def _in_standard_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,8 +6,9 @@ there is, less 1. The best there is, of quads and helper lanes, is known where `
 was measured; of all else it is the best that was measured.
 
 Times need care. The least of many noisy medians is lower than any true time, so that even the best
-triangulation would show a regret. Hence the best is chosen by one half of the rounds and compared
-by the other half, and the two halves then change places. A regret of a time may so be below 0.
+triangulation would show a regret; and what one part of the rounds calls best is not the best in
+another part. So a regret of a time has two ends, between which the truth is on average: see
+`harness.study.statistics.regret_ends`. The parts are repeats or epochs, which share no buffers.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ import pandas as pd
 from rich.console import Console
 
 from harness.figures.groups import groups
+from harness.figures.intervals import FEWEST
+from harness.figures.ratios import blocks
 from harness.figures.registry import find, measures, predictions
 from harness.pictures.style import COLOURS, STYLE, family_of, plain_table, save
 from harness.stored.folder import Record
 from harness.study.analysis import TIME, label
 from harness.study.design import LEAST
-from harness.study.statistics import bootstrap_interval
+from harness.study.statistics import regret_ends, regret_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +42,10 @@ NOT_CHOSEN = ("worst", "listed")
 
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")
-COLUMNS = (*KEYS, "polygon", "triangulator", "best", "least_known", "regret")
+COLUMNS = (
+    *KEYS,
+    *("polygon", "triangulator", "best", "least_known", "regret", "regret_low", "regret_high"),
+)
 SUMMARY = (
     *KEYS,
     *("polygons", "least_known", "mean", "ci_low", "ci_high", "median", "p95", "worst"),
@@ -50,9 +56,10 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return `COLUMNS`, one row for each polygon, measure, and criterion or triangulator.
 
     kind : "criterion" or "triangulator", called `name`; `triangulator` is what it chose
-    best : the best there is, or of a time's halves the one that the first chose
+    best : the best there is, or of times the one that all rounds together call best
     least_known : whether no triangulation of any kind can be better
-    regret : ratio to the best, less 1
+    regret : ratio to the best, less 1; of a time, the middle between its two ends
+    regret_low, regret_high : the ends, cross-fitted and plugged in; equal for counters
     """
     rows: list[dict[str, Any]] = []
     counted: set[tuple[Any, ...]] = set()
@@ -105,7 +112,7 @@ def _of_counter(
                 **where,
                 **_names(good, kind, name, place, best),
                 "least_known": least_known,
-                "regret": ratio - 1.0,
+                **dict.fromkeys(("regret", "regret_low", "regret_high"), ratio - 1.0),
             }
 
 
@@ -117,18 +124,19 @@ def _of_time(
         return
     times = np.array([record["time"]["samples_s"][:rounds] for record in good])
     times = times / np.array(good[0]["time"]["reference_s"][:rounds])
-    halves = (times[:, 0::2], times[:, 1::2])
-    bests = [int(np.argmin(np.median(half, axis=1))) for half in halves]
+    values = np.stack(
+        [np.median(times[:, block], axis=1) for block in blocks(good[0]["time"], rounds)], axis=1
+    )
+    best = int(np.argmin(np.log(values).mean(axis=1)))
     for kind, name, place in chosen:
-        ratios = [
-            float(np.median(half[place] / half[best]))
-            for half, best in zip(halves[::-1], bests, strict=True)
-        ]
+        low, high = regret_ends(values, place)
         yield {
             **where,
-            **_names(good, kind, name, place, bests[0]),
+            **_names(good, kind, name, place, best),
             "least_known": False,
-            "regret": float(np.mean(ratios)) - 1.0,
+            "regret": (low + high) / 2,
+            "regret_low": low,
+            "regret_high": high,
         }
 
 
@@ -141,23 +149,26 @@ def _names(good: Sequence[Record], kind: str, name: str, place: int, best: int) 
     }
 
 
-def summarise(table: pd.DataFrame, seed: int = 0) -> pd.DataFrame:
-    """Return `SUMMARY`: regret over polygons, with the mean's 95 % bootstrap interval over them.
+def summarise(table: pd.DataFrame) -> pd.DataFrame:
+    """Return `SUMMARY`: regret over polygons, with the mean's 95 % interval over them.
 
     Several triangulations of one family, such as random ones, count once a polygon, by their mean.
     least_known : the share of polygons whose best is known to be the least
+    ci_low, ci_high : of the lower ends and of the upper ones, and no less than 0, for nothing is
+        better than the best; NaN where the polygons do not tell
     """
     rows = []
     for key, part in table.groupby(list(KEYS), sort=False):
         by_polygon = part.groupby("polygon", sort=False)
         values = by_polygon["regret"].mean().to_numpy(float)
-        low, high = bootstrap_interval(values, np.mean, seed)
+        sides = (by_polygon[f"regret_{end}"].mean().to_numpy(float) for end in ("low", "high"))
+        low, high = regret_interval(*sides)
         rows.append(
             dict(zip(KEYS, key, strict=True))
             | {
                 "polygons": len(values),
                 "least_known": float(by_polygon["least_known"].first().mean()),
-                "mean": float(values.mean()),
+                "mean": max(0.0, float(values.mean())),
                 "ci_low": low,
                 "ci_high": high,
                 "median": float(np.median(values)),
@@ -204,7 +215,12 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
 
 
 def written(row: Any) -> str:
-    """Return a row's mean with its interval, in per cent."""
+    """Return a row's mean with its interval, in per cent, or why there is none."""
+    if np.isnan(row["ci_low"]):
+        one = row["worst"] > row["mean"] * row["polygons"] / 2
+        few = row["polygons"] < FEWEST
+        words = "too few polygons" if few else "one decides" if one else "all equal"
+        return f"{row['mean']:.2%} ({words})"
     return f"{row['mean']:.2%} ({row['ci_low']:.2%} to {row['ci_high']:.2%})"
 
 
@@ -264,8 +280,9 @@ def _panel(panel: Axes, rows: pd.DataFrame, names: Sequence[tuple[str, str]]) ->
         drawn = np.array([key in place for key in _pairs(rows)], np.bool_)
         own = rows[(rows["kind"] == kind) & drawn]
         y = [place[key] for key in _pairs(own)]
-        low = (own["mean"] - own["ci_low"]).clip(lower=0.0)
-        high = (own["ci_high"] - own["mean"]).clip(lower=0.0)
+        # A line of no length where the polygons tell no interval.
+        low = (own["mean"] - own["ci_low"]).clip(lower=0.0).fillna(0.0)
+        high = (own["ci_high"] - own["mean"]).clip(lower=0.0).fillna(0.0)
         panel.errorbar(
             own["mean"],
             y,

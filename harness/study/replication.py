@@ -7,14 +7,16 @@ the tables of one data set's studies for the same figure, with its interval.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from harness.figures.intervals import FEWEST
 from harness.figures.registry import find
 from harness.study.analysis import TIME
+from harness.study.statistics import TOO_FEW
 
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
 TURNED = "@0"
@@ -34,11 +36,12 @@ _NOTHING = pd.DataFrame()
 class Evidence:
     """Tables of one data set's studies, each empty where there is none.
 
-    correlations, regret : of `validate`; choice, walked, turned : `gains` of runs in the order in
-    which triangulators give triangles, in walk order, and turned
+    correlations, compared, regret : of `validate`; choice, walked, turned : `gains` of runs in the
+    order in which triangulators give triangles, in walk order, and turned
     """
 
     correlations: pd.DataFrame = field(default_factory=lambda: _NOTHING)
+    compared: pd.DataFrame = field(default_factory=lambda: _NOTHING)
     regret: pd.DataFrame = field(default_factory=lambda: _NOTHING)
     choice: pd.DataFrame = field(default_factory=lambda: _NOTHING)
     walked: pd.DataFrame = field(default_factory=lambda: _NOTHING)
@@ -50,6 +53,7 @@ class Figure:
     """A figure with its interval, and whether it bears the claim out.
 
     beside : what it is set against, in words
+    few : whether it is of too few polygons to judge a claim by
     """
 
     value: float
@@ -58,6 +62,12 @@ class Figure:
     holds: bool
     percent: bool = False
     beside: str = ""
+    few: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """What it says of the claim."""
+        return TOO_FEW if self.few else "holds" if self.holds else "does not hold"
 
     @property
     def written(self) -> str:
@@ -100,7 +110,8 @@ def _correlation(
     if rows.empty:
         return None
     row = rows.iloc[0]
-    return Figure(float(row["value"]), float(row["ci_low"]), float(row["ci_high"]), holds=True)
+    ends = float(row["value"]), float(row["ci_low"]), float(row["ci_high"])
+    return Figure(*ends, holds=True, few=row["polygons"] < FEWEST)
 
 
 def _at_least(
@@ -108,23 +119,45 @@ def _at_least(
 ) -> Callable[[Evidence], Figure | None]:
     def check(evidence: Evidence) -> Figure | None:
         found = _correlation(evidence.correlations, criterion, measure, walker)
-        return None if found is None else Figure(*_ends(found), holds=found.value >= least)
+        return None if found is None else replace(found, holds=found.value >= least)
 
     return check
 
 
 def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Figure | None]:
-    """Check that a criterion ranks better than another: their intervals do not meet."""
+    """Check that a criterion ranks better than another, by differences within each polygon."""
 
     def check(evidence: Evidence) -> Figure | None:
         one = _correlation(evidence.correlations, criterion, measure)
         two = _correlation(evidence.correlations, other, measure)
-        if one is None or two is None or (one.low == one.high and two.low == two.high):
-            return None  # of one polygon there is no interval
+        if one is None or two is None:
+            return None
         beside = f", {find(other).symbol} {two.written}"
-        return Figure(*_ends(one), holds=one.low > two.high, beside=beside)
+        found = _difference(evidence.compared, criterion, other, measure)
+        if found is None:
+            return replace(one, beside=beside, few=True)
+        beside += f", difference {found.written}"
+        return replace(one, holds=found.low > 0, few=found.few, beside=beside)
 
     return check
+
+
+def _difference(table: pd.DataFrame, criterion: str, other: str, measure: str) -> Figure | None:
+    """Return how much better a criterion ranks than another, of the pair as either is named."""
+    for first, second, sign in ((criterion, other, 1.0), (other, criterion, -1.0)):
+        if table.empty:
+            continue
+        rows = table[(table["criterion"] == first) & (table["other"] == second)]
+        rows = rows[(rows["measure"] == measure) & (rows["rasteriser"] != BOX_WALKER)]
+        rows = rows.sort_values(
+            "rasteriser", key=lambda names: names.isin(["reference"]), kind="stable"
+        )
+        if len(rows):
+            row = rows.iloc[0]
+            low, high = sorted(sign * float(row[name]) for name in ("ci_low", "ci_high"))
+            few = row["polygons"] < FEWEST
+            return Figure(sign * float(row["difference"]), low, high, holds=low > 0, few=few)
+    return None
 
 
 def _shape_is_last(evidence: Evidence) -> Figure | None:
@@ -133,7 +166,7 @@ def _shape_is_last(evidence: Evidence) -> Figure | None:
     shape = found["shape"]
     if shape is None or len(values) < len(RANKED):
         return None
-    return Figure(*_ends(shape), holds=min(values, key=values.__getitem__) == "shape")
+    return replace(shape, holds=min(values, key=values.__getitem__) == "shape")
 
 
 def _faster(table_name: str, base: str) -> Callable[[Evidence], Figure | None]:
@@ -167,7 +200,10 @@ def _regret(criterion: str, measure: str, most: float) -> Callable[[Evidence], F
             return None
         row = rows.sort_values("resolution").iloc[-1]
         figures = (float(row["mean"]), float(row["ci_low"]), float(row["ci_high"]))
-        return Figure(*figures, holds=figures[2] <= most, percent=True)
+        few = row["polygons"] < FEWEST
+        # Where all lose the same, the most that any lost has to do.
+        least_known = row["worst"] if np.isnan(figures[2]) else figures[2]
+        return Figure(*figures, holds=least_known <= most, percent=True, few=few)
 
     return check
 
@@ -190,10 +226,6 @@ def _turned(triangulator: str, most: float) -> Callable[[Evidence], Figure | Non
     return check
 
 
-def _ends(found: Figure) -> tuple[float, float, float]:
-    return found.value, found.low, found.high
-
-
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
@@ -201,12 +233,12 @@ CLAIMS = (
         _at_least("expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
-        "H predicts helper lanes better than the paper's A: intervals do not meet",
+        "H predicts helper lanes better than the paper's A, polygon by polygon",
         "0.983 (0.972 to 0.991), A 0.861 (0.773 to 0.915)",
         _ahead("half-perimeter", "overdraw", "helper_lanes"),
     ),
     Claim(
-        "H predicts the draw time better than the paper's A: intervals do not meet",
+        "H predicts the draw time better than the paper's A, polygon by polygon",
         "0.966 (0.955 to 0.975), A 0.874 (0.820 to 0.914)",
         _ahead("half-perimeter", "overdraw", f"{TIME}0"),
     ),
@@ -255,7 +287,7 @@ CLAIMS = (
 
 
 def _inverted(found: Figure | None) -> Figure | None:
-    return None if found is None else Figure(*_ends(found), holds=not found.holds)
+    return None if found is None else replace(found, holds=not found.holds)
 
 
 def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:
@@ -272,6 +304,7 @@ def read(folder: Path) -> Evidence:
 
     return Evidence(
         correlations=table("validate", "correlations.csv"),
+        compared=table("validate", "criteria_compared.csv"),
         regret=table("validate", "regret.csv"),
         choice=table("choice", "gains.csv"),
         walked=table("walked", "gains.csv"),
@@ -285,17 +318,17 @@ def page(named: Sequence[tuple[str, Evidence]], where: str) -> str:
     named : (name of the data set, its evidence); where : the machine and device, in words
     """
     lines = ["# Findings on other data", "", where, ""]
-    lines += ["| data | hold | do not hold | not told |", "|---|---|---|---|"]
+    lines += ["| data | hold | do not hold | too few or not told |", "|---|---|---|---|"]
     judged = [(name, judge(evidence)) for name, evidence in named]
     for name, found in judged:
-        told = [figure for _, figure in found if figure is not None]
+        told = [figure for _, figure in found if figure is not None and not figure.few]
         hold = sum(figure.holds for figure in told)
         lines.append(f"| {name} | {hold} | {len(told) - hold} | {len(found) - len(told)} |")
     for name, found in judged:
         lines += ["", f"## {name}", "", "| finding | ours | here | |", "|---|---|---|---|"]
         for claim, figure in found:
             here = "" if figure is None else figure.written
-            verdict = "not told" if figure is None else "holds" if figure.holds else "does not hold"
+            verdict = "not told" if figure is None else figure.verdict
             lines.append(f"| {claim.sentence} | {claim.ours} | {here} | {verdict} |")
     letters = ", ".join(
         f"{find(name).symbol}: {find(name).label}" for name in RANKED if find(name).symbol

@@ -9,14 +9,14 @@ out.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+
+from harness.figures.intervals import UNKNOWN, mean_interval, median_over
 
 FEWEST = 5
 """Different triangulations a polygon must have for a correlation within it."""
@@ -26,8 +26,9 @@ Column = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A statistic with its 95 % bootstrap interval over polygons.
+    """A statistic with its 95 % interval over polygons.
 
+    low, high : NaN where there are too few polygons to tell
     polygons : how many it was estimated from; with 0 the value is NaN
     """
 
@@ -36,6 +37,16 @@ class Estimate:
     low: float
     high: float
     polygons: int
+
+    @property
+    def verdict(self) -> str:
+        """Of a difference: above or below 0, not shown, or too few polygons."""
+        if np.isnan(self.low):
+            return TOO_FEW
+        return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SHOWN
+
+
+ABOVE, BELOW, NOT_SHOWN, TOO_FEW = "better", "worse", "no difference shown", "too few"
 
 
 def spearman(x: Column, y: Column) -> float:
@@ -77,15 +88,31 @@ WITHIN: dict[str, Callable[[Column, Column], float]] = {
 }
 
 
-def within(columns: Sequence[tuple[Column, Column]], seed: int = 0) -> list[Estimate]:
-    """Summarise (predicted, measured) columns, one pair per polygon, by medians over polygons."""
-    return [median_within(name, columns, seed) for name in WITHIN]
+def within(columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()) -> list[Estimate]:
+    """Summarise (predicted, measured) columns, one pair per polygon, by medians over polygons.
+
+    of : the polygon of each pair, where polygons were seen in several views; each counts once, with
+        the mean over its views
+    """
+    return [median_within(name, columns, of) for name in WITHIN]
 
 
-def median_within(name: str, columns: Sequence[tuple[Column, Column]], seed: int = 0) -> Estimate:
+def median_within(
+    name: str, columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()
+) -> Estimate:
     """Return one of `WITHIN`: the median over polygons, with its interval."""
-    values = np.array([WITHIN[name](x, y) for x, y in columns if len(x) >= FEWEST])
-    return median_estimate(name, values[np.isfinite(values)], seed)
+    return median_estimate(name, by_polygon(name, columns, of))
+
+
+def by_polygon(
+    name: str, columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()
+) -> Column:
+    """Return one of `WITHIN` for each polygon, (p,); NaN where it is not defined."""
+    values: dict[str, list[float]] = {}
+    for polygon, (x, y) in zip(of or map(str, range(len(columns))), columns, strict=True):
+        found = WITHIN[name](x, y) if len(x) >= FEWEST else float("nan")
+        values.setdefault(polygon, []).append(found)
+    return np.array([np.mean(each) for each in values.values()])
 
 
 def pooled(columns: Sequence[tuple[Column, Column]], triangles: Sequence[Column]) -> list[Estimate]:
@@ -102,31 +129,41 @@ def pooled(columns: Sequence[tuple[Column, Column]], triangles: Sequence[Column]
     ]
 
 
-def median_estimate(name: str, values: Column, seed: int = 0) -> Estimate:
-    """Return the median of one value per polygon, with its bootstrap interval over polygons."""
-    nan = float("nan")
-    if len(values) == 0:
-        return Estimate(name, nan, nan, nan, 0)
-    low, high = bootstrap_interval(values, np.median, seed)
-    return Estimate(name, float(np.median(values)), low, high, len(values))
-
-
-def bootstrap_interval(
-    values: Column, statistic: Callable[..., Any], seed: int = 0
-) -> tuple[float, float]:
-    """Return the 95 % percentile interval of a statistic of one value per polygon.
-
-    Of fewer than three values, or of equal ones, the range.
-    """
-    if len(values) < 3 or np.ptp(values) == 0:
-        return float(values.min()), float(values.max())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-        interval = stats.bootstrap(
-            (values,), statistic, method="percentile", rng=np.random.default_rng(seed)
-        ).confidence_interval
-    return float(interval.low), float(interval.high)
+def median_estimate(name: str, values: Column) -> Estimate:
+    """Return the median of one value per polygon, of those that are finite, with its interval."""
+    known = values[np.isfinite(values)]
+    value = float(np.median(known)) if len(known) else float("nan")
+    return Estimate(name, value, *median_over(known), len(known))
 
 
 def _vary(x: Column, y: Column) -> bool:
     return len(x) >= 3 and float(np.ptp(x)) > 0 and float(np.ptp(y)) > 0
+
+
+def regret_ends(values: Column, chosen: int) -> tuple[float, float]:
+    """Return the regret of the candidate `chosen` against the best, from below and from above.
+
+    values : (k, b) costs of k candidates in b independent blocks of noisy measurements
+
+    The best of noisy costs is too low, and what seems best in one block is not the best in another.
+    So the plug-in figure, against the least mean over all blocks, is too high on average; the
+    cross-fitted one, against the candidate that the other blocks call best, is too low, and may be
+    below 0. The truth's expectation is between them: the minimum is concave (Jensen's inequality).
+    """
+    logs = np.log(values)
+    means = logs.mean(axis=1)
+    count = logs.shape[1]
+    others = (means[:, None] * count - logs) / (count - 1)
+    best = others.argmin(axis=0)
+    crossed = (logs[chosen] - logs[best, np.arange(count)]).mean()
+    plugged = means[chosen] - means.min()
+    return float(np.expm1(crossed)), float(np.expm1(plugged))
+
+
+def regret_interval(low: Column, high: Column) -> tuple[float, float]:
+    """Return the 95 % interval of mean regret, of `regret_ends` of each polygon, (p,) each.
+
+    No less than 0, for nothing is better than the best; NaN where the polygons do not tell it.
+    """
+    ends = mean_interval(low)[0], mean_interval(high)[1]
+    return (max(0.0, ends[0]), ends[1]) if np.isfinite(ends).all() else UNKNOWN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
@@ -36,6 +37,26 @@ def correlations(**values: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def compared(**values: float) -> pd.DataFrame:
+    """Return criteria_compared.csv of the same criteria: differences +-0.01."""
+    rows = [
+        {
+            "rasteriser": "opengl",
+            "device": "cpu",
+            "measure": measure,
+            "criterion": one.replace("_", "-"),
+            "other": two.replace("_", "-"),
+            "difference": values[one] - values[two],
+            "ci_low": values[one] - values[two] - 0.01,
+            "ci_high": values[one] - values[two] + 0.01,
+            "polygons": 24,
+        }
+        for one, two in combinations(values, 2)
+        for measure in ("helper_lanes", "time_work_0")
+    ]
+    return pd.DataFrame(rows)
+
+
 def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.DataFrame:
     row = {"rasteriser": "opengl", "triangulator": triangulator, "base": base}
     row |= {"resolution": 1024, "time_ratio": ratio, "helper_lanes_ratio": lanes}
@@ -60,16 +81,31 @@ def test_without_evidence_nothing_is_told():
 
 def test_each_claim_can_hold_and_fail():
     exact = _with_exact_a(correlations(**USUAL))
-    good = evidence(exact, lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99))
+    good = evidence(
+        exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
+    )
     assert set(verdicts(good).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
-    ranks = correlations(**poor, edge_length=0.5, shape=0.75)
-    bad = evidence(ranks, lost=0.02, chosen=1.0, walked=0.995, turned=(0.96, 0.90))
+    poor |= {"edge_length": 0.5, "shape": 0.75}
+    bad = evidence(
+        correlations(**poor),
+        compared(**poor),
+        lost=0.02,
+        chosen=1.0,
+        walked=0.995,
+        turned=(0.96, 0.90),
+    )
     assert set(verdicts(bad).values()) == {False}
 
 
 def evidence(
-    ranks: pd.DataFrame, lost: float, chosen: float, walked: float, turned: tuple[float, float]
+    ranks: pd.DataFrame,
+    differences: pd.DataFrame,
+    *,
+    lost: float,
+    chosen: float,
+    walked: float,
+    turned: tuple[float, float],
 ) -> Evidence:
     """Return made-up studies: times over the base's, and helper lanes of the best for H and A."""
     best, once = "optimal:half-perimeter", "ear-clipping@0"
@@ -80,6 +116,7 @@ def evidence(
     ]
     return Evidence(
         correlations=ranks,
+        compared=differences,
         regret=regret(lost),
         choice=pd.concat(choice),
         walked=gains(best, "delaunay", walked),
@@ -96,13 +133,13 @@ def _with_exact_a(table: pd.DataFrame) -> pd.DataFrame:
 
 def regret(mean: float) -> pd.DataFrame:
     row = {"rasteriser": "opengl", "kind": "criterion", "name": "expected-quads"}
-    row |= {"measure": "quads", "resolution": 1024}
+    row |= {"measure": "quads", "resolution": 1024, "polygons": 24, "worst": mean * 3}
     return pd.DataFrame([{**row, "mean": mean, "ci_low": mean / 2, "ci_high": mean * 2}])
 
 
 def test_the_page_sets_ours_beside_what_was_found():
     text = page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
-    assert "| mine | 4 | 1 | 6 |" in text
+    assert "| mine | 2 | 1 | 8 |" in text
     assert "| 0.996 (0.994 to 0.998) | 0.990 (0.980 to 1.000) | holds |" in text
     assert "not told" in text
     assert all(claim.sentence in text for claim in CLAIMS)
@@ -150,11 +187,26 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     assert Path("study/triangles/choice/gains.csv").is_file()
 
 
-def test_what_is_set_against_another_shows_both_and_needs_intervals():
+def test_what_is_set_against_another_is_judged_by_differences():
+    """Intervals that meet can be of criteria that differ in every polygon, and the other way."""
+    wide = correlations(**USUAL)
+    wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
+    told = page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
+    assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in told
+    close = compared(**{**USUAL, "half_perimeter": 0.865})
+    judged = verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
+    assert [v for sentence, v in judged.items() if "polygon by polygon" in sentence] == [False] * 2
+
+
+def test_too_few_polygons_judge_no_claim():
     table = correlations(**USUAL)
-    told = page([("city", Evidence(correlations=table))], "here")
-    assert "0.980 (0.970 to 0.990), A 0.860 (0.850 to 0.870) | holds" in told
-    alone = table.assign(ci_low=table["value"], ci_high=table["value"], polygons=1)
-    judged = verdicts(Evidence(correlations=alone))
-    better = [said for sentence, said in judged.items() if "intervals do not meet" in sentence]
-    assert better == [None, None]
+    unknown = {"ci_low": float("nan"), "ci_high": float("nan"), "polygons": 1}
+    evidence = Evidence(
+        correlations=table.assign(**unknown),
+        compared=compared(**USUAL).assign(**unknown),
+        regret=regret(0.002).assign(**unknown),
+    )
+    found = [figure for _, figure in judge(evidence) if figure is not None]
+    assert len(found) == 6
+    assert {figure.verdict for figure in found} == {"too few"}
+    assert "| city | 0 | 0 | 11 |" in page([("city", evidence)], "here")

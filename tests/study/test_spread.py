@@ -16,6 +16,7 @@ from harness.report.content import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
 from harness.study import polygon_ranking
+from harness.study.analysis import difference, ranks
 from scenes import load
 from tests.conftest import exit_code
 from triangulators import triangulate
@@ -57,13 +58,14 @@ def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
 
 
 def test_criteria_are_ranked_within_polygons(run_folder):
-    found = polygon_ranking.ranks(
-        polygon_ranking.read(read_run(run_folder), View(1024)), "helper_lanes"
-    )
+    table = polygon_ranking.read(read_run(run_folder), View(1024))
+    found = polygon_ranking.ranks(table, "helper_lanes")
     q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
-    assert q.low > a.high
+    alike = table.assign(rotation=0, samples=1)
+    by_q, by_a = (ranks(alike, name, "helper_lanes") for name in ("expected_quads", "overdraw"))
+    assert difference(by_q, by_a).verdict == "better"
     assert "complexity" not in found, "it is the same for all, and so ranks nothing"
 
 

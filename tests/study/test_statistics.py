@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from harness.figures.intervals import mean_interval
+from harness.study.analysis import difference
 from harness.study.statistics import (
     kendall,
     log_slope,
     median_estimate,
     partial_spearman,
     pooled,
+    regret_ends,
+    regret_interval,
     spearman,
     within,
 )
@@ -69,7 +74,45 @@ def test_the_interval_of_a_median_covers_it():
     covered = 0
     for seed in range(60):
         values = np.random.default_rng(seed).normal(0.5, 0.1, 25)
-        estimate = median_estimate("x", values, seed)
+        estimate = median_estimate("x", values)
         covered += estimate.low <= 0.5 <= estimate.high
         assert estimate.low <= estimate.value <= estimate.high
-    assert covered >= 50
+    assert covered >= 54
+
+
+def test_a_polygon_in_several_views_counts_once():
+    """Two views of four polygons are no eight polygons: there are too few for an interval."""
+    views = polygons(4, 0.1)
+    estimate = within([*views, *views], [*"abcd", *"abcd"])[0]
+    assert estimate.polygons == 4
+    assert np.isnan(estimate.low)
+    assert estimate.verdict == "too few"
+    assert not np.isnan(within([*views, *views])[0].low)
+
+
+def test_paired_differences_tell_more_than_two_intervals():
+    level = np.random.default_rng(2).uniform(0.2, 0.9, 24)
+    one, two = pd.Series(level + 0.02), pd.Series(level)
+    apart = median_estimate("x", one.to_numpy()).low > median_estimate("x", two.to_numpy()).high
+    assert not apart
+    assert difference(one, two).verdict == "better"
+    assert difference(two, one).verdict == "worse"
+    assert difference(one, one).verdict == "no difference shown"
+    assert difference(one[:5], two[:5]).verdict == "too few"
+
+
+def test_regret_of_the_best_lies_between_its_ends():
+    values = np.array([[1.0, 1.2, 1.1], [1.1, 1.0, 1.2], [2.0, 2.0, 2.0]])
+    low, high = regret_ends(values, 0)
+    assert low < 0 <= high
+    assert regret_ends(values, 2)[0] == pytest.approx(2 / 1.2 - 1, rel=0.1)
+    assert regret_ends(np.array([[1.0, 1.0], [2.0, 2.0]]), 1) == pytest.approx((1.0, 1.0))
+
+
+def test_the_interval_of_regret_takes_the_outer_ends():
+    rng = np.random.default_rng(4)
+    low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
+    found = regret_interval(low, high)
+    assert found == (mean_interval(low)[0], mean_interval(high)[1])
+    assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
+    assert np.isnan(regret_interval(low, np.zeros(24))).all()

@@ -1,0 +1,84 @@
+"""Intervals hold the truth as often as they say, on data whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.figures.intervals import mean_interval, median_over, share_interval
+from harness.figures.ratios import blocks, paired_ratio
+from scripts.coverage import Kind, kinds, simulate
+
+TRIALS = 200
+WANTED = 0.90
+"""Of 200 trials: an interval that covers 95 % is below it once in 500 series, one of 80 % never."""
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [kind for kind in kinds() if kind.number <= 12 and "city" not in kind.data],
+    ids=lambda kind: f"{kind.interval}, {kind.data}, {kind.number}",
+)
+def test_an_interval_covers_what_it_says(kind: Kind):
+    row = simulate(kind, TRIALS)
+    assert float(row["told"]) > 0.99
+    assert float(row["covered"]) >= WANTED
+
+
+def test_the_interval_of_a_mean_follows_the_skew():
+    low, high = mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 6.0, 9.0]))
+    mean = 22.5 / 8
+    assert high - mean > 1.5 * (mean - low) > 0
+
+
+@pytest.mark.parametrize("values", [[1.0] * 5, [0.0] * 24, [0.0] * 11 + [1.0], [1, 2, 3, 4, 5]])
+def test_what_values_do_not_tell_has_no_interval(values):
+    assert np.isnan(mean_interval(np.array(values, float))).all()
+
+
+def test_a_median_of_few_has_no_interval_and_one_of_equal_values_has():
+    assert np.isnan(median_over(np.arange(5.0))).all()
+    assert median_over(np.arange(6.0)) == (0.0, 5.0)
+    assert median_over(np.ones(8)) == (1.0, 1.0)
+
+
+def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
+    assert share_interval(np.zeros(14)) == pytest.approx((0.0, 1 - 0.05 ** (1 / 14)))
+    assert share_interval(np.ones(14)) == pytest.approx((0.05 ** (1 / 14), 1.0))
+    low, high = share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
+    assert 0 <= low < 4 / 42 < high < 0.4
+    assert np.isnan(share_interval(np.zeros(0))).all()
+
+
+def test_processes_count_as_often_as_there_were():
+    """Twelve epochs of three processes that differ are three values, not twelve."""
+    level = np.repeat([0.01, 0.03, 0.02], 20)
+    samples, base = np.exp(level), np.ones(60)
+    over_epochs = paired_ratio(samples, base, [5] * 12)
+    over_processes = paired_ratio(samples, base, [5] * 12, [20] * 3)
+    assert over_processes.value == pytest.approx(np.exp(0.02)) == over_epochs.value
+    reach = 4.302653 * 0.01 / np.sqrt(3)
+    assert over_processes.high == pytest.approx(np.exp(0.02 + reach))
+    assert over_epochs.high < over_processes.high
+    # Damaged lists are no parts of these rounds.
+    assert paired_ratio(samples, base, [5] * 12, [20] * 2) == over_epochs
+
+
+def test_the_mean_of_processes_is_not_that_of_their_epochs():
+    samples = np.exp(np.repeat([0.0, 0.1], [8, 2]))
+    assert paired_ratio(samples, np.ones(10), [2] * 5, [8, 2]).value == pytest.approx(np.exp(0.05))
+
+
+@pytest.mark.parametrize(
+    ("times", "sizes"),
+    [
+        ({"processes": [6, 6], "epochs": [3] * 4}, [6, 6]),
+        ({"processes": [12], "epochs": [3] * 4}, [3] * 4),
+        ({"processes": [6, 5], "epochs": [6, 6]}, [2] * 6),
+        ({}, [2] * 6),
+    ],
+)
+def test_blocks_are_the_largest_parts_that_share_nothing(times, sizes):
+    found = blocks(times, 12)
+    assert [len(block) for block in found] == sizes
+    assert sorted(np.concatenate(found).tolist()) == list(range(12))
