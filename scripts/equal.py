@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.compare.checking import checked
+from harness.compare.matching import latest
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
@@ -67,7 +67,7 @@ def main() -> None:
     for device in given.on:
         triangles = 0
         for folder in given.runs:
-            run = checked(read_run(folder))
+            run = latest(read_run(folder))
             found = _on_page(run) if device == "page" else _on_device(run, *device.split(":"))
             print(f"{device:<22} {folder.name:<24} {_numbers(*found)}", flush=True)
             triangles += found[0]

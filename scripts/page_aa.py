@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from harness.compare.checking import checked
+from harness.compare.matching import latest
 from harness.page import write_page
 from harness.stored.folder import read_run
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
@@ -53,7 +53,7 @@ def main() -> None:
     given = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        page = write_page(checked(read_run(given.run)), Path(folder) / "page.html")
+        page = write_page(latest(read_run(given.run)), Path(folder) / "page.html")
         browser = Chromium(WEBGPU_FLAGS)
         for number in range(given.pairs):
             browser.open(page, REPORT_READY, "wait")

@@ -136,7 +136,7 @@ def _show(found: Comparison, head: Run, output: Format) -> None:
 
 def _shown(found: Comparison, head: Run, output: Format) -> str:
     from harness.compare.benchmark_action import to_benchmark_action
-    from harness.compare.checking import checked
+    from harness.compare.matching import latest
     from harness.compare.terminal import print_comparison
 
     if output is Format.table:
@@ -145,7 +145,7 @@ def _shown(found: Comparison, head: Run, output: Format) -> str:
             print_comparison(found, console)
         return text.get()
     if output is Format.benchmark_action:
-        return _json(to_benchmark_action(checked(head)))
+        return _json(to_benchmark_action(latest(head)))
     return _text(found, output.value)
 
 

@@ -29,13 +29,13 @@ def merge(
 
     Counters of one kind of device must be equal on all hosts.
     """
-    from harness.compare.checking import checked
+    from harness.compare.matching import latest
     from harness.report import write_report
     from harness.scaling import merging
     from harness.stored.folder import clear_errors, read_run
     from harness.summary import print_summary, write_csv
 
-    read = [checked(read_run(run)) for run in runs]
+    read = [latest(read_run(run)) for run in runs]
     names = split_names(hosts)
     if names:
         if len(names) != len(read):

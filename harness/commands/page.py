@@ -23,12 +23,12 @@ def page(
     One file, which needs no network and sends nothing. Open it on a phone, a Mac or a Windows
     machine; it counts, times and saves its result as a file for `harness import`.
     """
-    from harness.compare.checking import checked
+    from harness.compare.matching import latest
     from harness.page import write_page
     from harness.stored.folder import read_run
     from harness.webpages.single_file import is_stream
 
-    file = write_page(checked(read_run(run)), out)
+    file = write_page(latest(read_run(run)), out)
     streamed = is_stream(file)
     size = "" if streamed else f" ({file.stat().st_size / 1e6:.1f} MB)"
     said = f"page: {os.path.relpath(file)}{size}; open it in a browser with WebGPU"
@@ -67,7 +67,7 @@ def import_(
     run that was measured here, it writes its --summary and nothing else.
     """
     from harness.commands.results import folder_for
-    from harness.compare.checking import checked
+    from harness.compare.matching import latest
     from harness.page.devices import write_summary
     from harness.page.result import device_name, import_result, read_result
     from harness.report import write_report
@@ -77,14 +77,14 @@ def import_(
     if file.is_dir():
         if summary is None:
             raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
-        here = checked(read_run(file))
+        here = latest(read_run(file))
         if device:
             here = replace(here, records=[r for r in here.records if r["device"] == device])
         typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
     result = read_result(file)
     name = file_stem(device) or device_name(result)
-    origin = checked(read_run(run)) if run else None
+    origin = latest(read_run(run)) if run else None
     folder = import_result(result, folder_for(name, out, None), name, origin)
     stored = read_run(folder)
     with clear_errors(folder):

@@ -20,12 +20,12 @@ def report(
     base: Base = "",
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network."""
-    from harness.compare.checking import checked
+    from harness.compare.matching import latest
     from harness.figures.groups import with_base
     from harness.report import write_report
     from harness.stored.folder import read_run
     from harness.webpages.single_file import is_stream
 
-    found = checked(read_run(run))
+    found = latest(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
     typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from harness.compare import times
-from harness.compare.checking import checked
 from harness.compare.counters import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
-from harness.compare.matching import Match, match, other_hardware, printable
+from harness.compare.matching import Match, latest, match, other_hardware, printable
 from harness.compare.model import (
     CaseChange,
     Comparison,
@@ -37,7 +36,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
         is of a figure that neither run has
     """
     settings = settings or Settings()
-    base, head = checked(base), checked(head)
+    base, head = latest(base), latest(head)
     records = (*base.records, *head.records)
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
@@ -63,7 +62,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
 
 def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, whose baseline at `path` is still to come."""
-    head = checked(head)
+    head = latest(head)
     matches = match(Run(head.path, {}, []), head, across_devices=True)
     return Comparison(
         verdict="no-baseline",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from harness.compare.model import CaseName
@@ -40,6 +40,22 @@ def case_name(record: Record) -> CaseName:
         fit=str(record.get("fit") or "box"),
         options=tuple(sorted(options.items())),
     )
+
+
+def latest(run: Run) -> Run:
+    """Return the run with one record a case, and a problem for each that is left out.
+
+    A run that was resumed by force may hold two contents of a scene.
+    """
+    problems = list(run.problems)
+    found: dict[CaseName, Record] = {}
+    for record in run.records:
+        name = case_name(record)
+        if name in found:
+            problems.append(f"{name.triangulator}, {name.where}: measured twice; the later counts")
+            del found[name]
+        found[name] = record
+    return replace(run, records=list(found.values()), problems=problems)
 
 
 def printable(text: object) -> str:

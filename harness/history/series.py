@@ -11,14 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.compare.checking import checked
-from harness.compare.matching import case_name
+from harness.compare.matching import case_name, latest
 from harness.compare.model import CaseName
 from harness.compare.quantiles import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
-from harness.stored.folder import Record, Run, parsed, read_run
+from harness.stored.folder import Record, Run, read_facts, read_run
 
 STUDIES = ("validate", "pareto", "calibrate")
 """Commands whose runs measure thousands of triangulations of single polygons, each once."""
@@ -83,22 +82,13 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
     named = {folder.resolve() for folder in folders}
     kept, left = [], 0
     for place, path in paths.items():
-        facts = read_facts(path)
+        facts = read_facts(path, [])
         if place not in named and (is_base(facts) or (is_study(path, facts) and not studies)):
             left += is_study(path, facts)
             continue
-        kept.append(checked(read_run(path)))
+        kept.append(latest(read_run(path)))
     kept.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
     return Found(kept, left)
-
-
-def read_facts(path: Path) -> dict[str, Any]:
-    """Return what a run's `run.json` holds, {} where it cannot be read: `read_run` tells."""
-    try:
-        facts = parsed((path / "run.json").read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
 
 
 def is_study(path: Path, facts: Mapping[str, Any]) -> bool:

@@ -65,6 +65,31 @@ def lock(stream: IO[Any]) -> None:
     fcntl.flock(stream, fcntl.LOCK_EX)
 
 
+def try_lock(descriptor: int) -> bool:
+    """Take the lock on an open file unless another process has it; closing it gives it back."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: what is locked cannot be read, so lock what is never written
+        import msvcrt
+
+        place = os.lseek(descriptor, 0, os.SEEK_CUR)
+        os.lseek(descriptor, 2**40, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        except OSError:
+            return False
+        finally:
+            os.lseek(descriptor, place, os.SEEK_SET)
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system that knows no locks
+        return True
+    return True
+
+
 def ending(code: int | None) -> str:
     """Say how a process ended, of which multiprocessing tells `code`."""
     if code is not None and code < 0:

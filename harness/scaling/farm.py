@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.compare.checking import checked
+from harness.compare.matching import latest
 from harness.errors import UsageError
 from harness.machine import environment, system
 from harness.measuring.plan import Plan
@@ -206,7 +206,7 @@ def _unpack(content: bytes, folder: Path) -> None:
 def _merge(out: Path, groups: list[Group]) -> None:
     """Make the run of what the hosts measured; one that is there was made of fewer of them."""
     runs = [
-        merging.on_host(checked(read_run(out / HOSTS / group.name)), group.host) for group in groups
+        merging.on_host(latest(read_run(out / HOSTS / group.name)), group.host) for group in groups
     ]
     with clear_errors(out):
         for file in ("run.json", CASES):

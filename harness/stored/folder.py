@@ -14,6 +14,7 @@ import contextlib
 import errno
 import io
 import json
+import math
 import os
 import zipfile
 import zlib
@@ -28,9 +29,11 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.machine import system
 from harness.stored import atomic
+from harness.stored.checking import checked_facts, wrong_field
 
 SCHEMA_VERSION = 1
 
+FACTS = "run.json"
 CASES = "cases.jsonl"
 COUNTED = "counted.jsonl"
 """Records of finished cases, and of those that are counted but not finished."""
@@ -68,14 +71,22 @@ class _Lines:
         self._descriptor = -1
 
     def open(self) -> None:
-        """Open it for more records, cutting off a torn last line."""
-        if self.path.exists():
-            content = self.path.read_bytes()
-            whole = content.rfind(b"\n") + 1
-            if whole < len(content):
-                os.truncate(self.path, whole)
+        """Open it for more records, cutting off a torn last line; no other process may.
+
+        Raises
+        ------
+        UsageError
+            if another process has it open
+        """
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | system.BINARY
-        self._descriptor = os.open(self.path, flags, 0o644)
+        self._descriptor = os.open(self.path, flags, 0o666)
+        if not system.try_lock(self._descriptor):
+            self.close()
+            raise UsageError(f"{self.path.parent} is in use: another process measures into it")
+        content = self.path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            os.ftruncate(self._descriptor, whole)
 
     def append(self, record: Record, *, forced: bool) -> None:
         """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
@@ -121,7 +132,7 @@ class Store:
         store = cls(path)
         with clear_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            if store._cases.path.exists() or (path / "run.json").exists():
+            if store._cases.path.exists() or (path / FACTS).exists():
                 raise UsageError(f"{path} already holds a run; give another --out, or --resume it")
             store._cases.open()
         return store
@@ -135,8 +146,8 @@ class Store:
         UsageError
             if there is no run, or it cannot be written
         """
-        if not (path / "run.json").is_file():
-            raise UsageError(f"{path} holds no run to resume (no run.json in it)")
+        if not (path / FACTS).is_file():
+            raise UsageError(f"{path} holds no run to resume (no {FACTS} in it)")
         store = cls(path)
         with clear_errors(path):
             store._cases.open()
@@ -146,7 +157,7 @@ class Store:
         """Replace `run.json`, whole or not at all."""
         content = {"schema_version": SCHEMA_VERSION, **facts}
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        self._replace("run.json", (text + "\n").encode())
+        self._replace(FACTS, (text + "\n").encode())
 
     def write_arrays(
         self, key: str, arrays: Mapping[str, NDArray[Any]], folder: str = POLYGONS
@@ -200,44 +211,45 @@ class Store:
 
 
 def parsed(content: bytes) -> Any:
-    """Read JSON; halves of surrogate pairs, which cannot be written again, become question marks.
+    """Read JSON that can be written again: what is no number is null there.
+
+    Halves of surrogate pairs become question marks.
 
     Raises
     ------
     ValueError
-        if it is not JSON
+        if it is not JSON, or nested deeper than anything of ours
     """
-    value = json.loads(content)
-    if b"\\u" not in content and b"\xed" not in content:
-        return value
-    return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
+    try:
+        value = json.loads(content, parse_float=_finite, parse_constant=lambda _: None)
+        if b"\\u" not in content and b"\xed" not in content:
+            return value
+        return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def _finite(text: str) -> float | None:
+    value = float(text)
+    return value if abs(value) < math.inf else None
 
 
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
+
+    What is damaged is left out, and a problem each: see `harness.stored.checking`.
 
     Raises
     ------
     UsageError
         if nothing is there, or it was written by a newer schema
     """
-    if path.is_dir():
-        cases, facts_file = path / CASES, path / "run.json"
-    else:
-        cases, facts_file = path, path.with_name("run.json")
-    if not cases.exists() and not facts_file.exists():
-        raise UsageError(f"{path} holds no run (neither run.json nor cases.jsonl)")
+    cases = path / CASES if path.is_dir() else path
+    if not cases.exists() and not cases.with_name(FACTS).exists():
+        raise UsageError(f"{path} holds no run (neither {FACTS} nor {CASES})")
     problems: list[str] = []
-    facts: dict[str, Any] = {}
+    facts = read_facts(cases.parent, problems)
     with clear_errors(path):
-        if facts_file.exists():
-            try:
-                found = parsed(facts_file.read_bytes())
-                facts = found if isinstance(found, dict) else {}
-                if found is not facts:
-                    problems.append(f"{facts_file} does not hold an object")
-            except ValueError as error:
-                problems.append(f"{facts_file} is not JSON: {error}")
         content = cases.read_bytes() if cases.exists() else b""
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
@@ -246,9 +258,35 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
+    if not path.is_dir() and not records:
+        raise UsageError(
+            f"{path} holds no record of a run{': ' if problems else ''}"
+            f"{problems[0] if problems else ''}"
+        )
     if isinstance(facts.get("base"), str):
         records = [{**record, "base": facts["base"]} for record in records]
     return Run(path, facts, records, problems)
+
+
+def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
+    """Return the content of a run's `run.json`, {} where there is none.
+
+    problems : gets a line for each thing that could not be used
+    """
+    file = folder / FACTS
+    if not file.exists():
+        return {}
+    with clear_errors(folder):
+        content = file.read_bytes()
+    try:
+        found = parsed(content)
+    except ValueError as error:
+        problems.append(f"{file} is not JSON: {error}")
+        return {}
+    if not isinstance(found, dict):
+        problems.append(f"{file} does not hold an object")
+        return {}
+    return checked_facts(found, problems)
 
 
 def read_counted(path: Path) -> dict[str, Record]:
@@ -260,20 +298,24 @@ def read_counted(path: Path) -> dict[str, Record]:
 
 
 def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record]:
+    """Return the good records of a file's whole lines; of one case the later counts.
+
+    A case that failed and was run again on resume stands twice.
+    """
     whole = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
-    for number, line in enumerate(content[:whole].splitlines(), start=1):
+    for number, line in enumerate(content[:whole].split(b"\n")[:-1], start=1):
         try:
             record = parsed(line)
-            key = record["key"]
-            if not isinstance(key, str):
-                raise TypeError(key)
-        except (ValueError, TypeError, KeyError):
+        except ValueError:
+            record = None
+        if not isinstance(record, dict):
             problems.append(f"{file}, line {number}: not a record; ignored")
-            continue
-        # A case that failed and was run again on resume stands twice: the later one counts.
-        records.pop(key, None)
-        records[key] = record
+        elif wrong := wrong_field(record):
+            problems.append(f"{file}, line {number}: {wrong} is not usable; case ignored")
+        else:
+            records.pop(record["key"], None)
+            records[record["key"]] = record
     return list(records.values())
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import random
 import statistics
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+from harness.stored.folder import Run, read_run
 
 TRIANGULATORS = {
     "fan": (70_373, 99_275, 3.0e-3),
@@ -191,3 +194,12 @@ def old(entry: dict[str, Any]) -> None:
     for name in ("fit", "options", "scene_hash", "polygons", "coverage_error", "predicted"):
         entry.pop(name)
     entry["time"].pop("empty_s")
+
+
+def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
+    """Return what is read of a run folder of this content."""
+    with tempfile.TemporaryDirectory() as folder:
+        lines = "".join(json.dumps(entry) + "\n" for entry in records)
+        (Path(folder) / "cases.jsonl").write_text(lines)
+        (Path(folder) / "run.json").write_text(json.dumps(facts))
+        return read_run(Path(folder))

@@ -198,7 +198,7 @@ def test_another_rasteriser_that_was_cut_off_is_missed(tmp_path):
 
     def on(rasteriser, device):
         return lambda entry: entry.update(
-            key=f"{rasteriser} {entry['key']}", rasteriser=rasteriser, device=device
+            key=f"f{entry['key'][1:]}", rasteriser=rasteriser, device=device
         )
 
     facts = {"plan": plan(rasterisers=["opengl", "theirs"])}

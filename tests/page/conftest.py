@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.checking import checked
+from harness.compare.matching import latest
 from harness.figures.polygons import columns_of
 from harness.frame import View
 from harness.measuring.plan import Plan
@@ -40,7 +40,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         timing=TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2),
     )
     carry_out(plan, folder, Reporter(quiet=True), open_worker=lambda *_: Inline())
-    return checked(read_run(folder))
+    return latest(read_run(folder))
 
 
 def result_of(run: Run) -> dict[str, Any]:

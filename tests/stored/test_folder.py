@@ -9,11 +9,23 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.stored.folder import SCHEMA_VERSION, Store, file_stem, read_arrays, read_run
+from harness.stored.folder import (
+    SCHEMA_VERSION,
+    Store,
+    file_stem,
+    read_arrays,
+    read_counted,
+    read_run,
+)
 
 
-def record(key: str, **more: object) -> dict[str, object]:
-    return {"key": key, "status": "ok", **more}
+def record(letter: str, **more: object) -> dict[str, object]:
+    names = ("scene", "triangulator", "rasteriser", "device")
+    place = {"resolution": 64, "rotation": 0.0}
+    return {"key": letter * 16, **dict.fromkeys(names, "x"), **place, "status": "ok", **more}
+
+
+A, B, C = (letter * 16 for letter in "abc")
 
 
 def test_what_is_appended_is_read_back(tmp_path):
@@ -21,16 +33,17 @@ def test_what_is_appended_is_read_back(tmp_path):
         store.write_facts({"plan": {"scene": "city"}})
         store.append(record("a", name="Straße"))
         store.append(record("b"))
-        store.write_arrays("a", {"fragments": np.array([1, 2])})
+        store.write_arrays(A, {"fragments": np.array([1, 2])})
     run = read_run(tmp_path / "run")
-    assert [entry["key"] for entry in run.records] == ["a", "b"]
+    assert [entry["key"] for entry in run.records] == [A, B]
     assert run.records[0]["name"] == "Straße"
-    assert run.facts == {"schema_version": SCHEMA_VERSION, "plan": {"scene": "city"}}
+    assert run.facts["schema_version"] == SCHEMA_VERSION
+    assert run.facts["plan"] == {"scene": "city"}
     assert run.problems == []
-    arrays = read_arrays(run, "a")
+    arrays = read_arrays(run, A)
     assert arrays is not None
     assert arrays["fragments"].tolist() == [1, 2]
-    assert read_arrays(run, "b") is None
+    assert read_arrays(run, B) is None
 
 
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
@@ -39,20 +52,20 @@ def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
         store.append(record("a"))
     with (tmp_path / "cases.jsonl").open("a") as file:
         file.write('{"key": "b", "stat')
-    assert [entry["key"] for entry in read_run(tmp_path).records] == ["a"]
+    assert [entry["key"] for entry in read_run(tmp_path).records] == [A]
     with Store.resume(tmp_path) as store:
         store.append(record("c"))
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in run.records] == ["a", "c"]
+    assert [entry["key"] for entry in run.records] == [A, C]
     assert run.problems == []
 
 
 def test_a_corrupt_line_is_named_and_the_rest_is_read(tmp_path):
-    lines = [json.dumps(record("a")), "\x00garbage", "[1]", json.dumps(record("b"))]
+    lines = [json.dumps(record("a")), "\x00garbage", "[1]", "[" * 200_000, json.dumps(record("b"))]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in run.records] == ["a", "b"]
-    assert len(run.problems) == 2
+    assert [entry["key"] for entry in run.records] == [A, B]
+    assert len(run.problems) == 3
     assert "line 2" in run.problems[0]
 
 
@@ -62,14 +75,14 @@ def test_the_later_record_of_a_case_counts(tmp_path):
         store.append(record("b"))
         store.append(record("a"))
     assert [(r["key"], r["status"]) for r in read_run(tmp_path).records] == [
-        ("b", "ok"),
-        ("a", "ok"),
+        (B, "ok"),
+        (A, "ok"),
     ]
 
 
 def test_a_single_file_of_records_is_a_run(tmp_path):
     (tmp_path / "cases.jsonl").write_text(json.dumps(record("a")) + "\n")
-    assert [r["key"] for r in read_run(tmp_path / "cases.jsonl").records] == ["a"]
+    assert [r["key"] for r in read_run(tmp_path / "cases.jsonl").records] == [A]
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
@@ -112,7 +125,7 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
             store.append(record("b", padding="x" * 100))
     store.append(record("c"))
     run = read_run(tmp_path)
-    assert [r["key"] for r in run.records] == ["a", "c"]
+    assert [r["key"] for r in run.records] == [A, C]
     assert run.problems == []
 
 
@@ -127,3 +140,30 @@ def test_facts_are_replaced_whole(tmp_path):
 def test_a_name_of_anything_is_a_name_of_a_file():
     assert file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
     assert file_stem("Straße_22.5-x") == "Straße_22.5-x"
+
+
+@pytest.mark.parametrize("key", ["../../victim", "", "a" * 15, "A" * 16, "a" * 16 + "\n", 7, None])
+def test_a_key_that_is_no_key_is_refused_wherever_records_are_read(tmp_path, key):
+    lines = [json.dumps(record("a")), json.dumps({**record("b"), "key": key})]
+    for name in ("cases.jsonl", "counted.jsonl"):
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+    run = read_run(tmp_path)
+    assert [each["key"] for each in run.records] == [A]
+    assert "line 2: key is not usable" in run.problems[0]
+    assert list(read_counted(tmp_path)) == [A]
+
+
+def test_numbers_that_json_has_not_are_absent(tmp_path):
+    (tmp_path / "run.json").write_text('{"seconds": {"all": NaN, "count": 1e999}}')
+    assert read_run(tmp_path).facts["seconds"] == {"all": None, "count": None}
+
+
+def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
+    with Store.create(tmp_path) as store:
+        store.write_facts({})
+        store.append(record("a"))
+        with pytest.raises(UsageError, match="in use: another process"):
+            Store.resume(tmp_path)
+    with Store.resume(tmp_path) as store:
+        store.append(record("b"))
+    assert [each["key"] for each in read_run(tmp_path).records] == [A, B]

@@ -1,0 +1,118 @@
+"""What a record and a run's facts must be, checked once, where they are read.
+
+A damaged run costs its damaged cases and no more: each thing that is left out is a problem of one
+line. A field that is absent is an older run's; what stands there is of the right kind or refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+KEY = re.compile(r"[0-9a-f]{16}")
+"""A record's key, which is the name of files, too."""
+
+NAMES = ("scene", "triangulator", "rasteriser", "device", "status")
+PLACE = ("resolution", "rotation")
+"""What a case is called and where it was measured: every run ever written says it."""
+
+NUMBERS = (
+    *("resolution", "rotation", "polygons", "triangles", "coverage_error", "t_junctions"),
+    *("outline_quads", "proven", "largest_gap", "triangulate_s", "vertices"),
+    *("polygons_skipped", "polygons_failed", "polygons_cached"),
+)
+TEXTS = ("reason", "scene_hash", "host")
+TABLES = ("counters", "predicted")
+FITS = ("box", "circle")
+OF_LEAST = ("polygons", "quads", "shaded", "fragments")
+TIMES = ("samples_s", "reference_s", "empty_s", "ci95_s")
+
+SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside")
+LISTS = ("warnings", "frames", "resumed", "merged")
+"""Parts of run.json that are tables, and lists."""
+
+MOST = 2.0**63
+"""No number of a record is as large: what reads them computes with 64 bits."""
+
+
+def wrong_field(record: dict[str, Any]) -> str | None:
+    """Return the name of the first field that is not what a record has there, else None."""
+    if not (isinstance(record.get("key"), str) and KEY.fullmatch(record["key"])):
+        return "key"
+    for name, good in _FIELDS.items():
+        value = record.get(name)
+        if not good(value) and (value is not None or name in (*NAMES, *PLACE)):
+            return name
+    return None
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_number(value: Any) -> bool:
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    return plain and abs(value) < MOST  # which no NaN is
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) and all(map(_is_number, value.values()))
+
+
+def _is_least(value: Any) -> bool:
+    return _is_table(value) and all(name in value for name in OF_LEAST)
+
+
+def _is_options(value: Any) -> bool:
+    plain = str | int | float | bool
+    return isinstance(value, dict) and all(isinstance(v, plain) for v in value.values())
+
+
+def _is_time(value: Any) -> bool:
+    if not isinstance(value, dict):
+        return False
+    # What is absent is an older run's; null is damage.
+    lists = (value.get(name, []) for name in TIMES)
+    numbers = all(isinstance(part, list) and all(map(_is_number, part)) for part in lists)
+    epochs = value.get("epochs", [])
+    counts = isinstance(epochs, list) and all(isinstance(n, int) and n > 0 for n in epochs)
+    return numbers and counts and _is_number(value.get("median_s", 0.0))
+
+
+_FIELDS: dict[str, Callable[[Any], bool]] = {
+    **dict.fromkeys((*NAMES, *TEXTS), _is_text),
+    **dict.fromkeys(NUMBERS, _is_number),
+    **dict.fromkeys(TABLES, _is_table),
+    "fit": lambda value: value in FITS,
+    "least": _is_least,
+    "options": _is_options,
+    "time": _is_time,
+}
+
+
+def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
+    """Return the content of run.json with tables where tables are, all the way to a device's.
+
+    problems : gets a line for each part that is left out
+    """
+    good = dict(found)
+    for names, kind in ((SECTIONS, dict), (LISTS, list)):
+        for name in names:
+            if name in good and not isinstance(good[name], kind):
+                if good[name] is not None:
+                    problems.append(f"run.json: {name} is not usable; ignored")
+                del good[name]
+    good["devices"] = {
+        label: device
+        for label, device in good.get("devices", {}).items()
+        if isinstance(device, dict) and isinstance(device.get("details") or {}, dict)
+    }
+    environment = dict(good.get("environment", {}))
+    for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):
+        if not isinstance(environment.get(name), kind):
+            environment.pop(name, None)
+    environment["gpus"] = [g for g in environment.get("gpus", []) if isinstance(g, dict)]
+    good["environment"] = environment
+    good["warnings"] = [line for line in good.get("warnings", []) if isinstance(line, str)]
+    return good
