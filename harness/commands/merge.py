@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -30,21 +31,25 @@ def merge(
     Counters of one kind of device must be equal on all hosts.
     """
     from harness.compare.matching import latest
+    from harness.progress import Reporter
     from harness.report import write_report
     from harness.scaling import merging
+    from harness.stored import atomic
     from harness.stored.folder import clear_errors, read_run
     from harness.summary import print_summary, write_csv
 
     read = [latest(read_run(run)) for run in runs]
+    for problem in chain.from_iterable(run.problems for run in read):
+        Reporter().warn(problem)
     names = split_names(hosts)
     if names:
         if len(names) != len(read):
             raise UsageError(f"--hosts names {len(names)} hosts for {len(read)} runs: give as many")
         read = [merging.on_host(run, name) for run, name in zip(read, names, strict=True)]
-    merging.merge(read, out)
-    stored = read_run(out)
-    with clear_errors(out):
-        write_csv(stored.records, out / "summary.csv")
+    with clear_errors(out), atomic.folder(out) as made:
+        merging.merge(read, made)
+        stored = read_run(made)
+        write_csv(stored.records, made / "summary.csv")
         write_report(stored)
     console = Console(quiet=quiet)
     print_summary(stored.records, console)

@@ -71,6 +71,7 @@ def import_(
     from harness.page.devices import write_summary
     from harness.page.result import device_name, import_result, read_result
     from harness.report import write_report
+    from harness.stored import atomic
     from harness.stored.folder import clear_errors, file_stem, read_run
     from harness.summary import print_summary, write_csv
 
@@ -85,15 +86,16 @@ def import_(
     result = read_result(file)
     name = file_stem(device) or device_name(result)
     origin = latest(read_run(run)) if run else None
-    folder = import_result(result, folder_for(name, out, None), name, origin)
+    folder = folder_for(name, out, None)
+    with clear_errors(folder), atomic.folder(folder) as made:
+        stored = read_run(import_result(result, made, name, origin))
+        write_csv(stored.records, made / "summary.csv")
+        write_report(stored)
     stored = read_run(folder)
-    with clear_errors(folder):
-        write_csv(stored.records, folder / "summary.csv")
     console = Console(quiet=quiet)
     print_summary(stored.records, console)
     for warning in stored.facts["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
-    write_report(stored)
     if summary is not None:
         write_summary(stored, summary)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)

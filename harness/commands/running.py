@@ -95,9 +95,9 @@ def stored_plan(folder: Path) -> Plan:
     """Return the plan of the run in a folder; raises UsageError if there is none."""
     facts = read_run(folder).facts
     try:
-        return Plan.from_json(facts["plan"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"{folder}/run.json holds no plan to resume: {error!r}") from error
+        return Plan.from_json(facts.get("plan", {}))
+    except UsageError as error:
+        raise UsageError(f"{folder} holds no plan to resume: {error}") from error
 
 
 def told(outcome: RunResult) -> dict[str, Any]:

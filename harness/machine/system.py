@@ -52,6 +52,13 @@ def end_group(leader: int) -> None:
                 child.kill()
 
 
+def umask() -> int:
+    """Return what the user takes away from the permissions of new files."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
 def lock(stream: IO[Any]) -> None:
     """Wait until this process alone holds the lock on an open file; closing it gives it back."""
     try:

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from harness.errors import UsageError
 from harness.frame import View
-from harness.measuring.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
+from harness.measuring.settings import DEFAULT_TRIANGULATORS, MOST_S, TIMEOUT_S, TimingSettings
 from harness.rasterisers.base import Options
 from harness.triangulating.names import Recipe, parse_all
 
@@ -34,6 +35,18 @@ class Plan:
     timing: TimingSettings = field(default_factory=TimingSettings)
     timeout_s: float = TIMEOUT_S
 
+    def __post_init__(self) -> None:
+        timing = self.timing
+        for what, value, most in (
+            ("seed", self.seed, 2**63 - 1),
+            ("timeout", self.timeout_s, MOST_S),
+            ("budget", timing.budget_s, MOST_S),
+            ("warm-up", timing.warm_up_s, MOST_S),
+            ("precision", timing.precision, 1.0),
+        ):
+            if not (0 < value <= most or (value == 0 and what in ("seed", "warm-up"))):
+                raise UsageError(f"{what} {value} is outside 0..{most:g}")
+
     def to_json(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values: triangulators by name, calibration apart."""
         calibrations = [recipe.calibration for recipe in self.triangulators]
@@ -50,22 +63,44 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Plan:
-        """Build the plan that `to_json` gave."""
-        parts = dict(values)
-        calibration = parts.pop("calibration", None)
-        return cls(
-            **{
-                **parts,
-                "triangulators": parse_all(
-                    parts["triangulators"], seed=parts.get("seed", 0), calibration=calibration
-                ),
-                "rasterisers": tuple(parts["rasterisers"]),
-                "devices": tuple(parts["devices"]),
-                "views": tuple(View(**view) for view in parts["views"]),
-                "options": tuple(Options(**options) for options in parts["options"]),
-                "timing": TimingSettings(**parts["timing"]),
-            }
+        """Build the plan that `to_json` gave.
+
+        Raises
+        ------
+        UsageError
+            if it is none, or was damaged
+        """
+        from pydantic import TypeAdapter, ValidationError
+
+        names, numbers = tuple[str, ...], dict[str, float] | None
+        kinds: dict[str, Any] = {
+            "scene": str,
+            "seed": int,
+            "timeout_s": float,
+            "timing": TimingSettings,
+            "triangulators": names,
+            "rasterisers": names,
+            "devices": names,
+            "views": tuple[View, ...],
+            "options": tuple[Options, ...],
+            "calibration": numbers,
+        }
+        parts: dict[str, Any] = {}
+        for name, kind in kinds.items():
+            if name in values:
+                try:
+                    told = json.dumps(values[name])
+                    parts[name] = TypeAdapter(kind).validate_json(told, strict=True)
+                except ValidationError as error:
+                    raise UsageError(f"plan: {name}: {error.errors()[0]['msg']}") from None
+        missing = kinds.keys() - parts.keys() - {"seed", "timeout_s", "calibration"}
+        if missing:
+            raise UsageError(f"plan: {min(missing)} is missing")
+        seed, calibration = parts.get("seed", 0), parts.pop("calibration", None)
+        parts["triangulators"] = parse_all(
+            parts["triangulators"], seed=seed, calibration=calibration
         )
+        return cls(**parts)
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ def _run(
     with store:
         for warning in facts["warnings"]:
             reporter.warn(warning)
-        store.write_facts(facts)
+        store.write_facts({**facts, "interrupted": True})  # until it has come to its end
         frames: list[dict[str, Any]] = []
         try:
             with stopped_in_order(bench, reporter):

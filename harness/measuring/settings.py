@@ -17,6 +17,10 @@ TIMEOUT_S = 600.0
 """Seconds after which a triangulator or a device is stopped."""
 
 
+MOST_S = 1e6
+"""Seconds that nothing of ours takes; more is a mistake."""
+
+
 @dataclass(frozen=True)
 class TimingSettings:
     """How carefully to time.

@@ -34,7 +34,7 @@ from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import OpenWorker
 from harness.rasterisers.base import Options, Triangles
 from harness.stored.drawings import FOLDER as FRAMES
-from harness.stored.folder import POLYGONS, Record, Run, Store, read_arrays, read_run
+from harness.stored.folder import FACTS, POLYGONS, Record, Run, Store, read_arrays, read_run
 from harness.triangulating.frames import FrameTriangulation
 from harness.triangulating.names import Recipe
 
@@ -270,7 +270,8 @@ class Halves(Store):
     def resume(cls, path: Path) -> Self:
         """Open the folders of both; raises `UsageError` as `Store.resume` does."""
         halves = cast("Self", super().resume(path))
-        halves._base = Store.resume(path / FOLDER)
+        base = path / FOLDER  # without facts where a kill came between the two
+        halves._base = (Store.resume if (base / FACTS).is_file() else Store.create)(base)
         return halves
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:

@@ -75,20 +75,21 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     names = facts["plan"]["triangulators"]
     in_order = sorted(found, key=lambda each: _place(each.record, names))
     with Store.create(out) as store:
-        store.write_facts(facts)
+        store.write_facts({**facts, "interrupted": True})  # until all of it is there
         _keep_drawings(store, runs)
         for each in in_order:
             arrays = read_arrays(each.run, each.key)
             if arrays is not None:
                 store.write_arrays(each.record["key"], arrays, POLYGONS)
             store.append(each.record)
+        store.write_facts(facts)
     return len(in_order)
 
 
 def _case_of(record: Record) -> Case:
     return Case(
         scene=record["scene"],
-        scene_hash=record["scene_hash"],
+        scene_hash=record.get("scene_hash") or "",
         view=view_of(record),
         triangulator=record["triangulator"],
         rasteriser=record["rasteriser"],

@@ -1,11 +1,20 @@
-"""Files that appear whole or not at all: written under another name first, then renamed."""
+"""Files and folders that appear whole or not at all: made under another name, then renamed."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from harness.errors import UsageError
+from harness.machine import system
+
+UNFINISHED = ".unfinished"
+"""Suffix of the hidden folder, beside its place, in which a folder is made."""
 
 
 def write(place: Path, content: bytes, *, forced: bool = False) -> None:
@@ -23,7 +32,7 @@ def write(place: Path, content: bytes, *, forced: bool = False) -> None:
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
-        made.chmod(0o644)
+        made.chmod(0o666 & ~system.umask())
         move(made, place, forced=forced)
     except BaseException:
         made.unlink(missing_ok=True)
@@ -54,3 +63,40 @@ def move(made: Path, place: Path, *, forced: bool = False) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+@contextmanager
+def folder(place: Path) -> Iterator[Path]:
+    """Give a folder of the same name to make everything in; at the end it is at `place`.
+
+    What a process that was killed has left is thrown away.
+
+    Raises
+    ------
+    UsageError
+        if there is something at `place` already, or another process is making it
+    OSError
+        if it cannot be written; nothing is at `place` then
+    """
+    if place.is_dir() and not any(place.iterdir()):
+        place.rmdir()
+    if place.exists() or place.is_symlink():
+        raise UsageError(f"{place} is there already: give a folder that is not there yet")
+    around = place.with_name(f".{place.name}{UNFINISHED}")
+    around.mkdir(parents=True, exist_ok=True)
+    with (around / "lock").open("a") as lock:
+        if not system.try_lock(lock.fileno()):
+            raise UsageError(f"{place} is in use: another process is making it")
+        made = around / place.name
+        shutil.rmtree(made, ignore_errors=True)
+        try:
+            made.mkdir()
+            yield made
+            try:
+                made.rename(place)
+            except OSError as error:
+                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                    raise
+                raise UsageError(f"{place} is there already: another process made it") from error
+        finally:
+            shutil.rmtree(around, ignore_errors=True)

@@ -6,6 +6,7 @@ line. A field that is absent is an older run's; what stands there is of the righ
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -25,6 +26,9 @@ NUMBERS = (
 TEXTS = ("reason", "scene_hash", "host")
 TABLES = ("counters", "predicted")
 FITS = ("box", "circle")
+USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
+"""Options of drawing: what older runs did not have is as these."""
+
 OF_LEAST = ("polygons", "quads", "shaded", "fragments")
 TIMES = ("samples_s", "reference_s", "empty_s", "ci95_s")
 
@@ -32,8 +36,8 @@ SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside")
 LISTS = ("warnings", "frames", "resumed", "merged")
 """Parts of run.json that are tables, and lists."""
 
-MOST = 2.0**63
-"""No number of a record is as large: what reads them computes with 64 bits."""
+MOST = 2**63
+"""No integer of a record is as large: what reads them computes with 64 bits."""
 
 
 def wrong_field(record: dict[str, Any]) -> str | None:
@@ -47,13 +51,23 @@ def wrong_field(record: dict[str, Any]) -> str | None:
     return None
 
 
+def completed(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a good record with the usual values of what older runs did not say."""
+    options = {**USUAL_OPTIONS, **(record.get("options") or {})}
+    usual = {"fit": record.get("fit") or FITS[0], "options": options}
+    if record["status"] == "ok":
+        usual |= {name: record.get(name) or {} for name in TABLES}
+    return {**record, **usual}
+
+
 def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
 def _is_number(value: Any) -> bool:
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return plain and abs(value) < MOST  # which no NaN is
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < MOST
 
 
 def _is_table(value: Any) -> bool:
@@ -66,13 +80,20 @@ def _is_least(value: Any) -> bool:
 
 def _is_options(value: Any) -> bool:
     plain = str | int | float | bool
-    return isinstance(value, dict) and all(isinstance(v, plain) for v in value.values())
+    return isinstance(value, dict) and all(
+        type(each) is type(USUAL_OPTIONS[name])
+        if name in USUAL_OPTIONS
+        else isinstance(each, plain)
+        for name, each in value.items()
+    )
 
 
 def _is_time(value: Any) -> bool:
     if not isinstance(value, dict):
         return False
     # What is absent is an older run's; null is damage.
+    if not value.get("samples_s"):
+        return False
     lists = (value.get(name, []) for name in TIMES)
     numbers = all(isinstance(part, list) and all(map(_is_number, part)) for part in lists)
     epochs = value.get("epochs", [])
@@ -106,7 +127,8 @@ def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
     good["devices"] = {
         label: device
         for label, device in good.get("devices", {}).items()
-        if isinstance(device, dict) and isinstance(device.get("details") or {}, dict)
+        if isinstance(device, dict)
+        and all(isinstance(device.get(part) or {}, dict) for part in ("details", "timer"))
     }
     environment = dict(good.get("environment", {}))
     for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.machine import system
 from harness.stored import atomic
-from harness.stored.checking import checked_facts, wrong_field
+from harness.stored.checking import checked_facts, completed, wrong_field
 
 SCHEMA_VERSION = 1
 
@@ -132,7 +132,8 @@ class Store:
         store = cls(path)
         with clear_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            if store._cases.path.exists() or (path / FACTS).exists():
+            # A process that was killed at once leaves an empty file.
+            if _size(store._cases.path) or (path / FACTS).exists():
                 raise UsageError(f"{path} already holds a run; give another --out, or --resume it")
             store._cases.open()
         return store
@@ -208,6 +209,10 @@ class Store:
         """Write a file, whole or not at all; `forced`: it outlives a power cut, too."""
         with clear_errors(self.path):
             atomic.write(self.path / name, content, forced=forced)
+
+
+def _size(file: Path) -> int:
+    return file.stat().st_size if file.exists() else 0
 
 
 def parsed(content: bytes) -> Any:
@@ -315,7 +320,7 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
             problems.append(f"{file}, line {number}: {wrong} is not usable; case ignored")
         else:
             records.pop(record["key"], None)
-            records[record["key"]] = record
+            records[record["key"]] = completed(record)
     return list(records.values())
 
 

@@ -30,7 +30,7 @@ PATIENCE_S = 120.0
 ROUND = 200
 """Inputs that Hypothesis is asked for at a time: the clock is read between."""
 
-Check = Callable[[Any], None]
+Check = Callable[[Any], object]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 from harness.errors import UsageError
 from harness.frame import View
 from harness.scaling.merging import merge, on_host
-from harness.stored.folder import read_arrays, read_run
+from harness.stored.folder import Store, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 
 TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
@@ -167,3 +167,54 @@ def test_one_run_under_two_hosts_names_is_refused(runs, tmp_path):
     with pytest.raises(UsageError, match=r"one run cannot be of two hosts"):
         merge([on_host(first, "here"), on_host(again, "there")], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_the_merged_plan_is_that_of_all(runs, tmp_path):
+    merge(hosted(runs, "first", "second"), tmp_path / "out")
+    found = read_run(tmp_path / "out").facts
+    plans = [read_run(runs[name]).facts["plan"] for name in ("first", "second")]
+    names = {name for plan in plans for name in plan["triangulators"]}
+    assert found["plan"]["triangulators"] == sorted(names)
+    assert found["plan"]["rasterisers"] == plans[0]["rasterisers"]
+    resolutions = [view["resolution"] for view in found["plan"]["views"]]
+    assert sorted(resolutions) == [64, 128]
+    assert found["plan"]["options"] == plans[0]["options"]
+    assert found["plan"]["seed"] == plans[0]["seed"]
+    assert found["interrupted"] is False
+
+
+def test_hosts_whose_triangles_differ_are_named(runs, tmp_path):
+    def one_more(record):
+        if record["triangulator"] == "delaunay":
+            record["triangles"] += 1
+        return record
+
+    first, third = hosted(runs, "first", "third")
+    with pytest.raises(UsageError, match=r"triangles of delaunay, 64 px.*scripted@third.*@first"):
+        merge([first, with_records(third, one_more)], tmp_path / "out")
+
+
+def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
+    harness, runs, monkeypatch, no_plots
+):
+    command = ("merge", str(runs["first"]), str(runs["second"]), "--hosts", "a,b", "-o", "merged")
+    append = Store.append
+
+    def cut_off(store, record):
+        append(store, record)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "append", cut_off)
+        code, _, err = harness(*command)
+        assert code == 130, err
+    assert not Path("merged").exists()
+    left = Path(".merged.unfinished/merged")  # as of one that was killed
+    left.mkdir(parents=True)
+    (left / "cases.jsonl").write_text("half")
+    assert harness(*command)[0] == 0
+    assert len(read_run(Path("merged")).records) == 8
+    assert not left.parent.exists()
+    code, _, err = harness(*command)
+    assert code == 2
+    assert "merged is there already" in err

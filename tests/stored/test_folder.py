@@ -86,7 +86,9 @@ def test_a_single_file_of_records_is_a_run(tmp_path):
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
-    Store.create(tmp_path).close()
+    Store.create(tmp_path).close()  # killed at once: there is nothing to lose
+    with Store.create(tmp_path) as store:
+        store.write_facts({})
     with pytest.raises(UsageError, match="already holds a run"):
         Store.create(tmp_path)
 

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import strategies as st
 from rich.console import Console
 from shapely import Polygon, box
@@ -150,3 +151,62 @@ def check_report(value: list[Any]) -> None:
         assert code in (GOOD, BAD_INPUT, NOTHING_MEASURED), (code, err)
         assert_clear(code, err)
         assert (place / "report.html").exists() == (code == GOOD)
+
+
+READERS: dict[str, tuple[str, ...]] = {
+    "report": ("report", "RUN"),
+    "report of a file": ("report", "RUN/cases.jsonl", "-o", "OUT.html"),
+    "compare as base": ("compare", "RUN", "SOUND", "--across-devices"),
+    "compare as head": ("compare", "SOUND", "RUN", "--format", "json"),
+    "history": ("history", "SOUND", "RUN", "--all", "--out", "OUT"),
+    "gains": ("gains", "RUN", "SOUND", "--out", "OUT", "--bases", "delaunay,ear-clipping"),
+    "repeat": ("repeat", "RUN", "SOUND"),
+    "merge": ("merge", "RUN", "SOUND", "--out", "OUT"),
+    "merge of hosts": ("merge", "RUN", "SOUND", "--hosts", "a,b", "--out", "OUT"),
+    "page": ("page", "RUN", "--out", "OUT.html"),
+    "import": ("import", "RUN", "--summary", "OUT.json"),
+    "run --resume": ("run", "--resume", "RUN", "--quiet"),
+    "run --resume --force": ("run", "--resume", "RUN", "--force", "--quiet"),
+}
+"""Every command that reads stored results."""
+
+DEEP = "[" * 200_000
+LINES = ("", "null", "[]", "3", DEEP, '{"key": "../../../victim"}', "\x00")
+
+
+@target(
+    "stored",
+    st.fixed_dictionaries(
+        {
+            "command": st.sampled_from(sorted(READERS)),
+            "damage": damage_of(["run.json", "cases.jsonl"], ["frames", "polygons"]),
+            "line": st.none() | st.sampled_from(LINES),
+        }
+    ),
+)
+def check_stored(value: dict[str, Any]) -> str:
+    """Each command over a damaged run ends well or with one line, and writes in its place alone."""
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        home = Path(folder) / "a" / "b"
+        home.mkdir(parents=True)
+        patch.chdir(home)
+        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+        patch.setattr("harness.report.plots.plot_run", lambda run: [])
+        shutil.copytree(sound(), "RUN")
+        shutil.copytree(sound(), "SOUND")
+        shutil.copy(sound().with_name("block.geojson"), ".")
+        for name, edits in value["damage"]:
+            spoil(Path("RUN") / name, edits)
+        if value["line"] is not None:
+            with Path("RUN/cases.jsonl").open("a") as stream:
+                stream.write(value["line"] + "\n")
+        code, err = command(*READERS[value["command"]])
+        assert code in COMPARED, (code, err)
+        assert "Traceback" not in err, err
+        errors = [line for line in err.splitlines() if line.startswith("error: ")]
+        assert len(errors) == 1 if code == BAD_INPUT else len(errors) <= 1, err
+        outside = {place.name for place in home.rglob("*") if ".unfinished" in place.name}
+        assert not outside
+        assert [place.name for place in home.parent.iterdir()] == ["b"]
+        assert [place.name for place in home.parent.parent.iterdir()] == ["a"]
+        return f"{value['command']}: exit {code}"
