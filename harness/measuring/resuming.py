@@ -29,7 +29,11 @@ def open_store(
     store = Store.resume(out)
     before = read_run(out)
     if not force:
-        _refuse_other(before.facts, facts, out)
+        try:
+            _refuse_other(before.facts, facts, out)
+        except UsageError:
+            store.close()
+            raise
     if "base" not in facts and "base" in before.facts:
         facts["base"] = before.facts["base"]
     facts["frames"] = before.facts.get("frames", [])
@@ -45,10 +49,11 @@ def open_store(
 
 def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:
     """Refuse to mix two experiments in one folder."""
+    plan = before.get("plan", {})
     differences = [
-        f"plan ({key}: {before['plan'].get(key)} then, {value} now)"
+        f"plan ({key}: {plan.get(key)} then, {value} now)"
         for key, value in now["plan"].items()
-        if before.get("plan", {}).get(key) != value
+        if plan.get(key) != value
     ]
     if before.get("scene", {}).get("hash") != now["scene"]["hash"]:
         differences.append("the scene's content")
