@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from triangulators.polygon import rings_of
 
 SUBPIXEL = 256
 """Sub-pixel positions per pixel and axis."""
@@ -185,6 +184,8 @@ def on_grid(
     polygons: Sequence[Polygon],
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
     """Return `Frame.points`, `Frame.offsets` and `Frame.ring_ends` of polygons in px."""
+    from triangulators.polygon import rings_of  # compiled code, which a plan can do without
+
     parts = [rings_of(polygon) for polygon in polygons]
     offsets = np.cumsum([0, *(len(points) for points, _ in parts)], dtype=np.int64)
     if not parts:

@@ -18,28 +18,59 @@ counter-clockwise; where coordinates are not on a grid (see `predicates.on_grid`
 rounding error of an edge counts as on it when they are verified or repaired.
 """
 
-from triangulators import criteria
-from triangulators.batch.device_times import measure_device
-from triangulators.batch.many import Ragged, Triangulations, triangulate_many
-from triangulators.certificate.certify import certify
-from triangulators.checking.evidence import Certificate
-from triangulators.compiled import warm_up
-from triangulators.errors import (
-    InvalidPolygon,
-    Skipped,
-    TriangulationError,
-    Unavailable,
-    UnknownName,
-)
-from triangulators.polygon import vertices
-from triangulators.registry import (
-    find,
-    full_name,
-    names,
-    parse,
-    triangulate,
-    triangulate_with_gap,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from triangulators import criteria
+    from triangulators.batch.device_times import measure_device
+    from triangulators.batch.many import Ragged, Triangulations, triangulate_many
+    from triangulators.calling import triangulate, triangulate_with_gap
+    from triangulators.certificate.certify import certify
+    from triangulators.checking.evidence import Certificate
+    from triangulators.compiled import warm_up
+    from triangulators.errors import (
+        InvalidPolygon,
+        Skipped,
+        TriangulationError,
+        Unavailable,
+        UnknownName,
+    )
+    from triangulators.polygon import vertices
+    from triangulators.registry import find, full_name, names, parse
+
+_HOME = {
+    "triangulators.batch.device_times": ("measure_device",),
+    "triangulators.batch.many": (
+        "Ragged",
+        "Triangulations",
+        "triangulate_many",
+    ),
+    "triangulators.calling": (
+        "triangulate",
+        "triangulate_with_gap",
+    ),
+    "triangulators.certificate.certify": ("certify",),
+    "triangulators.checking.evidence": ("Certificate",),
+    "triangulators.compiled": ("warm_up",),
+    "triangulators.errors": (
+        "InvalidPolygon",
+        "Skipped",
+        "TriangulationError",
+        "Unavailable",
+        "UnknownName",
+    ),
+    "triangulators.polygon": ("vertices",),
+    "triangulators.registry": (
+        "find",
+        "full_name",
+        "names",
+        "parse",
+    ),
+}
+"""Where each name is: it is imported when it is asked for, because compiled code takes a second."""
+
+_MODULES = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Certificate",
@@ -63,3 +94,19 @@ __all__ = [
     "vertices",
     "warm_up",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for: a name of `__all__`, or a module of this package."""
+    if name in _MODULES:
+        value = getattr(import_module(_MODULES[name]), name)
+    elif name == "criteria":
+        value = import_module("triangulators.criteria")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

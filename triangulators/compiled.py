@@ -14,8 +14,8 @@ def warm_up(names: Sequence[str]) -> float:
         >>> warm_up(["fan"]) > 0.0
         True
     """
+    from triangulators.calling import triangulate
     from triangulators.errors import Skipped, Unavailable
-    from triangulators.registry import triangulate
     from triangulators.verify import verify
 
     holes = [[(2, 2), (2, 4), (4, 4)], [(6, 6), (6, 8), (8, 8)]]

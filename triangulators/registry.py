@@ -10,14 +10,9 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 
 from triangulators import criteria
-from triangulators.errors import TriangulationError, Unavailable, UnknownName
-from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
-from triangulators.polygon import Boundary, checked_boundary
-from triangulators.starting.repair import insert_dropped_vertices
-from triangulators.starting.starts import left_turning
+from triangulators.errors import Unavailable, UnknownName
 
 ENTRY_POINTS = "raster_harness.triangulators"
 Function = Callable[..., np.ndarray]
@@ -54,7 +49,7 @@ class Entry:
         if self.needs is None:
             return None
         if ":" in self.needs:
-            probe = _load(self.needs)
+            probe = load(self.needs)
             return None if probe() else self.install
         return None if importlib.util.find_spec(self.needs) else self.install
 
@@ -63,7 +58,7 @@ class Entry:
         missing = self.available()
         if missing:
             raise Unavailable(f"triangulator {self.name!r} is not available; install: {missing}")
-        return _load(self.function)
+        return load(self.function)
 
 
 BUILTIN = {
@@ -186,7 +181,8 @@ class Choice(NamedTuple):
 
 
 @cache
-def _load(reference: str) -> Function:
+def load(reference: str) -> Function:
+    """Import what "module:function" names."""
     module, _, attribute = reference.partition(":")
     function: Any = importlib.import_module(module)
     for part in attribute.split("."):
@@ -233,7 +229,7 @@ def _user_function(reference: str) -> Entry:
     known = difflib.get_close_matches(reference.partition(":")[0], names(), n=1)
     hint = f"; did you mean {known[0]!r}?" if known else ""
     try:
-        function = _load(reference)
+        function = load(reference)
     except ImportError as error:
         raise UnknownName(f"triangulator {reference!r}: {error}{hint}") from error
     except AttributeError as error:
@@ -268,93 +264,3 @@ def full_name(text: str) -> str:
         'optimal:overdraw'
     """
     return parse(text).full_name
-
-
-def triangulate(
-    polygon: shapely.Polygon,
-    name: str,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
-    repair: bool = False,
-    **parameters: Any,
-) -> np.ndarray:
-    """Triangulate a polygon; return (m, 3) int32 indices into `vertices(polygon)`.
-
-    Triangles are counter-clockwise (y up). `name` is a triangulator, optionally with a criterion
-    (`optimal:half-perimeter`); `criterion` may also be given apart, as a name, a `Criterion` or a
-    Numba function of three points. `repair=True` puts back collinear vertices that a library has
-    dropped, where it left T-junctions. Other parameters go to the triangulator.
-
-    Raises `InvalidPolygon` for input that is not a valid polygon, `Skipped` where the triangulator
-    does not do this polygon by design, `Unavailable` if a package is missing,
-    `TriangulationError` if it failed, and `UnknownName`.
-
-        >>> triangulate(shapely.Polygon([(0, 0), (2, 0), (0, 1)]), "fan").tolist()
-        [[0, 1, 2]]
-    """
-    choice = parse(name)
-    outline = checked_boundary(polygon)
-    function = choice.entry.load()
-    if not choice.entry.builtin:
-        raw = function(polygon, **parameters)
-    elif choice.entry.criteria:
-        wanted = choice.criterion if criterion is None else criterion
-        raw = function(outline, criterion=wanted, **parameters)
-    elif criterion is not None:
-        raise TypeError(f"triangulator {choice.entry.name!r} takes no criterion")
-    else:
-        raw = function(outline, **parameters)
-    triangles = _normalised(outline, raw, choice)
-    return insert_dropped_vertices(outline, triangles) if repair else triangles
-
-
-def triangulate_with_gap(
-    polygon: shapely.Polygon,
-    name: str,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
-    **parameters: Any,
-) -> tuple[np.ndarray, float | None]:
-    """Return what `triangulate` does, and how far it may be from the optimum of its criterion.
-
-    The gap is relative to the cost, 0 where the result is optimal and infinite where nothing is
-    known; None for a triangulator that does not look for the optimum. Raises as `triangulate`.
-
-        >>> triangulate_with_gap(shapely.box(0, 0, 2, 1), "optimal")[1]
-        0.0
-    """
-    choice = parse(name)
-    if choice.entry.with_gap is None:
-        return triangulate(polygon, name, criterion=criterion, **parameters), None
-    outline = checked_boundary(polygon)
-    wanted = choice.criterion if criterion is None else criterion
-    raw, gap = _load(choice.entry.with_gap)(outline, criterion=wanted, **parameters)
-    return _normalised(outline, raw, choice), gap
-
-
-def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:
-    """Return triangles as int32 (m, 3), wound counter-clockwise, those without area left out."""
-    triangles = np.asarray(raw)
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise TriangulationError(
-            f"{choice.full_name} returned shape {triangles.shape}, expected (m, 3)"
-        )
-    if triangles.size and triangles.dtype.kind not in "iu":
-        raise TriangulationError(
-            f"{choice.full_name} returned {triangles.dtype}, expected integer indices"
-        )
-    if triangles.dtype != np.int32 or not triangles.flags.c_contiguous:
-        wide = triangles
-        triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-        if wide.dtype.itemsize > 4 and not np.array_equal(wide, triangles):
-            raise _outside(outline, choice)
-    state = all_left(outline.points, triangles)
-    if state == OUTSIDE:
-        raise _outside(outline, choice)
-    return triangles if state == ALL_LEFT else left_turning(outline.points, triangles)
-
-
-def _outside(outline: Boundary, choice: Choice) -> TriangulationError:
-    return TriangulationError(
-        f"{choice.full_name} returned indices outside 0..{len(outline.points) - 1}"
-    )

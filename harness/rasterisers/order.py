@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from triangulators.geometry.order import walk
-from triangulators.geometry.vertex_cache import vertex_cache_order
 
 Triangles = NDArray[np.int32]
 
@@ -55,8 +53,12 @@ def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangl
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
     if options.order == "walk":
+        from triangulators.geometry.order import walk
+
         array = walk(array, len(frame.points))
     elif options.order == "vertex-cache":
+        from triangulators.geometry.vertex_cache import vertex_cache_order
+
         array = vertex_cache_order(array, len(frame.points))
     elif options.order == "morton":
         array = array[np.argsort(_morton(frame, array), kind="stable")]

@@ -217,6 +217,9 @@ WITHOUT_HEAVY_LIBRARIES = (
     ("compare", "--no-option"),
     ("calibrate", "--no-option"),
     ("list", "nothing"),
+    ("list", "triangulators"),
+    ("list", "criteria"),
+    ("list", "metrics"),
 )
 
 

@@ -10,6 +10,7 @@ import shapely
 from mapbox_earcut import triangulate_float64
 
 from triangulators.batch.ragged import Ragged, Triangulations, polygon_at, ragged
+from triangulators.calling import triangulate
 from triangulators.compute.threads import cores
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, plain_cost
@@ -22,7 +23,7 @@ from triangulators.methods.refined import refine_many, take_many, test_of
 from triangulators.optimum.batch_kernels import do_holes, do_rings
 from triangulators.optimum.small_holes import MOST_HOLES
 from triangulators.optimum.small_ring import SMALL
-from triangulators.registry import parse, triangulate
+from triangulators.registry import parse
 
 _CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 _ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])

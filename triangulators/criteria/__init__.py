@@ -20,7 +20,7 @@ from triangulators.criteria.catalogue import (
     predict,
     predicted,
 )
-from triangulators.criteria.features import FEATURES
+from triangulators.criteria.names import FEATURES
 
 __all__ = [
     "CALIBRATED",

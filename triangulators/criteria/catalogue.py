@@ -17,13 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.criteria.features import FEATURES, feature_sums
-from triangulators.criteria.quads import exact_quads
+from triangulators.criteria.names import FEATURES
 from triangulators.criteria.weights import MARK, read_weights, write_weights
 from triangulators.errors import UnknownName
 
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
 WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
+
+
+def exact_quads_of(*points: float) -> float:
+    """Call `quads.exact_quads`, which is compiled: the catalogue is read without it."""
+    from triangulators.criteria.quads import exact_quads
+
+    return float(exact_quads(*points))
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,8 @@ class Criterion:
             costs = [self.function(*points[row].ravel().tolist()) for row in triangles]
             return float(max(costs) if self.maximum else math.fsum(costs))
         rows = [triangles[[index]] for index in range(len(triangles))] if self.maximum else ()
+        from triangulators.criteria.features import feature_sums
+
         sums = feature_sums(points, np.ascontiguousarray(triangles, dtype=np.int32))
         weights = self.weights_for(float(sums[1]), len(triangles))
         if not self.maximum:
@@ -208,7 +216,7 @@ CRITERIA: dict[str, Criterion] = {
         Criterion(
             "exact-quads",
             "2x2 pixel quads shaded where the triangle lies on the pixel grid: counted",
-            function=exact_quads,
+            function=exact_quads_of,
             label="exact quads",
             unit="quads",
             placed=True,
@@ -284,6 +292,8 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
+    from triangulators.criteria.features import feature_sums
+
     sums = feature_sums(points, triangles)
     found = {name: float(sums[FEATURES.index(name)]) for name in FEATURES_KEPT}
     for criterion in predicted():

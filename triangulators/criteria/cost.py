@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from triangulators.compute.kernels import cfunc, njit
-from triangulators.criteria.catalogue import Criterion
+from triangulators.criteria.catalogue import Criterion, exact_quads_of
 from triangulators.criteria.features import FEATURES, SIGNATURE, weighted
 from triangulators.criteria.quads import exact_quads
 
@@ -43,7 +43,7 @@ def _no_function(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy
 @lru_cache(maxsize=256)
 def _compiled(function: Callable[..., float]) -> Any:
     """Return a function of three points behind the one signature kernels are built for."""
-    if function is exact_quads:
+    if function is exact_quads_of:
         return cfunc(SIGNATURE)(_quads)
     return numba.cfunc(SIGNATURE)(getattr(function, "py_func", function))
 

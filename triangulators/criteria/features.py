@@ -2,7 +2,7 @@
 
 One definition of each serves the optimiser, the predictions and the tests: a Numba function of
 three points given as six numbers. `FEATURES` names them in the order that weights have; a new one
-is added there, in `weighted` and in `feature_sums`, all in this file.
+is added there (`names`), in `weighted` and in `feature_sums`.
 
 Units are those of the coordinates: pixels for a frame.
 """
@@ -13,6 +13,7 @@ import numpy as np
 from numba import types
 
 from triangulators.compute.kernels import njit
+from triangulators.criteria.names import FEATURES
 from triangulators.geometry.predicates import twice_area
 
 SIGNATURE = types.float64(*[types.float64] * 6)
@@ -147,20 +148,6 @@ def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
     return min(width, 1.0) * min(height, 1.0)
-
-
-FEATURES = (
-    "triangles",
-    "area",
-    "half_perimeter",
-    "bbox_area",
-    "edge_length",
-    "shape",
-    "rotated_bbox_area",
-    "expected_quads",
-    "expected_blocks",
-    "expected_setups",
-)
 
 
 @njit
