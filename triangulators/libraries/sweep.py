@@ -3,14 +3,18 @@
 Needs the library libGLU, but no GL context.
 """
 
+from __future__ import annotations
+
 import ctypes.util
 import importlib.util
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from triangulators.errors import TriangulationError
-from triangulators.polygon import Boundary
+
+if TYPE_CHECKING:
+    from triangulators.polygon import Boundary
 
 
 def installed() -> bool:
