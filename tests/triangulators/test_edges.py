@@ -7,7 +7,7 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, random_simple, shared, smooth, star
 from triangulators import criteria, triangulate, vertices
-from triangulators.criteria.cost import cost_of
+from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum import edge_table
@@ -25,7 +25,7 @@ E = np.array([0.0, 0.0, 1.0])
 def by_triangles(ring, criterion, sign=1.0):
     """The recurrence with a cost for each triangle, in float64."""
     cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
-    best = sparse_optimum(ring.points, ring.start, ring.target, cost._replace(is_box=False))
+    best = sparse_optimum(ring.points, ring.start, ring.target, with_fields(cost, is_box=False))
     return criteria.find(criterion).total(ring.points, best)
 
 

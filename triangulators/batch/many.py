@@ -143,10 +143,10 @@ def _attempt(
     if cost is None:
         _clipped(work, sound, threads, take_many)
     elif choice.entry.name == "refined":
-        _clipped(work, sound, threads, refine_many, test_of(cost), cost.weights, cost.function)
+        _clipped(work, sound, threads, refine_many, test_of(cost), cost)
     else:
         limit = parameters.get("limit", LIMIT)
-        if device != CPU and cost.box.tolist() in _ON_DEVICE:
+        if device != CPU and cost["box"].tolist() in _ON_DEVICE:
             trusted = check and not isinstance(polygons, Ragged)
             _on_device(cost, sound, trusted, threads, device, limit, work)
         _compiled(work, cost, sound, threads, limit)
@@ -183,7 +183,7 @@ def _on_device(
         for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
             ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
             wanted[index] = shapely.Polygon(ring).is_valid
-    arrays = (work.coordinates, work.begins, wanted, most, bool(cost.box[0] < 0.0))
+    arrays = (work.coordinates, work.begins, wanted, most, bool(cost["box"][0] < 0.0))
     engine.attempt(device, engine.Task(*arrays, work.starts, work.triangles, work.done), threads)
 
 
@@ -193,7 +193,7 @@ def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: i
     sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
     by_table = sound & (rings == 1) & ~work.done
     with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
-    out = (cost.box, work.starts, work.triangles, work.done)
+    out = (cost["box"], work.starts, work.triangles, work.done)
     with ThreadPoolExecutor(threads) as pool:
         holes = (work.coordinates, work.rings[1:], work.owners, with_holes, *out)
         running = _share(pool, threads, len(with_holes), do_holes, *holes)
@@ -257,7 +257,7 @@ def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) ->
     steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
     found = find_criterion(wanted, **steered)
     cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
-    return cost if cost is not None and (cost.is_box or name == "refined") else None
+    return cost if cost is not None and (cost["is_box"] or name == "refined") else None
 
 
 def _finish(

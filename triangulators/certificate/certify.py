@@ -76,7 +76,7 @@ def certificate_of(
 
     Raises `Refused` if the evidence does not hold.
     """
-    costs = costs_of(outline.points, triangles, *cost[:4])
+    costs = costs_of(outline.points, triangles, cost)
     units = sum(np.floor(costs * evidence.scale).astype(np.int64).tolist())
     # A unit is more than the noise of any triangulation: what exceeds a whole number of units is
     # noise (see `integer_costs`).
@@ -125,8 +125,8 @@ def _conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
 def _by_table(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Certificate:
     cycle = outline.edges[:, 0]
     best = cycle[optimum(outline.points[cycle], ring_triangulation(outline, cycle), cost)]
-    total = math.fsum(costs_of(outline.points, triangles, *cost[:4]).tolist())
-    bound = math.fsum(costs_of(outline.points, best, *cost[:4]).tolist())
+    total = math.fsum(costs_of(outline.points, triangles, cost).tolist())
+    bound = math.fsum(costs_of(outline.points, best, cost).tolist())
     if total <= bound + _ROUNDING * abs(bound):
         return Certificate(total, min(total, bound), _gap(total, min(total, bound)), True)
     return Certificate(total, bound, _gap(total, bound), False)

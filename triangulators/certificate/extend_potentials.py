@@ -74,8 +74,7 @@ def extend_thinned(
     given = np.ones(len(sight.edges), dtype=np.bool_)
     given[thinned] = False
     backwards = thinned[::-1].astype(np.int64)
-    terms: tuple[Any, ...] = (*cost[:4], units.scale, units.factor, units.bits)
-    _extend_thinned(*sight, *fans, *(backwards, given, potentials), *terms)
+    _extend_thinned(*sight, *fans, *(backwards, given, potentials), cost, units)
 
 
 @njit
@@ -131,13 +130,8 @@ def _extend_thinned(
     backwards: np.ndarray,
     given: np.ndarray,
     potentials: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
+    cost: Cost,
+    units: Units,
 ) -> None:
     both = np.empty((len(points), 2), dtype=np.int64)
     for e in backwards:
@@ -153,7 +147,7 @@ def _extend_thinned(
             if side[q] == -from_b or side[p] == -to_a or holds_ring(points, rings, a, b, c, way):
                 continue
             i, j, m = (a, b, c) if way > 0 else (a, c, b)
-            room = weight(points, i, j, m, weights, function, custom, sign, scale, factor, bits)
+            room = weight(points, i, j, m, cost, units)
             room -= from_b * potentials[q] + to_a * potentials[p]
             if way > 0:
                 high = min(high, room)

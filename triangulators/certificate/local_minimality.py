@@ -20,7 +20,6 @@ once and works out its triangles from what its ends see, so that nothing needs t
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from triangulators.certificate.candidates import Candidates, holds_ring
 from triangulators.certificate.sight import Fans, Sight
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import cores
-from triangulators.criteria.cost import Cost, triangle_cost
+from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.integer_costs import Units, noise, units_of
 from triangulators.geometry.predicates import turn
 
@@ -42,7 +41,7 @@ def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np
     None where less than the share `worth` of a few edges is seen to be in none.
     """
     queue = _longest_first(sight.points, sight.edges)
-    given, terms = (*sight, *fans), (*cost[:4], units.scale, units.bits)
+    given, terms = (*sight, *fans), (cost, units)
     gone = np.zeros(len(sight.edges), dtype=np.bool_)
     few = queue[:: max(1, len(queue) // _SAMPLE)]
     if len(_thin(*given, few, gone, *terms)) < worth * len(few):
@@ -62,7 +61,7 @@ def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np
 
 def largest_cost(sight: Sight, fans: Fans, cost: Cost) -> float:
     """Return the largest absolute cost of three sites that see each other."""
-    return float(_largest(sight.points, sight.edges, fans.begin, fans.near, *cost[:3]))
+    return float(_largest(sight.points, sight.edges, fans.begin, fans.near, cost))
 
 
 def exclude(
@@ -88,9 +87,8 @@ def exclude(
         queue,
         excluded,
         alive,
-        *cost[:4],
-        units.scale,
-        units.bits,
+        cost,
+        units,
     )
     return excluded[:how_many].copy(), alive
 
@@ -107,21 +105,16 @@ def _largest(
     edges: np.ndarray,
     begin: np.ndarray,
     near: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
+    cost: Cost,
 ) -> float:
     most = 0.0
     both = np.empty((len(points), 2), dtype=np.int64)
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
-        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
         for k in range(seen_by_both(begin, near, a, b, both)):
             c = near[both[k, 0]]
             if c > b:
-                x, y = points[c, 0], points[c, 1]
-                value = triangle_cost(weights, function, custom, ax, ay, bx, by, x, y)
-                most = max(most, abs(value))
+                most = max(most, abs(cost_at(points, a, b, c, cost)))
     return most
 
 
@@ -136,16 +129,11 @@ def _thin(
     by: np.ndarray,
     queue: np.ndarray,
     gone: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    bits: int,
+    cost: Cost,
+    units: Units,
 ) -> np.ndarray:
     """Return edges of `queue` that are excluded where those in `gone` (e,) are."""
     excluded = np.empty(len(queue), dtype=np.int32)
-    terms = (weights, function, custom, sign, scale)
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
     count, both = np.empty(2, dtype=np.int64), np.empty((len(points), 2), dtype=np.int64)
     found = 0
@@ -157,14 +145,14 @@ def _thin(
         for left in range(2):
             for k in range(count[left]):
                 i, j = (a, b) if left else (b, a)
-                value[left, k] = units_of(points, i, j, apex[left, k], *terms)
+                value[left, k] = units_of(points, i, j, apex[left, k], cost, units.scale)
         kept = False
         for p in range(count[1]):
             for q in range(count[0]):
                 c, d = apex[1, p], apex[0, q]
                 total = value[1, p] + value[0, q]
                 if (
-                    not _can_be_flipped(points, a, b, c, d, total, *terms, bits)
+                    not _can_be_flipped(points, a, b, c, d, total, cost, units)
                     and not holds_ring(points, rings, a, b, c, 1)
                     and not holds_ring(points, rings, a, b, d, -1)
                 ):
@@ -233,12 +221,8 @@ def _can_be_flipped(
     c: int,
     d: int,
     value: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    bits: int,
+    cost: Cost,
+    units: Units,
 ) -> np.bool_:
     """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
 
@@ -247,10 +231,10 @@ def _can_be_flipped(
     """
     if turn(points, d, b, c) <= 0.0 or turn(points, c, a, d) <= 0.0:
         return np.bool_(False)
-    terms = (weights, function, custom, sign, scale)
-    flipped = units_of(points, d, b, c, *terms) + units_of(points, c, a, d, *terms)
+    flipped = units_of(points, d, b, c, cost, units.scale)
+    flipped += units_of(points, c, a, d, cost, units.scale)
     if flipped == value:
-        return noise(c, d, bits) < noise(a, b, bits)
+        return noise(c, d, units.bits) < noise(a, b, units.bits)
     return flipped < value
 
 
@@ -267,16 +251,11 @@ def _exclude(
     queue: np.ndarray,
     excluded: np.ndarray,
     alive: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    bits: int,
+    cost: Cost,
+    units: Units,
 ) -> int:
     """Write the excluded edges, mark what they leave in `alive`; return how many they are."""
     count = len(edges)
-    terms = (weights, function, custom, sign, scale, bits)
     # Where the search for a pair that cannot be flipped stands; a pair that can be, always can.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
     waiting = side == 0
@@ -303,7 +282,7 @@ def _exclude(
                 u = items[right]
                 d = triangles[u, 0] + triangles[u, 1] + triangles[u, 2] - a - b
                 total = value[t] + value[u]
-                if alive[u] and not _can_be_flipped(points, a, b, c, d, total, *terms):
+                if alive[u] and not _can_be_flipped(points, a, b, c, d, total, cost, units):
                     kept = True
                     break
                 right += 1

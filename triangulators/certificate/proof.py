@@ -262,7 +262,7 @@ def _posed(
     room: what `how_many` says. None where thinning leaves too many, or does not pay.
     """
     points, count = sight.points, outline.expected_triangles
-    total = float(np.abs(costs_of(points, start, *cost[:4]).sum()))
+    total = float(np.abs(costs_of(points, start, cost).sum()))
     out, fans = np.zeros(len(sight.edges), dtype=np.bool_), None
     if room > _LISTED:
         fans = fans_of(sight)
@@ -279,9 +279,9 @@ def _posed(
     else:
         thinned, kept = np.empty(0, dtype=np.int32), np.arange(len(sight.edges))
         candidates = candidates_of(sight, room)
-        costs = costs_of(points, candidates.triangles, *cost[:4])
+        costs = costs_of(points, candidates.triangles, cost)
         units = units_for(points, cost, float(np.abs(costs).max()), total, count)
-    weights = weights_of(points, candidates.triangles, *cost[:4], *units[:3])
+    weights = weights_of(points, candidates.triangles, cost, units)
     return _Posed(candidates, weights, units, len(sight.edges), kept, thinned, out[kept], fans)
 
 

@@ -27,7 +27,7 @@ from triangulators.checking.evidence import Branch, Evidence, Leaf, Refused
 from triangulators.checking.visibility import visible
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
-from triangulators.criteria.cost import Cost, triangle_cost
+from triangulators.criteria.cost import Cost, cost_at
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
 
@@ -51,7 +51,7 @@ def lower_bound(outline: Boundary, cost: Cost, evidence: Evidence) -> int:
     return _bound(given, evidence.root, excluded, outline.expected_triangles)
 
 
-def _check_excluded(edges: "_Edges", order: np.ndarray, terms: tuple[Any, ...]) -> None:
+def _check_excluded(edges: "_Edges", order: np.ndarray, terms: "_Terms") -> None:
     """Raise `Refused` unless each edge of `order` may be excluded after those before it."""
     turn_of = np.full(len(edges.ends), len(edges.ends), dtype=np.int64)
     turn_of[order] = np.arange(len(order))
@@ -60,7 +60,7 @@ def _check_excluded(edges: "_Edges", order: np.ndarray, terms: tuple[Any, ...]) 
     slices = _SLICES if len(order) > _FEW else 1
 
     def wrong_one(number: int) -> int:
-        return int(_replay(*given, *fans, order[number::slices], turn_of, *terms))
+        return int(_replay(*given, *fans, order[number::slices], turn_of, terms))
 
     # Each is checked by itself: which ones went before is known from their turns.
     wrong = [number for number in shared_out(wrong_one, slices) if number >= 0]
@@ -92,17 +92,26 @@ class _Edges(NamedTuple):
         return np.where(self.keys[at] == wanted, at, -1)
 
 
+class _Terms(NamedTuple):
+    """What `_weight` makes weights of: the criterion, and how `Evidence` counts its costs."""
+
+    cost: Cost
+    scale: float
+    factor: int
+    bits: int
+
+
 class _Given(NamedTuple):
-    """Evidence about edges; at (k,): the numbers of its own edges; terms of `_weight`."""
+    """Evidence about edges; at (k,): the numbers of its own edges."""
 
     edges: _Edges
     evidence: Evidence
     at: np.ndarray
-    terms: tuple[Any, ...]
+    terms: _Terms
 
 
-def _terms(cost: Cost, evidence: Evidence) -> tuple[Any, ...]:
-    return (*cost[:4], evidence.scale, evidence.factor, evidence.bits)
+def _terms(cost: Cost, evidence: Evidence) -> _Terms:
+    return _Terms(cost, evidence.scale, evidence.factor, evidence.bits)
 
 
 def _check_units(outline: Boundary, evidence: Evidence) -> None:
@@ -161,7 +170,7 @@ def _check_triangles(given: _Given, potential: np.ndarray, lift: int, left: np.n
     starts = np.searchsorted(edges.keys[left], np.arange(n + 1, dtype=np.int64) * n)
     of_left = (edges.points, edges.ends[left], edges.ways[left], starts, edges.holes)
     least = max(min(lift, _TOO_LARGE), -_TOO_LARGE)
-    held: tuple[Any, ...] = (*of_left, potential[left], least, *given.terms)
+    held: tuple[Any, ...] = (*of_left, potential[left], least, given.terms)
     slices = _SLICES if len(left) > _FEW else 1
 
     def worst_of(number: int) -> list[int]:
@@ -186,37 +195,14 @@ def _mixed(a: int, b: int, bits: int) -> np.int64:
 
 
 @njit
-def _weight(
-    points: np.ndarray,
-    i: int,
-    j: int,
-    k: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
-) -> np.int64:
+def _weight(points: np.ndarray, i: int, j: int, k: int, terms: _Terms) -> np.int64:
     while i > j or i > k:
         i, j, k = j, k, i
-    cost = triangle_cost(
-        weights,
-        function,
-        custom,
-        points[i, 0],
-        points[i, 1],
-        points[j, 0],
-        points[j, 1],
-        points[k, 0],
-        points[k, 1],
-    )
-    cost = sign * cost if custom else cost
-    if not abs(cost * scale) * factor < 2.0**59:
+    bits, scaled = terms.bits, cost_at(points, i, j, k, terms.cost) * terms.scale
+    if not abs(scaled) * terms.factor < 2.0**59:
         return np.int64(_TOO_LARGE)
-    units = np.int64(np.floor(cost * scale))
-    return units * factor + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
+    units = np.int64(np.floor(scaled)) * terms.factor
+    return units + _mixed(i, j, bits) + _mixed(j, k, bits) + _mixed(k, i, bits)
 
 
 @njit
@@ -288,20 +274,13 @@ def _replay(
     over: np.ndarray,
     which: np.ndarray,
     turn_of: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
+    terms: _Terms,
 ) -> int:
     """Return the first edge of `which` that must not be excluded in its turn, or -1.
 
     turn_of (e,): those that are excluded before it have a lower turn. `_TOO_LARGE` where a weight
     is.
     """
-    terms = (weights, function, custom, sign, scale, factor, bits)
     left, right = np.empty(len(points), dtype=np.int32), np.empty(len(points), dtype=np.int32)
     lefts, rights = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for e in which:
@@ -312,15 +291,15 @@ def _replay(
         on_left = _third_corners(points, ways, start, other, over, turn_of, now, a, b, left)
         on_right = _third_corners(points, ways, start, other, over, turn_of, now, b, a, right)
         for p in range(on_left):
-            lefts[p] = _weight(points, a, b, left[p], *terms)
+            lefts[p] = _weight(points, a, b, left[p], terms)
         for q in range(on_right):
-            rights[q] = _weight(points, b, a, right[q], *terms)
+            rights[q] = _weight(points, b, a, right[q], terms)
         for p in range(on_left):
             for q in range(on_right):
                 c, d = left[p], right[q]
                 lighter = False
                 if turn(points, c, d, b) > 0.0 and turn(points, d, c, a) > 0.0:
-                    one, two = _weight(points, c, d, b, *terms), _weight(points, d, c, a, *terms)
+                    one, two = _weight(points, c, d, b, terms), _weight(points, d, c, a, terms)
                     if max(one, two, lefts[p], rights[q]) >= _TOO_LARGE:
                         return _TOO_LARGE
                     lighter = one + two < lefts[p] + rights[q]
@@ -355,13 +334,7 @@ def _exceeded(
     samples: np.ndarray,
     potential: np.ndarray,
     lift: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
+    terms: _Terms,
     number: int,
     slices: int,
 ) -> np.ndarray:
@@ -385,9 +358,7 @@ def _exceeded(
                 wrong = ways[e] == -run or ways[q] == -run or ways[p] == run
                 if not wrong and not _around_hole(points, samples, a, b, c, run):
                     i, j, k = (a, b, c) if run > 0 else (a, c, b)
-                    weight = _weight(
-                        points, i, j, k, weights, function, custom, sign, scale, factor, bits
-                    )
+                    weight = _weight(points, i, j, k, terms)
                     if weight >= _TOO_LARGE:
                         return np.zeros(1, dtype=np.int32)
                     # Counter-clockwise a-b-c runs a to b, b to c and c to a.

@@ -1,11 +1,18 @@
-"""A criterion in the form that compiled code takes."""
+"""A criterion in the form that compiled code takes: one record.
+
+Kernels get it as a pointer: nothing is copied or counted where they hand it on, and one compiled
+form serves all criteria. A user's function is in it as the address of a C function.
+"""
 
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import cache, lru_cache
+from typing import Any, TypeAlias
 
 import numba
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
 
 from triangulators.compute.kernels import cfunc, njit
 from triangulators.criteria.catalogue import Criterion, exact_quads_of
@@ -16,33 +23,34 @@ TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
 
+Cost: TypeAlias = np.record
+"""What is minimised: a weighted sum of features, or `sign` times a user's function; read only.
 
-class Cost(NamedTuple):
-    """What is minimised: a weighted sum of features, or `sign` times a user's function.
+Compiled code reads `cost.box`, Python `cost["box"]`, which there is eight times as quick.
+weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether there is a
+`function`, an address. maximum: the worst triangle is compared instead of the sum. box (3,): the
+weights (half-perimeter, bounding-box area, edge length) of a cost made of nothing else, up to what
+is the same for every triangulation of a polygon; is_box: whether it is.
+"""
 
-    `box` holds the three weights (half-perimeter, bounding-box area, edge length) of a cost made
-    of nothing else, up to what is the same for every triangulation of a polygon; `is_box` says
-    whether it is. `maximum` compares by the worst triangle instead of the sum.
-    """
-
-    weights: np.ndarray
-    function: Any
-    custom: bool
-    sign: float
-    maximum: bool
-    box: np.ndarray
-    is_box: bool
-
-
-@cfunc(SIGNATURE)
-def _no_function(_ax: float, _ay: float, _bx: float, _by: float, _cx: float, _cy: float) -> float:
-    """Stand in where a built-in criterion is used."""
-    return 0.0
+_FIELDS = np.dtype(
+    [
+        ("weights", np.float64, (len(FEATURES),)),
+        ("function", np.int64),
+        ("sign", np.float64),
+        ("box", np.float64, (3,)),
+        ("custom", np.bool_),
+        ("maximum", np.bool_),
+        ("is_box", np.bool_),
+    ],
+    align=True,
+)
+_RECORD = np.dtype((np.record, _FIELDS))
 
 
-@lru_cache(maxsize=256)
+@cache
 def _compiled(function: Callable[..., float]) -> Any:
-    """Return a function of three points behind the one signature kernels are built for."""
+    """Return a function of three points as a C function, which lives as long as the process."""
     if function is exact_quads_of:
         return cfunc(SIGNATURE)(_quads)
     return numba.cfunc(SIGNATURE)(getattr(function, "py_func", function))
@@ -64,82 +72,82 @@ def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: flo
     """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
     if criterion.maximum and sign < 0.0:
         raise ValueError(f"{criterion.name}: the worst of a maximum is not defined; drop minmax-")
+    fields: dict[str, Any] = {"sign": sign, "maximum": criterion.maximum}
     if criterion.function is not None:
-        function = _compiled(criterion.function)
-        nothing = np.zeros(len(FEATURES))
-        return Cost(nothing, function, True, sign, criterion.maximum, nothing[:3], False)
+        return _record(custom=True, function=_compiled(criterion.function).address, **fields)
     weights = sign * criterion.weights_for(polygon_area, triangles)
-    others = weights[EDGE_LENGTH + 1 :]
-    is_box = not others.any() and not criterion.maximum
-    return Cost(weights, _no_function, False, sign, criterion.maximum, weights[_BOX].copy(), is_box)
+    is_box = not weights[EDGE_LENGTH + 1 :].any() and not criterion.maximum
+    return _record(weights=weights, box=weights[_BOX], is_box=is_box, **fields)
+
+
+def with_fields(cost: Cost, **fields: Any) -> Cost:
+    """Return a cost of which some fields are others."""
+    return _record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
+
+
+def _record(**fields: Any) -> Cost:
+    one = np.zeros(1, _RECORD)
+    for name, value in fields.items():
+        one[name] = value
+    one.flags.writeable = False
+    cost: Cost = one[0]
+    return cost
+
+
+@intrinsic
+def _call(
+    _typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: Any, _cy: Any
+) -> Any:
+    """Call the C function of six float64 at an address."""
+
+    def emit(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        double = ir.DoubleType()
+        form = ir.FunctionType(double, [double] * 6)
+        return builder.call(builder.inttoptr(arguments[0], form.as_pointer()), arguments[1:])
+
+    return types.float64(types.int64, *SIGNATURE.args), emit
+
+
+call: Any = _call
 
 
 @njit
 def triangle_cost(
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    cx: float,
-    cy: float,
+    cost: Cost, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Cost of one triangle; a user's function gets it as given, without its sign."""
-    if custom:
-        return function(ax, ay, bx, by, cx, cy)
-    return weighted(weights, ax, ay, bx, by, cx, cy)
+    """Cost of one triangle."""
+    if cost.custom:
+        return cost.sign * call(cost.function, ax, ay, bx, by, cx, cy)
+    return weighted(cost.weights, ax, ay, bx, by, cx, cy)
 
 
 @njit
-def total_cost(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    maximum: bool,
-) -> float:
+def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
+    """`triangle_cost` of three rows of `points`."""
+    ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
+    return triangle_cost(cost, ax, ay, bx, by, points[c, 0], points[c, 1])
+
+
+@njit
+def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     """Sum (or maximum) of the cost over triangles (m, 3) of points (n, 2)."""
-    total = -1e300 if maximum else 0.0
+    total = -1e300 if cost.maximum else 0.0
     for row in range(len(triangles)):
-        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
-        cost = triangle_cost(
-            weights,
-            function,
-            custom,
-            points[a, 0],
-            points[a, 1],
-            points[b, 0],
-            points[b, 1],
-            points[c, 0],
-            points[c, 1],
-        )
-        cost = sign * cost if custom else cost
-        total = max(total, cost) if maximum else total + cost
+        own = cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)
+        total = max(total, own) if cost.maximum else total + own
     return total
 
 
 def evaluate(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     """Return what `cost` makes of a triangulation."""
-    return float(total_cost(points, triangles, *cost[:5]))
+    return float(total_cost(points, triangles, cost))
 
 
 @njit
-def _cheapest(
-    points: np.ndarray,
-    many: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    maximum: bool,
-) -> int:
+def _cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
     best, least = 0, np.inf
     for number in range(len(many)):
-        total = total_cost(points, many[number], weights, function, custom, sign, maximum)
+        total = total_cost(points, many[number], cost)
         if total < least:
             best, least = number, total
     return best
@@ -147,4 +155,4 @@ def _cheapest(
 
 def cheapest(points: np.ndarray, many: np.ndarray, cost: Cost) -> int:
     """Return which of many triangulations (k, m, 3) is least; the first of those that are equal."""
-    return int(_cheapest(points, many, *cost[:5]))
+    return int(_cheapest(points, many, cost))

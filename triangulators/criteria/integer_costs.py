@@ -12,7 +12,7 @@ of least cost, and weight // factor of a triangulation is its cost in units, exa
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from triangulators.criteria.cost import (
     HALF_PERIMETER,
     TRIANGLES,
     Cost,
-    triangle_cost,
+    cost_at,
 )
 
 NOISE_BITS = 10
@@ -65,83 +65,40 @@ def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 
 @njit
-def weight(
-    points: np.ndarray,
-    a: int,
-    b: int,
-    c: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
-) -> np.int64:
+def weight(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
     """Return the weight of one triangle."""
-    units = units_of(points, a, b, c, weights, function, custom, sign, scale)
-    return units * factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
+    whole = units_of(points, a, b, c, cost, units.scale)
+    bits = units.bits
+    return whole * units.factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
 
 
 @njit
-def units_of(
-    points: np.ndarray,
-    a: int,
-    b: int,
-    c: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-) -> np.int64:
-    """Return the cost of one triangle in units; the lowest corner goes first."""
-    a, b, c = lowest_first(a, b, c)
-    ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-    cost = triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
-    cost = sign * cost if custom else cost
-    return np.int64(np.floor(cost * scale))
-
-
-@njit(nogil=True)
-def weights_of(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    scale: float,
-    factor: int,
-    bits: int,
-) -> np.ndarray:
-    """Return the weight (t,) of each triangle. The lowest corner goes first, whatever its turn.
+def units_of(points: np.ndarray, a: int, b: int, c: int, cost: Cost, scale: float) -> np.int64:
+    """Return the cost of one triangle in units; the lowest corner goes first, whatever its turn.
 
     A cost in floats may depend on which corner comes first in its last digit.
     """
+    a, b, c = lowest_first(a, b, c)
+    return np.int64(np.floor(cost_at(points, a, b, c, cost) * scale))
+
+
+@njit(nogil=True)
+def weights_of(points: np.ndarray, triangles: np.ndarray, cost: Cost, units: Units) -> np.ndarray:
+    """Return the weight (t,) of each triangle."""
     result = np.empty(len(triangles), dtype=np.int64)
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        result[t] = weight(points, a, b, c, weights, function, custom, sign, scale, factor, bits)
+        result[t] = weight(points, a, b, c, cost, units)
     return result
 
 
 @njit(nogil=True)
-def costs_of(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-) -> np.ndarray:
-    """Return the cost (t,) of each triangle, times `sign`."""
+def costs_of(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
+    """Return the cost (t,) of each triangle."""
     result = np.empty(len(triangles))
     for t in range(len(triangles)):
         a, b, c = lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
-        ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-        cost = triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
-        result[t] = sign * cost if custom else cost
+        result[t] = cost_at(points, a, b, c, cost)
     return result
 
 
@@ -171,18 +128,19 @@ def grid_scale(points: np.ndarray, cost: Cost) -> float:
     Points on a grid of step 2^-k (see `predicates.on_grid`) have half-perimeters that are
     multiples of 2^-k, boxes of 4^-k and areas of 4^-k / 2; whole coefficients keep it so.
     """
-    if cost.custom or not len(points):
+    if cost["custom"] or not len(points):
         return 0.0
-    used = np.flatnonzero(cost.weights)
+    weights = cost["weights"]
+    used = np.flatnonzero(weights)
     if not set(used.tolist()) <= {TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA}:
         return 0.0
-    if (cost.weights != np.rint(cost.weights)).any() or np.abs(cost.weights).max() > 1024.0:
+    if (weights != np.rint(weights)).any() or np.abs(weights).max() > 1024.0:
         return 0.0
     for k in range(-16, 33):
         scaled = points * 2.0**k
         if np.array_equal(scaled, np.rint(scaled)) and np.abs(scaled).max() < 2.0**52:
             if np.ptp(scaled, axis=0).max() >= 2.0**25:
                 return 0.0
-            box = bool(cost.weights[AREA] or cost.weights[BBOX_AREA])
+            box = bool(weights[AREA] or weights[BBOX_AREA])
             return 2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)
     return 0.0

@@ -150,7 +150,7 @@ def _search(
     cost = cost_of(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
-        table = cost.is_box and len(cycle) <= TABLE_ONLY and on_grid(points)
+        table = cost["is_box"] and len(cycle) <= TABLE_ONLY and on_grid(points)
         start = None if table else ring_triangulation(outline, cycle)
         return _Found(cycle[optimum(points[cycle], start, cost)], 0.0)
     if len(outline.edges) > limit:
@@ -161,7 +161,7 @@ def _search(
         if exact is not None:
             return _Found(exact, 0.0)
     proof = None
-    if sign > 0.0 and not cost.maximum:
+    if sign > 0.0 and not cost["maximum"]:
         # Never a time between the two: the result is the same on any machine.
         seconds = math.inf if len(points) <= PROVEN else 0.0
         proof = prove(outline, best_start(outline, cost), cost, seconds)

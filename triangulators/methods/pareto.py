@@ -76,7 +76,7 @@ def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
     ring = cycle_of(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
     pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
-    if any(cost.maximum for cost in pair):
+    if any(cost["maximum"] for cost in pair):
         raise ValueError("pareto: minmax criteria do not add up")
     fronts = _fronts(ring, pair[0], pair[1])
     whole = fronts[0, len(ring.cycle) - 1]

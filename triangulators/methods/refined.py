@@ -19,7 +19,7 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.compute.kernels import njit
-from triangulators.criteria.cost import Cost, cost_of, plain_cost, total_cost, triangle_cost
+from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost, total_cost
 from triangulators.geometry.order import walk_along
 from triangulators.geometry.predicates import turn
 from triangulators.geometry.unfold import neighbours_of
@@ -69,14 +69,6 @@ def _l1(points: np.ndarray, a: int, b: int) -> float:
 
 
 @njit(nogil=True)
-def _cost_of_three(
-    points: np.ndarray, a: int, b: int, c: int, weights: np.ndarray, function: Any, custom: bool
-) -> float:
-    ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-    return triangle_cost(weights, function, custom, ax, ay, bx, by, points[c, 0], points[c, 1])
-
-
-@njit(nogil=True)
 def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int) -> float:
     """Return how far d is inside the circle through a, b, c, which turn left; in no unit."""
     ax, ay = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
@@ -89,26 +81,14 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int) -> float:
 
 
 @njit(nogil=True)
-def _gains(
-    points: np.ndarray,
-    a: int,
-    b: int,
-    c: int,
-    d: int,
-    test: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-) -> bool:
+def _gains(points: np.ndarray, a: int, b: int, c: int, d: int, test: int, cost: Cost) -> bool:
     """Whether the diagonal c-d is better than a-b, in the quadrilateral a, d, b, c."""
     if test == _L1:
         return _l1(points, c, d) < _l1(points, a, b)
     if test == _IN_CIRCLE:
         return _in_circle(points, a, b, c, d) > 0.0
-    old = _cost_of_three(points, a, b, c, weights, function, custom)
-    old += _cost_of_three(points, b, a, d, weights, function, custom)
-    new = _cost_of_three(points, a, d, c, weights, function, custom)
-    new += _cost_of_three(points, d, b, c, weights, function, custom)
+    old = cost_at(points, a, b, c, cost) + cost_at(points, b, a, d, cost)
+    new = cost_at(points, a, d, c, cost) + cost_at(points, d, b, c, cost)
     return new < old - _SLACK * (abs(old) + abs(new))
 
 
@@ -141,13 +121,7 @@ def _flip(triangles: np.ndarray, across: np.ndarray, r: int, e: int, s: int, f: 
 
 @njit(nogil=True, inline="always")
 def _flips(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    across: np.ndarray,
-    test: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, test: int, cost: Cost
 ) -> int:
     """Flip in place until no flip gains; return how many were made.
 
@@ -167,7 +141,7 @@ def _flips(
                 a, b, c = triangles[r, e], triangles[r, (e + 1) % 3], triangles[r, (e + 2) % 3]
                 d: Any = np.int32(triangles[s, 0] + triangles[s, 1] + triangles[s, 2] - a - b)
                 if (
-                    _gains(points, a, b, c, d, test, weights, function, custom)
+                    _gains(points, a, b, c, d, test, cost)
                     and turn(points, a, d, c) > 0.0
                     and turn(points, d, b, c) > 0.0
                 ):
@@ -183,29 +157,22 @@ def _flips(
 
 
 @njit(nogil=True)
-def _flips_by_l1(
-    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
-) -> int:
-    return _flips(points, triangles, across, _L1, weights, f, False)
+def _flips_by_l1(points: np.ndarray, triangles: np.ndarray, across: np.ndarray, cost: Cost) -> int:
+    return _flips(points, triangles, across, _L1, cost)
 
 
 @njit(nogil=True)
 def _flips_by_circles(
-    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, weights: np.ndarray, f: Any
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, cost: Cost
 ) -> int:
-    return _flips(points, triangles, across, _IN_CIRCLE, weights, f, False)
+    return _flips(points, triangles, across, _IN_CIRCLE, cost)
 
 
 @njit(nogil=True)
 def _flips_by_cost(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    across: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, cost: Cost
 ) -> int:
-    return _flips(points, triangles, across, _ANY, weights, function, custom)
+    return _flips(points, triangles, across, _ANY, cost)
 
 
 @njit(nogil=True)
@@ -220,31 +187,25 @@ def _l1_of(points: np.ndarray, triangles: np.ndarray) -> float:
 
 @njit(nogil=True)
 def refine(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    across: np.ndarray,
-    test: int,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
+    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, test: int, cost: Cost
 ) -> np.ndarray:
     """Return what flips make of triangles (m, 3), in the order of `order.walk`.
 
     across: the neighbours of the triangles; both are overwritten.
     """
     other, beside = triangles.copy(), across.copy()
-    by_circles = _flips_by_circles(points, other, beside, weights, function) > 0
+    by_circles = _flips_by_circles(points, other, beside, cost) > 0
     if test == _L1:
-        _flips_by_l1(points, triangles, across, weights, function)
+        _flips_by_l1(points, triangles, across, cost)
         if by_circles:
-            _flips_by_l1(points, other, beside, weights, function)
+            _flips_by_l1(points, other, beside, cost)
             by_circles = _l1_of(points, other) < _l1_of(points, triangles)
     else:
-        _flips_by_cost(points, triangles, across, weights, function, custom)
+        _flips_by_cost(points, triangles, across, cost)
         if by_circles:
-            _flips_by_cost(points, other, beside, weights, function, custom)
-            one = total_cost(points, triangles, weights, function, custom, 1.0, False)
-            by_circles = total_cost(points, other, weights, function, custom, 1.0, False) < one
+            _flips_by_cost(points, other, beside, cost)
+            one = total_cost(points, triangles, cost)
+            by_circles = total_cost(points, other, cost) < one
     if by_circles:
         return walk_along(other, beside, len(points))
     return walk_along(triangles, across, len(points))
@@ -260,8 +221,7 @@ def refine_many(
     raw: np.ndarray,
     bounds: np.ndarray,
     test: int,
-    weights: np.ndarray,
-    function: Any,
+    cost: Cost,
     starts: np.ndarray,
     triangles: np.ndarray,
     done: np.ndarray,
@@ -279,7 +239,7 @@ def refine_many(
         across = neighbours_of(own, len(points))
         if is_triangulation(points, ends, own, across):
             room = triangles[starts[index] : starts[index + 1]]
-            room[:] = refine(points, own, across, test, weights, function, False)
+            room[:] = refine(points, own, across, test, cost)
             done[index] = True
 
 
@@ -310,8 +270,8 @@ def take_many(
 
 def test_of(cost: Cost) -> int:
     """Return the test by which flips lessen a cost."""
-    by_l1, by_area, by_l2 = cost.box.tolist()
-    return _L1 if cost.is_box and by_l1 > 0.0 and by_area == by_l2 == 0.0 else _ANY
+    by_l1, by_area, by_l2 = cost["box"].tolist()
+    return _L1 if cost["is_box"] and by_l1 > 0.0 and by_area == by_l2 == 0.0 else _ANY
 
 
 def triangulate(
@@ -336,4 +296,4 @@ def triangulate(
         start = np.array(starts(outline)[0], dtype=np.int32, order="C")
         across = neighbours_of(start, len(points))
     test = test_of(cost)
-    return refine(points, start, across, test, cost.weights, cost.function, cost.custom)
+    return refine(points, start, across, test, cost)

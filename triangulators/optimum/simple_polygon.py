@@ -30,19 +30,19 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
     fails to turn left, visibility is decided by exact predicates.
     """
     n = len(points)
-    if cost.is_box and n <= TABLE_ONLY:
+    if cost["is_box"] and n <= TABLE_ONLY:
         small = np.empty((n - 2, 3), dtype=np.int32)
-        if ring_optimum(points, cost.box, small) < np.inf:
+        if ring_optimum(points, cost["box"], small) < np.inf:
             return small
     if triangles is None:
         triangles = _by_table(points, cost, _flat(points))
     start, target = visible_pairs(points, triangles, neighbours(triangles, n), n * n)
-    if cost.is_box and cost.box[1] == 0.0:
-        found = edge_optimum(points, start, target, cost.box)
+    if cost["is_box"] and cost["box"][1] == 0.0:
+        found = edge_optimum(points, start, target, cost["box"])
         if len(found) != n - 2:
             raise TriangulationError(f"no triangulation of {n} corners found")
         return found
-    if cost.is_box:
+    if cost["is_box"]:
         seen_from_above = np.bincount(target, minlength=n)
         tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
         everything = len(target) == n * (n - 1) // 2
@@ -63,13 +63,13 @@ def small_optimum(
     if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
         return None
     cost = plain_cost(criterion, sign)
-    if cost is None or not cost.is_box:
+    if cost is None or not cost["is_box"]:
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
     if outline.holes:
-        found = holes_optimum(points, outline.ends.astype(np.int64), cost.box, triangles)
+        found = holes_optimum(points, outline.ends.astype(np.int64), cost["box"], triangles)
     else:
-        found = ring_optimum(points, cost.box, triangles) < np.inf
+        found = ring_optimum(points, cost["box"], triangles) < np.inf
     return triangles if found else None
 
 
@@ -81,7 +81,7 @@ def _flat(points: np.ndarray) -> float:
 
 
 def _by_table(points: np.ndarray, cost: Cost, flat: float) -> np.ndarray:
-    best = box_optimum(points, cost.box, flat)
+    best = box_optimum(points, cost["box"], flat)
     if best is None or (flat != 0.0 and (turns(points, best) <= 0.0).any()):
         raise TriangulationError(f"no triangulation of {len(points)} corners found")
     return best

@@ -20,13 +20,11 @@ Rounding. Costs are float64 sums; nothing here decides by the sign of a small di
 sums of half-perimeters and of areas are exact.
 """
 
-from typing import Any
-
 import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.simd import fmin
-from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, triangle_cost
+from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, triangle_cost, with_fields
 from triangulators.optimum.full_table import NONE
 
 
@@ -62,22 +60,17 @@ def _best_any(
     first: int,
     end: int,
     ends: tuple[float, float, float, float],
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    maximum: bool,
+    cost: Cost,
 ) -> float:
     """`_best_box` for any cost, summed or its maximum taken."""
     xi, yi, xj, yj = ends
     best = NONE
     for r in range(first, end):
         left, right = row[apex[r]], column[0, r]
-        if left >= NONE or (maximum and max(left, right) >= best):
+        if left >= NONE or (cost.maximum and max(left, right) >= best):
             continue
-        cost = triangle_cost(weights, function, custom, xi, yi, column[1, r], column[2, r], xj, yj)
-        cost = sign * cost if custom else cost
-        total = max(left, right, cost) if maximum else left + right + cost
+        own = triangle_cost(cost, xi, yi, column[1, r], column[2, r], xj, yj)
+        total = max(left, right, own) if cost.maximum else left + right + own
         best = min(best, total)
     return best
 
@@ -88,16 +81,10 @@ def fill_pairs(
     y: np.ndarray,
     start: np.ndarray,
     target: np.ndarray,
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    maximum: bool,
-    box: np.ndarray,
-    is_box: bool,
+    cost: Cost,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (row costs, list starts, list apexes, lists): cost(i, j) by i, and by j."""
-    n, pairs = len(x), start[len(x)]
+    n, pairs, box = len(x), start[len(x)], cost.box
     first = np.zeros(n + 1, dtype=np.int64)
     for p in range(pairs):
         first[target[p] + 1] += 1
@@ -113,16 +100,13 @@ def fill_pairs(
             j = target[p]
             ends = (x[i], y[i], x[j], y[j])
             if j == i + 1:
-                best = -NONE if maximum else 0.0
-            elif is_box:
+                best = -NONE if cost.maximum else 0.0
+            elif cost.is_box:
                 low, high = np.uint64(first[j]), np.uint64(end[j])
                 best = _best_box(row, apex, column, low, high, ends, box[0], box[1])
                 best += 2.0 * box[2] * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
             else:
-                best = _best_any(
-                    *(row, apex, column, first[j], end[j], ends),
-                    *(weights, function, custom, sign, maximum),
-                )
+                best = _best_any(row, apex, column, first[j], end[j], ends, cost)
             row[j] = row_cost[p] = best
             apex[end[j]] = i
             column[0, end[j]], column[1, end[j]], column[2, end[j]] = best, x[i], y[i]
@@ -140,11 +124,7 @@ def trace_pairs(
     start: np.ndarray,
     target: np.ndarray,
     filled: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    weights: np.ndarray,
-    function: Any,
-    custom: bool,
-    sign: float,
-    maximum: bool,
+    cost: Cost,
 ) -> np.ndarray:
     """Return the triangles (n - 2, 3) behind what `fill_pairs` found."""
     row_cost, first, apex, column = filled
@@ -169,9 +149,9 @@ def trace_pairs(
                 break  # the list descends: the rest lies outside i..j
             if row[k] >= NONE:
                 continue
-            cost = triangle_cost(weights, function, custom, x[i], y[i], x[k], y[k], x[j], y[j])
-            cost = sign * cost if custom else cost
-            total = max(row[k], column[0, r], cost) if maximum else row[k] + column[0, r] + cost
+            own = triangle_cost(cost, x[i], y[i], x[k], y[k], x[j], y[j])
+            left, right = row[k], column[0, r]
+            total = max(left, right, own) if cost.maximum else left + right + own
             if total < best:
                 best, best_apex = total, k
         for p in range(start[i], start[i + 1]):
@@ -192,17 +172,17 @@ def sparse_optimum(
     start, target: its `visible_pairs`, all of them.
     """
     x, y = np.ascontiguousarray(points.T)
-    filled = fill_pairs(x, y, start, target, *cost)
-    return trace_pairs(x, y, start, target, filled, apex_weights(cost), *cost[1:5])
+    filled = fill_pairs(x, y, start, target, cost)
+    return trace_pairs(x, y, start, target, filled, _as_filled(cost))
 
 
-def apex_weights(cost: Cost) -> np.ndarray:
-    """Return the weights that `trace_pairs` needs to see costs as `fill_pairs` counted them.
+def _as_filled(cost: Cost) -> Cost:
+    """Return the cost with which `trace_pairs` sees triangles as `fill_pairs` counted them.
 
     For a box the edges are counted with the pairs, and what is the same for all is left out.
     """
-    if not cost.is_box:
-        return cost.weights
-    weights = np.zeros_like(cost.weights)
-    weights[HALF_PERIMETER], weights[BBOX_AREA] = cost.box[0], cost.box[1]
-    return weights
+    if not cost["is_box"]:
+        return cost
+    weights = np.zeros_like(cost["weights"])
+    weights[HALF_PERIMETER], weights[BBOX_AREA] = cost["box"][0], cost["box"][1]
+    return with_fields(cost, weights=weights)
