@@ -11,7 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.figures.break_even import break_even
+from harness.figures.advice import advice
+from harness.figures.break_even import AFTER, break_even
+from harness.figures.decision import Decision, Standing, decide, explained
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
@@ -22,7 +24,6 @@ from harness.figures.registry import (
     limit_of,
     measures,
     predictions,
-    value_of,
 )
 from harness.pictures.style import plain_table
 from harness.stored.folder import Record
@@ -30,8 +31,8 @@ from harness.stored.folder import Record
 MOST_COLUMNS = 4
 """Figures of the table; with them, 80 characters hold all of it."""
 
-BARS = (8, 6, 4, 2)
-"""Characters of the longest bar: the most for which there is room."""
+BARS = (8, 6, 4, 2, 0)
+"""Characters of the longest bar: the most for which there is room; 0 for none."""
 
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
 
@@ -41,32 +42,70 @@ POLYGONS = ("polygons", "polygons_skipped", "polygons_failed")
 
 
 def print_summary(records: Sequence[Record], console: Console) -> None:
-    """Print one table for each group, fastest triangulator first, then what went wrong."""
+    """Print one table for each group, the cheapest triangulator first, then what it says."""
     for members in groups(records):
+        decision = decide(members)
         good = [record for record in members if record["status"] == "ok"]
-        if good:
-            console.print(_fitting(good, console))
+        if decision:
+            console.print(_fitting(decision, console))
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        for line in [*_paid_off(good), *_proven(good), *_judged(good)]:
+        lines = [*_proven(good), *_judged(good)]
+        if decision:
+            lines += [line for line in (explained(decision), advice(members)) if line]
+        for line in lines:
             console.print(line, markup=False, highlight=False)
 
 
-def _fitting(records: list[Record], console: Console) -> Table:
+def _fitting(decision: Decision, console: Console) -> Table:
     """Return a group's ranking with the longest bars that leave room for all else."""
     wide = console.options.update(max_width=1000)
     for bar in BARS:
-        table = _table(records, bar, plain=wide.ascii_only)
+        table = _table(decision, bar, plain=wide.ascii_only)
         if console.measure(table, options=wide).maximum <= console.width:
             return table
-    # A name too long for any goes on in the next line.
-    return _table(records, BARS[-1], plain=wide.ascii_only)
+    # What is too long for any goes on in the next line.
+    return _table(decision, BARS[-1], plain=wide.ascii_only)
 
 
-def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
+def _table(decision: Decision, bar: int, *, plain: bool) -> Table:
     """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
-    first = records[0]
+    records = [each.record for each in decision.standings]
+    table = plain_table(_title(records[0]), title_style="bold", padding=(0, 1, 0, 0))
+    table.add_column("triangulator", overflow="fold")
+    shown = _shown(records)
+    for figure in shown:
+        table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
+    base = decision.base
+    if bar:
+        table.add_column("", no_wrap=True)
+    table.add_column(_heading(base, "time vs " if bar else "vs "), no_wrap=True)
+    # Where nothing says when it has paid, the verdict alone stands here.
+    paid = any(each.pays for each in decision.standings)
+    if paid:
+        table.add_column("pays after")
+    most = max(each.cost for each in decision.standings)
+    complete = max(_polygons(record) for record in records)
+    limit = limit_of(base.record) if base and base.complete else None
+    for each in decision.standings:
+        cells: list[Text | str] = [_number(figure(each.record), figure.form) for figure in shown]
+        if bar:
+            cells.append(_bar(each.cost / most if most else 0.0, bar, plain=plain))
+        table.add_row(
+            each.name,
+            *cells,
+            *_against(each, each is base, complete, paid=paid),
+            style="" if each.complete else "dim",
+        )
+    if limit is not None:
+        cells = [_number(figure(limit), figure.form) for figure in shown]
+        rest = [*[""] * bool(bar), "the limit", *[""] * paid]
+        table.add_row("(outline alone)", *cells, *rest, style="dim")
+    return table
+
+
+def _title(first: Record) -> str:
     title = (
         f"{first['scene']}, {_polygons(first):,} polygons, {first['resolution']} px: "
         f"{first['rasteriser']} on {first['device']}"
@@ -74,34 +113,7 @@ def _table(records: list[Record], bar: int, *, plain: bool) -> Table:
     if first["rotation"]:
         title += f", turned by {first['rotation']:g} degrees"
     order = (first.get("options") or {}).get("order", "native")
-    if order != "native":
-        title += f", {order} order"
-    table = plain_table(title, title_style="bold", padding=(0, 1, 0, 0))
-    table.add_column("triangulator", overflow="fold")
-    shown = _shown(records)
-    for figure in shown:
-        table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
-    base = base_of(records)
-    table.add_column("", no_wrap=True)
-    table.add_column(_heading(base), no_wrap=True)
-    complete = max(record["polygons"] for record in records)
-    ranks = {record["triangulator"]: _rank(record, base, complete) for record in records}
-    most = max(cost for _, cost, _ in ranks.values())
-    limit = limit_of(base) if base and base["polygons"] == complete else None
-    for record in sorted(records, key=lambda record: ranks[record["triangulator"]]):
-        incomplete, cost, _ = ranks[record["triangulator"]]
-        cells = [_number(figure(record), figure.form) for figure in shown]
-        table.add_row(
-            record["triangulator"],
-            *cells,
-            _bar(cost / most if most else 0.0, bar, plain=plain),
-            _against(record, base, complete),
-            style="dim" if incomplete else "",
-        )
-    if limit is not None:
-        cells = [_number(figure(limit), figure.form) for figure in shown]
-        table.add_row("(outline alone)", *cells, "", "no triangles: the limit", style="dim")
-    return table
+    return title if order == "native" else f"{title}, {order} order"
 
 
 def _shown(records: Sequence[Record]) -> list[Figure]:
@@ -126,21 +138,6 @@ def _bar(share: float, longest: int, *, plain: bool) -> Text:
         return Text("#" * max(1, eighths // 8))
     part = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
     return Text("█" * (eighths // 8) + part, style="cyan")
-
-
-def _paid_off(records: Sequence[Record]) -> list[str]:
-    """Say after how many draws what triangulated longer than the base has paid for it."""
-    base = base_of(records)
-    found = {}
-    for record in records:
-        even = break_even(record, base)
-        if even is not None and even.high > 0:
-            found[record["triangulator"]] = even
-    if base is None or not found:
-        return []
-    ordered = sorted(found, key=lambda name: found[name].draws)
-    words = ", ".join(f"{name} {found[name].written}" for name in ordered)
-    return [f"the longer triangulating pays against {base['triangulator']} after: {words}"]
 
 
 def _proven(records: Sequence[Record]) -> list[str]:
@@ -179,37 +176,26 @@ def _polygons(record: Record) -> int:
     return int(sum(record.get(name) or 0 for name in POLYGONS))
 
 
-def _heading(base: Record | None) -> str:
-    name = "" if base is None else base["triangulator"]
-    return f"time vs {name}" if len(name) <= len("ear-clipping") else f"vs {name}"
+def _heading(base: Standing | None, begin: str) -> str:
+    name = "" if base is None else base.name
+    return f"{begin}{name}" if len(name) <= len("ear-clipping") else f"vs {name}"
 
 
-def _rank(record: Record, base: Record | None, complete: int) -> tuple[bool, float, str]:
-    """Complete triangulations first, then by time over the base's, or by the main counter.
-
-    The ratio is the paired one wherever there is one, as the verdict's is: medians of two
-    drawings may be in another order than the rounds that timed both.
-    """
-    ratio = time_ratio(record, base)
-    counted = measures(record.get("counters") or ())
-    names = ["draw_ms", *counted]
-    cost, usual = value_of(record, names) or 0.0, value_of(base or record, names)
-    relative = ratio.value if ratio is not None else cost / usual if usual else cost
-    return record["polygons"] != complete, relative, record["triangulator"]
-
-
-def _against(record: Record, base: Record | None, complete: int) -> Text:
-    if record is base and record["polygons"] == _polygons(record):
-        return Text("-")
-    if record is base or record["polygons"] != complete:
-        complete = max(complete, _polygons(record))
-        return Text(f"({record['polygons']} of {complete} polygons)")
-    ratio = time_ratio(record, base)
-    if ratio is None:
-        return Text("")
+def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> list[Text]:
+    """Return the ratio with its interval, then when it has paid, or else the verdict."""
+    left_out = is_base and each.record["polygons"] != _polygons(each.record)
+    if left_out or not each.complete:
+        note = Text(f"({each.record['polygons']} of {complete} polygons)")
+        return [Text(""), note] if paid else [note]
+    ratio = each.ratio
+    if is_base or ratio is None:
+        return [Text("-" if is_base else ""), *[Text("")] * paid]
     colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
-    interval = f"({ratio.low:.3f}-{ratio.high:.3f})"
-    return Text(f"{ratio.value:.3f} {interval} {WORDS[ratio.verdict]}", style=colour)
+    words = each.pays.short if each.pays else WORDS[ratio.verdict]
+    shown = f"{ratio.value:.3f} ({ratio.low:.3f}-{ratio.high:.3f})"
+    if paid:
+        return [Text(shown, style=colour), Text(words, style=colour)]
+    return [Text(f"{shown} {words}", style=colour)]
 
 
 def _note(record: Record) -> Text:
@@ -221,9 +207,9 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else form.format(value)
 
 
-def _finite(value: float) -> float | None:
-    """Return what JSON can hold; there is no number for never."""
-    return value if math.isfinite(value) else None
+def _finite(value: float | None) -> float | None:
+    """Return what JSON can hold; there is no number for an interval without end."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def write_csv(records: Sequence[Record], file: Path) -> None:
@@ -261,8 +247,8 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
         if even is not None:
             row |= {
                 "break_even": even.written,
-                "break_even_draws": _finite(even.draws),
-                "break_even_low": _finite(even.low),
-                "break_even_high": _finite(even.high),
+                "break_even_draws": even.draws if even.kind == AFTER else None,
+                "break_even_low": even.low if even.kind == AFTER else None,
+                "break_even_high": _finite(even.high) if even.kind == AFTER else None,
             }
     return row

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from harness.figures.advice import advice
+from harness.figures.decision import Standing, decide, explained
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
 from harness.pictures.style import looks
 from harness.report import facts, matrix, packing
-from harness.report.answer import answer, answer_of_study
+from harness.report.answer import answer_of_study, criteria_of
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
@@ -58,7 +60,12 @@ def content_of(run: Run) -> Content:
     for number, members in enumerate(found):
         group, correlations = _group(members, columns)
         content["groups"].append(group)
-        content["cases"] += [_case(number, record, members, columns) for record in members]
+        decision = decide(members)
+        places = enumerate(decision.standings if decision else (), start=1)
+        ranked = {each.record["key"]: (place, each) for place, each in places}
+        content["cases"] += [
+            _case(number, record, ranked.get(record["key"]), members, columns) for record in members
+        ]
         for measure, values in correlations.items():
             told.append(((group["rasteriser"], group["device"], measure), values, group["view"]))
     folder = run.path if run.path.is_dir() else run.path.parent
@@ -137,6 +144,7 @@ def _group(
         if (kept := polygons.read(record)) is not None
     }
     first = members[0]
+    decision = decide(members)
     base = base_of(members)
     base_name = base["triangulator"] if base is not None else next(iter(columns), None)
     counted = measures(columns[base_name]) if base_name in columns else []
@@ -163,17 +171,28 @@ def _group(
         "measures": counted,
         "main": main,
         "correlations": correlations,
-        "answer": answer(members, main, correlations, polygons.within(first, main)),
+        "answer": advice(members),
+        "judged": criteria_of(main, correlations, polygons.within(first, main)),
+        "explained": explained(decision) if decision else None,
     }, correlations
 
 
-def _case(number: int, record: Record, members: Sequence[Record], polygons: _Polygons) -> Content:
+def _case(
+    number: int,
+    record: Record,
+    ranked: tuple[int, Standing] | None,
+    members: Sequence[Record],
+    polygons: _Polygons,
+) -> Content:
     row = row_of(record, base_of(members))
     predicted = {PREDICTED + name: value for name, value in (record.get("predicted") or {}).items()}
     columns = polygons.read(record)
     return {
         "group": number,
         "row": {name: _rounded(value) for name, value in (row | predicted).items()},
+        "rank": ranked[0] if ranked else None,
+        "complete": bool(ranked and ranked[1].complete),
+        "disagrees": bool(ranked and ranked[1].disagrees),
         "warnings": (record.get("time") or {}).get("warnings", []),
         "counted": None if columns is None else polygons.counted(record, columns),
     }
@@ -207,6 +226,7 @@ def _described(figure: Figure) -> Content:
         "title": figure.title,
         "label": figure.label,
         "unit": figure.unit,
+        "percent": figure.form.endswith("%}"),
         "kind": figure.kind,
         "better": figure.better,
         "description": figure.description,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.decision import decide
+from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, ratios
 from harness.figures.registry import PREDICTED, find, limit_of, measures, predictions
 from harness.pictures.style import (
@@ -245,13 +246,14 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     from matplotlib.figure import Figure
 
     timed = [record for record in members if record["status"] == "ok" and record.get("time")]
-    most = max((record["polygons"] for record in timed), default=0)
-    whole = [record for record in timed if record["polygons"] == most]
-    if len(whole) < 2:
+    decision = decide(timed)
+    base = decision.base.record if decision and decision.base else None
+    if decision is None or base is None:
         return None
-    base = base_of(whole) or whole[0]
-    pairs = [(record, ratio) for record in whole if (ratio := time_ratio(record, base))]
-    pairs.sort(key=lambda pair: pair[1].value, reverse=True)
+    whole = [each for each in decision.standings if each.complete and each.ratio]
+    pairs = [(each.record, each.ratio) for each in reversed(whole) if each.ratio]
+    if len(pairs) < 2:
+        return None
     lanes = [find(LANES)(record) for record, _ in pairs]
     counted = all(value is not None for value in lanes)
     figure = Figure(figsize=(TWO_COLUMNS if counted else ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
@@ -276,14 +278,14 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     panel.set_ylim(-0.6, len(pairs) - 0.4)
     panel.set_xlim(0, 1.62 * max(max(ratio.high, 1.0) for _, ratio in pairs))
     panel.grid(visible=False, axis="y")
-    left_out = [r["triangulator"] for r in timed if r["polygons"] != most]
+    left_out = [each.name for each in decision.standings if not each.complete]
     note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
     panel.set_xlabel(
         f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
     )
     if counted:
         _lanes_and_limit(beside[0], pairs[0][0], [value or 0.0 for value in lanes])
-    first = whole[0]
+    first = base
     title = f"What is fastest to draw{', and what do diagonals cost' if counted else ''}?"
     figure.suptitle(
         f"{title} {first['scene']}, {first['resolution']} px,\n"

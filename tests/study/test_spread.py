@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
-from harness.report.answer import answer
+from harness.report.answer import criteria_of
 from harness.report.content import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
@@ -69,10 +68,10 @@ def test_criteria_are_ranked_within_polygons(run_folder):
     assert "complexity" not in found, "it is the same for all, and so ranks nothing"
 
 
-def test_the_reports_first_sentence_says_which_criterion_to_use(run_folder):
+def test_the_report_says_which_criterion_to_use(run_folder):
     content = content_of(read_run(run_folder))
-    sentence = content["groups"][0]["answer"]
-    assert "within a polygon, " in sentence
+    sentence = content["groups"][0]["judged"]
+    assert sentence.startswith("Within a polygon, ")
     assert "expected quads Q predicts helper lanes best (rank correlation 0.9" in sentence
     assert "over 24 polygons; the paper's overdraw A 0." in sentence
 
@@ -93,7 +92,7 @@ def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
             (folder / file).write_bytes((run_folder / file).read_bytes())
         (folder / polygon_ranking.FILE).write_text(content)
         assert polygon_ranking.read(read_run(folder), View(1024)) is None
-        assert "within a polygon" not in content_of(read_run(folder))["groups"][0]["answer"]
+        assert "Within a polygon" not in content_of(read_run(folder))["groups"][0]["judged"]
 
 
 def test_drawings_of_older_versions_have_no_rings(run_folder, tmp_path):
@@ -113,13 +112,9 @@ def test_drawings_of_older_versions_have_no_rings(run_folder, tmp_path):
 
 
 def test_without_a_spread_the_sentence_is_that_of_ratios():
-    record = json.loads(
-        '{"status": "ok", "polygons": 2, "device": "cpu", "rasteriser": "reference",'
-        ' "resolution": 64, "scene": "city", "triangulator": "fan", "counters": {"quads": 4}}'
-    )
-    other = {**record, "triangulator": "delaunay", "counters": {"quads": 3}}
-    words = answer([record, other], "quads", {"quads": {"half_perimeter": 0.5}})
-    assert "of the criteria, half-perimeter H predicts quads best" in words
+    words = criteria_of("quads", {"quads": {"half_perimeter": 0.5}})
+    assert words == "Of the criteria, half-perimeter H predicts quads best (rank correlation 0.50)."
+    assert criteria_of("quads", {}) == ""
 
 
 def test_the_table_is_a_plain_file(run_folder):

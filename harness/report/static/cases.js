@@ -11,7 +11,7 @@ function allFields() {
   const shown = Object.keys(figures).filter((name) => figures[name].kind !== "prediction" && figures[name].better !== "none");
   const withUnit = (name) => (figures[name].kind === "time" && figures[name].unit !== "x" ? `${words(name)} [${figures[name].unit}]` : words(name));
   return [["triangulator", "triangulator"], ["rasteriser", "rasteriser"], ["device", "device"], ["conditions", null], ["status", "status"],
-    ["time ratio", "time_ratio"], ["verdict", "verdict"], ["pays after", "break_even"], ...shown.map((name) => [withUnit(name), name]), ["notes", "reason"]];
+    ["time ratio", "time_ratio"], ["verdict", "verdict"], ["pays", "break_even"], ...shown.map((name) => [withUnit(name), name]), ["notes", "reason"]];
 }
 
 function fieldOf(each, name) {
@@ -44,7 +44,7 @@ function foundCases() {
 function drawCases() {
   const found = foundCases();
   list.from = Math.max(0, Math.min(list.from, Math.floor((found.length - 1) / PAGE) * PAGE));
-  const shown = found.slice(list.from, list.from + PAGE);
+  const rows = found.slice(list.from, list.from + PAGE);
   const head = element("tr", {}, ...fields.map(([title, name], column) => {
     const button = element("button", { type: "button", title: name && meaning(name) }, title);
     button.addEventListener("click", () => {
@@ -56,14 +56,14 @@ function drawCases() {
     const sorted = list.sort === column ? (list.descending ? "descending" : "ascending") : null;
     return element("th", { scope: "col", "aria-sort": sorted }, button);
   }));
-  const body = shown.map((each) => element("tr", {}, ...fields.map(([, name], column) => {
+  const body = rows.map((each) => element("tr", {}, ...fields.map(([, name], column) => {
     const value = fieldOf(each, name);
     const isNumber = typeof value === "number";
     const attributes = { class: isNumber ? "number" : name === "reason" ? "reason" : name === "verdict" ? `verdict ${value ?? ""}` : null, scope: column ? null : "row" };
-    return element(column ? "td" : "th", attributes, isNumber ? number(value) : value ?? "");
+    return element(column ? "td" : "th", attributes, isNumber ? figureText(name, value) : value ?? "");
   })));
   $("cases").replaceChildren(element("caption", { class: "unseen" }, "Cases, one a row"), element("thead", {}, head), element("tbody", {}, ...body));
-  $("found").textContent = found.length ? `${number(list.from + 1)} to ${number(list.from + shown.length)} of ${number(found.length)}` : "no case is like this";
+  $("found").textContent = found.length ? `${number(list.from + 1)} to ${number(list.from + rows.length)} of ${number(found.length)}` : "no case is like this";
   $("before").disabled = list.from === 0;
   $("after").disabled = list.from + PAGE >= found.length;
   $("pages").hidden = found.length <= PAGE;

@@ -10,6 +10,7 @@ function choose(index) {
   options($("condition"), conditions.map((text) => [text, text]), `${group().scene}, ${group().condition}`);
   options($("target"), groupsAlike().map(([each, i]) => [String(i), `${each.rasteriser} on ${each.device}`]), String(index));
   $("answer").textContent = state.report.study || group().answer;
+  $("judged").textContent = group().judged;
   fillChart();
   drawRanking();
   fillHeatmap();

@@ -25,6 +25,12 @@ function words(name) {
   return state.report.figures[name]?.title ?? name.replaceAll("_", " ");
 }
 
+/* A figure's value; a share as a percentage. */
+function figureText(name, value, digits = 4) {
+  if (!state.report.figures[name]?.percent || typeof value !== "number") return number(value, digits);
+  return `${(100 * value).toFixed(1)}\u00a0%`;
+}
+
 /* What a figure is, for a tooltip. */
 function meaning(name) {
   return state.report.figures[name]?.description || null;

@@ -8,16 +8,11 @@ function groupsAlike() {
   return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
 }
 
-/* Complete triangulations first, then by the paired ratio, as the verdict; by the main counter where nothing was timed. */
+/* In the order that the sentence above and the table of a terminal are made of. */
 function ranked(index) {
-  const main = state.report.groups[index].main;
-  const good = casesOf(index).filter((each) => each.row.status === "ok" && !isHidden(each.row.triangulator));
-  const most = Math.max(...good.map((each) => each.row.polygons));
-  const isBase = (each) => each.row.triangulator === state.report.groups[index].base;
-  const cost = (each) => each.row.time_ratio ?? (each.row.draw_ms && isBase(each) ? 1 : each.row.draw_ms ?? each.row[main] ?? Infinity);
-  const complete = (each) => each.row.polygons === most;
-  good.sort((p, q) => complete(q) - complete(p) || cost(p) - cost(q));
-  return good.map((each) => ({ ...each, complete: complete(each), most }));
+  const good = casesOf(index).filter((each) => each.rank !== null).sort((p, q) => p.rank - q.rank);
+  const shown = good.filter((each) => !isHidden(each.row.triangulator));
+  return shown.map((each) => ({ ...each, most: good[0].row.polygons }));
 }
 
 /* Time against the base with its interval, or the main counter against the base's. */
@@ -55,7 +50,7 @@ function rankingColumns(at, rows) {
   const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
   const plain = (name) => {
     const { unit, kind } = figures[name];
-    return [kind === "time" ? `${words(name)} [${unit}]` : words(name), meaning(name), (row) => number(row[name], kind === "time" ? 3 : 4)];
+    return [kind === "time" ? `${words(name)} [${unit}]` : words(name), meaning(name), (row) => figureText(name, row[name], kind === "time" ? 3 : 4)];
   };
   const others = Object.keys(figures).filter((name) => ["ratio", "time", "count"].includes(figures[name].kind)
     && !["draw_ms", "draw_of_reference"].includes(name) && new Set(rows.map((each) => each.row[name])).size > 1);
@@ -72,29 +67,32 @@ function rankingTable(at, index) {
   const known = ratios.filter(Boolean);
   const low = Math.min(1, ...known.map((r) => r.low)) - 0.01, high = Math.max(1, ...known.map((r) => r.high)) + 0.01;
   const columns = rankingColumns(at, rows);
+  const paid = rows.some((each) => each.row.break_even);
   const heading = (text, name, title) => element("th", { scope: "col", class: name, title }, text);
   const versus = `${timed ? "time" : words(at.main || "")} against ${at.base}`;
   const head = element("tr", {}, heading("", "number"), heading("triangulator"), heading("ratio (95\u00a0%)", "number"), heading("verdict"), heading(versus, "picture"),
+    ...(paid ? [heading("pays", null, meaning("break_even"))] : []),
     ...columns.map(([title, what]) => heading(title, "number", what)));
   const body = rows.map((each, place) => {
     const { row } = each, ratio = ratios[place];
     const interval = ratio ? ` (${ratio.low.toFixed(3)}–${ratio.high.toFixed(3)})` : "";
     const verdict = each === base ? "the base" : each.complete ? row.verdict ?? "" : `${number(row.polygons)} of ${number(each.most)} polygons`;
     return element("tr", { class: each.complete ? null : "incomplete" },
-      element("td", { class: "number" }, each.complete ? String(place + 1) : "–"),
+      element("td", { class: "number" }, each.complete ? String(each.rank) : "–"),
       element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.triangulator)}`, "aria-hidden": "true" }), row.triangulator),
       element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? interval : ""}`) : ""),
       element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
       element("td", { class: "picture" }, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
+      ...(paid ? [element("td", { class: `verdict ${row.verdict ?? ""}` }, each.complete ? row.break_even ?? "" : "")] : []),
       ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
   });
-  return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
+  return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
     element("table", { class: "ranking" }, element("caption", {}, `${at.rasteriser} on ${at.device}, ${at.condition}`),
-      element("thead", {}, head), element("tbody", {}, ...body)));
+      element("thead", {}, head), element("tbody", {}, ...body))), at.explained ? element("p", { class: "quiet" }, at.explained) : null);
 }
 
 function drawRanking() {
   const made = groupsAlike().map(([at, index]) => rankingTable(at, index)).filter(Boolean);
   $("ranking").replaceChildren(...(made.length ? made : [element("p", { class: "empty" }, "No triangulator of this choice was measured.")]));
-  tables.ranking = () => csvOfObjects(groupsAlike().flatMap(([, index]) => ranked(index).map((each, place) => ({ rank: each.complete ? place + 1 : "", ...each.row }))));
+  tables.ranking = () => csvOfObjects(groupsAlike().flatMap(([, index]) => ranked(index).map((each) => ({ rank: each.complete ? each.rank : "", ...each.row }))));
 }

@@ -1,0 +1,154 @@
+"""What a group's records say together: sentence, table and ranking agree whatever was measured."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from harness.figures.advice import advice
+from harness.figures.decision import decide, explained
+from harness.report.content import content_of
+from harness.stored.folder import Run
+from harness.summary import WORDS, print_summary
+from tests.harness.test_summary import SAMPLES, record
+
+DRAWS = {"faster": 0.9, "level": 1.0, "slower": 1.1, "untimed": None}
+TRIANGULATING = {"quicker": 0.2, "longer": 0.9, "once": 0.9, "untold": None}
+COUNTS = {"fewer": 900, "same": 1000, "more": 1100}
+
+
+def made(name, draws="level", triangulating="longer", counts="same", **changes):
+    factor, seconds = DRAWS[draws], TRIANGULATING[triangulating]
+    found = record(name, factor or 1.0, counters={"helper_lanes": COUNTS[counts]}, **changes)
+    noise = np.random.default_rng(len(name)).permutation(SAMPLES)
+    if factor is None:
+        del found["time"]
+    elif name != "ear-clipping":
+        samples = 100 * factor * (0.9 * np.array(SAMPLES) + 0.1 * noise)
+        found["time"] |= {"samples_s": samples.tolist(), "median_s": float(np.median(samples))}
+    if seconds is not None:
+        found["triangulate_s"] = seconds
+        if triangulating != "once":
+            found["triangulate_samples_s"] = [seconds * (1 + 0.01 * k) for k in range(6)]
+    return found
+
+
+def base():
+    return made("ear-clipping", triangulating="longer") | {
+        "triangulate_s": 0.5,
+        "triangulate_samples_s": [0.5 * (1 + 0.01 * k) for k in range(6)],
+    }
+
+
+def table_of(records):
+    output = io.StringIO()
+    print_summary(records, Console(file=output, width=160))
+    lines = output.getvalue().splitlines()
+    rows = [line for line in lines[2:] if line.split() and line.split()[0] in NAMES]
+    return [line.split()[0] for line in rows], {line.split()[0]: line for line in rows}, lines
+
+
+NAMES = ("ear-clipping", "delaunay", "greedy")
+EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
+
+
+@pytest.mark.parametrize(("draws", "triangulating", "counts"), EVERY)
+def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
+    """One other triangulator in every state, with a second one that is shown to be slower."""
+    other = made("delaunay", draws, triangulating, counts)
+    slow = made("greedy", "slower" if draws != "untimed" else "untimed", counts="more")
+    first = base()
+    if draws == "untimed":
+        del first["time"]
+    records = [first, other, slow]
+    decision, sentence = decide(records), advice(records)
+    order, rows, lines = table_of(records)
+    content = content_of(Run(Path("nowhere"), {}, records))
+    cases = {case["row"]["triangulator"]: case for case in content["cases"]}
+    # one order everywhere, one sentence everywhere
+    assert order == [each.name for each in decision.standings]
+    assert sorted(cases, key=lambda name: cases[name]["rank"]) == order
+    assert content["groups"][0]["answer"] == sentence
+    assert sentence in " ".join(line.strip() for line in lines)
+    for each in decision.standings:
+        row = cases[each.name]["row"]
+        if each is decision.base or each.ratio is None:
+            continue
+        assert row["verdict"] == each.ratio.verdict
+        pays = row.get("break_even")
+        assert (pays is None) == (each.pays is None)
+        if pays is not None:
+            assert rows[each.name].rstrip().endswith(each.pays.short)
+            assert pays == each.pays.written
+            shown = pays.startswith(("after", "at once"))
+            assert shown == (each.ratio.verdict == "faster")
+            assert (pays == "not shown") == (each.ratio.verdict == "no difference shown")
+            slower = pays.startswith(("never", "up to"))
+            assert slower == (each.ratio.verdict == "slower")
+        elif any(other.pays for other in decision.standings):
+            assert rows[each.name].rstrip().endswith(WORDS[each.ratio.verdict])
+    # what to do
+    assert ("shown to save" in sentence) == (draws == "faster")
+    if draws == "faster":
+        assert "triangulate city by delaunay" in sentence
+        pays = {"quicker": "and pays at once", "once": "pays after about", "untold": " %)."}
+        assert pays.get(triangulating, "and pays after ") in sentence
+    elif draws == "slower":
+        assert "by ear-clipping: every other triangulator is shown to draw slower" in sentence
+    elif counts == "fewer":
+        assert "by delaunay: it has the least by exact count, 900 helper lanes, 10.0 %" in sentence
+        assert ("times show none" in sentence) == (draws == "level")
+    else:
+        assert "triangulate city by ear-clipping" in sentence
+        assert "criteri" not in sentence
+
+
+def test_the_choice_is_what_is_shown_and_not_what_ranks_first():
+    wild = made("delaunay", "faster")
+    samples = np.array(wild["time"]["samples_s"]) * np.array([0.5, 1.6] * 4)
+    wild["time"] |= {"samples_s": samples.tolist(), "median_s": 0.08}
+    sure = made("greedy", "faster")
+    decision = decide([base(), wild, sure])
+    assert [each.name for each in decision.standings].index("delaunay") < 2
+    assert decision.standings[0].ratio.verdict != "slower"
+    assert decision.choice.name == "greedy"
+
+
+def test_what_is_not_told_apart_from_the_choice_is_named():
+    twins = [made("delaunay", "faster"), made("greedy", "faster")]
+    assert decide([base(), *twins]).alike == (decide([base(), *twins]).standings[1].name,)
+    apart = [made("delaunay", "faster"), made("greedy", "slower")]
+    assert decide([base(), *apart]).alike == ()
+
+
+def test_what_left_polygons_out_is_not_taken():
+    part = made("delaunay", "faster", polygons=400)
+    decision = decide([base(), part])
+    assert decision.choice.name == "ear-clipping"
+    assert "alone" in advice([base(), part])
+    assert not decision.standings[-1].complete
+
+
+def test_nothing_and_one():
+    assert decide([]) is None
+    assert advice([]).startswith("Nothing was measured")
+    assert "triangulated by ear-clipping alone" in advice([base()])
+
+
+def test_a_median_that_says_otherwise_is_explained():
+    """Its rounds are faster than the base's beside them, its median over all is longer."""
+    machine = np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
+    first = base()
+    other = made("delaunay", "faster")
+    reference = [1e-3] * len(machine)
+    first["time"] |= {"samples_s": (0.1 * machine).tolist(), "reference_s": reference}
+    other["time"] |= {"samples_s": (0.09 * machine).tolist(), "reference_s": reference}
+    first["time"]["median_s"], other["time"]["median_s"] = 0.17, 0.18
+    decision = decide([first, other])
+    assert "delaunay: median and ratio to ear-clipping seem to disagree" in explained(decision)
+    assert explained(decide([base(), made("delaunay", "faster")])) is None
