@@ -139,6 +139,9 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
+    from harness.measuring import server
+
+    server.start()  # it loads what takes long while this process does, too
     from harness.commands.results import folder_for
     from harness.commands.running import (
         base_named,

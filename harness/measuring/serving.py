@@ -30,12 +30,15 @@ class TaskTimedOut(TaskFailed):
 
 def serve(
     connection: Connection,
-    parent: int,
+    parent: int | None,
     output: str,
     environment: Mapping[str, str],
     memory_bytes: int | None,
 ) -> None:
     """Run tasks until there are no more; the process's main function.
+
+    parent : whose child this process is meant to be, None if that is the server
+    environment : all variables of the process
 
     Sends None when it is ready for a task, None again when it has read one and what that needs is
     imported, then (True, result) or (False, error).
@@ -70,9 +73,10 @@ def serve(
 
 
 def _prepare(
-    parent: int, output: str, environment: Mapping[str, str], memory_bytes: int | None
+    parent: int | None, output: str, environment: Mapping[str, str], memory_bytes: int | None
 ) -> None:
     """Prepare a fresh process before its first task."""
+    os.environ.clear()
     os.environ.update(environment)
     if memory_bytes is not None:
         system.limit_memory(memory_bytes)
@@ -87,10 +91,11 @@ def _prepare(
     os.close(descriptor)
 
 
-def _die_with(parent: int) -> None:
+def _die_with(parent: int | None) -> None:
     """Have the kernel end this process when its parent is killed; Linux only."""
     if sys.platform != "linux":
         return
+    parent = parent or os.getppid()
     pr_set_pdeathsig = 1
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
     if os.getppid() != parent:  # it died before the call above

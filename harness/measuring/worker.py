@@ -11,19 +11,19 @@ that was forked off would keep a pipe open; and its whole process group ends wit
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from harness.errors import HarnessError
 from harness.machine import system
+from harness.measuring import server
 from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
 
 __all__ = ["Executor", "Inline", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
@@ -94,7 +94,7 @@ class Inline:
 
 
 class Worker:
-    """One spawned process with its own environment; tasks run in it one after another.
+    """One process with its own environment; tasks run in it one after another.
 
     Parameters
     ----------
@@ -114,8 +114,9 @@ class Worker:
         self.name = name
         with tempfile.NamedTemporaryFile(prefix="harness-output-", delete=False) as file:
             self._output = Path(file.name)
-        self._settings = (os.getpid(), str(self._output), dict(environment or {}), memory_bytes)
-        self._process: SpawnProcess | None = None
+        self._environment = dict(environment or {})
+        self._memory_bytes = memory_bytes
+        self._process: BaseProcess | None = None
         self._connection: Connection
         self._start()
 
@@ -174,9 +175,17 @@ class Worker:
             self._output.unlink(missing_ok=True)
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = server.start()
+        forked = context.get_start_method() == "forkserver"
         self._connection, theirs = context.Pipe()
-        arguments = (theirs, *self._settings)
+        arguments = (
+            theirs,
+            None if forked else os.getpid(),
+            str(self._output),
+            # All of it: the server may have been started before this process changed its own.
+            {**os.environ, **self._environment},
+            self._memory_bytes,
+        )
         self._process = context.Process(target=serve, args=arguments, daemon=True)
         self._process.start()
         theirs.close()

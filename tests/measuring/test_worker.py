@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import sys
 import time
 from pathlib import Path
@@ -184,3 +185,31 @@ def test_a_task_that_cannot_be_sent_fails_and_the_next_one_works():
         with pytest.raises(TaskFailed, match="device: the task cannot be sent"):
             worker.call(lambda: None)
         assert worker.call(os.getpid) > 0
+
+
+def state_of_the_server() -> tuple[int, int, int, set[str]]:
+    server = psutil.Process(os.getppid())
+    libraries = {Path(line.path).name for line in server.memory_maps()}
+    return server.pid, server.num_threads(), os.getpgid(server.pid), libraries
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
+def test_workers_are_forked_from_one_server_without_threads_and_drivers():
+    with Worker("one") as one, Worker("two") as two:
+        first, second = one.call(state_of_the_server), two.call(state_of_the_server)
+    assert first[:3] == second[:3]
+    server, threads, group, libraries = first
+    assert server not in (os.getpid(), os.getppid())
+    assert threads == 1
+    assert group == server
+    assert any(name.startswith("libllvmlite") for name in libraries)  # compiled code is there
+    assert not any(re.match("lib(EGL|GL|OSMesa|gallium|vulkan|wgpu)", name) for name in libraries)
+
+
+def test_a_worker_has_the_environment_of_now(monkeypatch):
+    with Worker("before") as worker:
+        assert worker.call(environment_of, "MOCK_LATER")[0] is None
+    monkeypatch.setenv("MOCK_LATER", "yes")
+    with Worker("after") as worker:
+        assert worker.call(environment_of, "MOCK_LATER")[0] == "yes"
+        assert worker.call(environment_of, "PYTHONSAFEPATH")[0] == os.environ.get("PYTHONSAFEPATH")

@@ -21,6 +21,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, overload
@@ -80,6 +81,20 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+class NotKept(BaseException):
+    """A kernel would have to be compiled within `only_kept`."""
+
+
+@contextmanager
+def only_kept() -> Iterator[None]:
+    """Compile nothing inside: a kernel that is not on disk raises `NotKept`."""
+    _Files.only_kept = True
+    try:
+        yield
+    finally:
+        _Files.only_kept = False
+
+
 class _Locator:
     """Says nothing of where code is kept: `_Files` does."""
 
@@ -113,6 +128,8 @@ class _Kept(FunctionCache):
 class _Files:
     """The compiled forms of one function: a file each, named by a digest of Numba's key."""
 
+    only_kept = False
+
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
         self._name = re.sub(r"[<>]", "", name)
@@ -131,6 +148,8 @@ class _Files:
             pass
         except (AttributeError, ImportError):  # damage may name anything
             pass
+        if self.only_kept:
+            raise NotKept(self._name)
         return None
 
     def save(self, key: Any, data: Any) -> None:

@@ -1,0 +1,30 @@
+"""What the server of workers loads before it forks any; imported elsewhere, it loads nothing."""
+
+from __future__ import annotations
+
+import os
+
+from harness.machine import system
+from harness.measuring import tasks  # noqa: F401 - for the workers
+from harness.measuring.server import MARK
+from harness.measuring.settings import DEFAULT_TRIANGULATORS
+from harness.triangulating.frames import warm_up
+from harness.triangulating.names import parse
+from triangulators.compute.kernels import NotKept, only_kept
+
+
+def _load() -> None:
+    """Load what the usual triangulators have compiled; on a new machine there is none yet."""
+    try:
+        with only_kept():
+            for name in DEFAULT_TRIANGULATORS:
+                warm_up(parse(name))
+    except NotKept:
+        return
+
+
+if os.environ.pop(MARK, None):
+    # In a group of its own: what a terminal sends to the command is not meant for the server,
+    # which ends when the command does.
+    system.lead_group()
+    _load()
