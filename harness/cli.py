@@ -1,4 +1,4 @@
-"""The command line: `python -m harness`. Commands live in `harness.commands`, one file each."""
+"""The command line: `raster-harness`, or `python -m harness`. Commands live in `harness.commands`, one file each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 
 from harness import __version__
-from harness.commands.index import CommandGroup
+from harness.commands.index import PROGRAM, CommandGroup
 from harness.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -35,7 +35,7 @@ ClickException: Any = next(  # typer has its own copy of click, and names this p
 )
 
 app = typer.Typer(
-    name="harness",
+    name=PROGRAM,
     cls=CommandGroup,
     help="Measures what a polygon's triangulation costs to rasterise.",
     no_args_is_help=True,
@@ -65,7 +65,9 @@ def _versions() -> str:
         driver = [str(device.details.get(name)) for name in ("renderer", "version")]
         lines.append(f"OpenGL on {device.name}: {', '.join(driver)}")
     if not devices:
-        lines.append(f"no OpenGL here ({'; '.join(problems) or 'no device'}); see: harness doctor")
+        lines.append(
+            f"no OpenGL here ({'; '.join(problems) or 'no device'}); see: raster-harness doctor"
+        )
     return "\n".join(lines)
 
 
@@ -76,7 +78,7 @@ def main() -> None:
     """
     with _stopped_by(*system.STOPPING), _closed_pipes_seen():
         try:
-            code = app(standalone_mode=False)
+            code = app(standalone_mode=False, prog_name=PROGRAM)
             sys.stdout.flush()
         except BaseException as error:
             code = _explain(error)
@@ -134,7 +136,7 @@ def _misused(error: ClickException) -> tuple[str, int]:
     """Return what is wrong with a command's options, and the exit code."""
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
-    where = context.command_path if context else "harness"
+    where = context.command_path if context else PROGRAM
     if not message or type(error).__name__ == "NoArgsIsHelpError":
         return context.get_help() if context else "", BAD_INPUT
     return f"error: {message.rstrip('.')}; see: {where} --help", BAD_INPUT

@@ -10,7 +10,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from harness.commands.options import CALIBRATIONS, Quiet, Seed, split_names
+from harness.commands.options import (
+    CALIBRATIONS,
+    Budget,
+    Quiet,
+    Resolution,
+    Seed,
+    Several,
+    Work,
+    several,
+)
 from harness.errors import Inconclusive
 from harness.measuring.settings import TimingSettings
 from harness.progress import Reporter
@@ -21,22 +30,30 @@ if TYPE_CHECKING:
 
 def calibrate(
     device: Annotated[
-        str | None, typer.Option(help="Device that draws; the best one by default.")
+        str | None,
+        typer.Option(help="Device that draws; the best one by default."),
     ] = None,
     rasteriser: Annotated[
-        str, typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL.")
-    ] = "",
+        str | None,
+        typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL."),
+    ] = None,
     scene: Annotated[
         list[str] | None,
-        typer.Option(help="Scene or file whose polygons test the fit; may be repeated. [city]"),
+        typer.Option(
+            help="Scene or file whose polygons test the fit; may be repeated. [city]",
+        ),
     ] = None,
-    resolution: Annotated[int, typer.Option(help="Viewport in pixels.")] = 256,
+    resolution: Resolution = 256,
     terms: Annotated[
-        str,
-        typer.Option(help="Terms that the model may have: T,S,H,w*h,D,Q,P,R, or some of them."),
-    ] = "",
-    work: Annotated[int, typer.Option(min=0, help="Iterations of arithmetic per fragment.")] = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing per draw.")] = 0.2,
+        Several | None,
+        typer.Option(
+            parser=several(),
+            metavar="TERM,...",
+            help="Terms that the model may have: T,S,H,w*h,D,Q,P,R, or some of them.",
+        ),
+    ] = None,
+    work: Work = 0,
+    budget: Budget = 0.2,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -61,7 +78,7 @@ def calibrate(
     from harness.study import calibration_draws as study
     from harness.study import cost_model, model_terms
 
-    allowed = model_terms.named(split_names(terms)) or cost_model.TERMS[1:]
+    allowed = model_terms.named(terms or ()) or cost_model.TERMS[1:]
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
@@ -87,7 +104,7 @@ def calibrate(
         bench.close()
     file = out or CALIBRATIONS / f"{backend.device.name}.json"
     facts = {
-        "rasteriser": rasteriser,
+        "rasteriser": rasteriser or "",
         "name": backend.device.name,
         "resolution": resolution,
         "work": work,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -110,14 +110,20 @@ def _cell(value: object) -> str:
 
 
 def catalogue(
-    kind: str = typer.Argument(help=f"One of: {', '.join(KINDS)}."),
+    kind: Annotated[
+        str | None, typer.Argument(help=f"One of: {', '.join(KINDS)}; all of them if absent.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """List scenes, triangulators, rasterisers, criteria or metrics."""
-    if kind not in KINDS:
+    """List scenes, triangulators, rasterisers, criteria and metrics, or one kind of these."""
+    if kind is not None and kind not in KINDS:
         raise unknown("kind of thing to list", kind, KINDS)
-    rows = list(KINDS[kind]())
+    found = {name: list(KINDS[name]()) for name in ([kind] if kind else KINDS)}
     if as_json:
-        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
-    else:
+        told = found[kind] if kind else found
+        typer.echo(json.dumps(told, indent=2, ensure_ascii=False))
+        return
+    for name, rows in found.items():
+        Console().print(f"{name}\n" if kind is None else "", end="", style="bold")
         Console().print(_table(rows))
+        Console().print("\n" if kind is None else "", end="")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.commands.options import Quiet, split_names
+from harness.commands.options import Dask, Layer, Quiet, Several, Where, several
 from harness.progress import Reporter
 
 CENSUS = (
@@ -25,31 +25,33 @@ def census(
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
     triangulators: Annotated[
-        str, typer.Option(help="Comma-separated; the others are compared with the first.")
-    ] = ",".join(CENSUS),
+        Several,
+        typer.Option(
+            parser=several(),
+            metavar="NAME,...",
+            help="Two or more, comma-separated; the others are compared with the first.",
+        ),
+    ] = Several(CENSUS),
     units_per_pixel: Annotated[
         float,
-        typer.Option(min=1e-6, help="Scale of the map: metres a pixel, if the file is in degrees."),
+        typer.Option(
+            min=1e-6,
+            max=1e6,
+            help="Scale of the map: metres a pixel, if the file is in degrees.",
+        ),
     ] = 0.25,
     cell: Annotated[
-        float,
+        float | None,
         typer.Option(
-            min=0.0,
+            min=1e-9,
+            max=1e9,
             help="Edge of a cell of the picture's map, in the file's units; by default 1000, or "
             "0.01 where the first file is in degrees.",
         ),
-    ] = 0.0,
-    layer: Annotated[str | None, typer.Option(help="Layer of the files.")] = None,
-    where: Annotated[
-        str | None, typer.Option(help="Which footprints to read, as in SQL: height > 10.")
     ] = None,
-    dask: Annotated[
-        str,
-        typer.Option(
-            help="Spread the work: local for a process on each core, local:N for N of them, or "
-            "the address of a Dask scheduler."
-        ),
-    ] = "",
+    layer: Layer = None,
+    where: Where = None,
+    dask: Dask = None,
     quiet: Quiet = False,
 ) -> None:
     """Say what each triangulator gains on every footprint of a data set, by exact counting.
@@ -60,6 +62,5 @@ def census(
     """
     from harness.commands.many import census_options, count_many_files
 
-    names = split_names(triangulators)
-    options = census_options(file, names, units_per_pixel, cell, layer, where)
+    options = census_options(file, triangulators, units_per_pixel, cell, layer, where)
     count_many_files(file, out, options, dask, Reporter(quiet=quiet))

@@ -76,6 +76,14 @@ def compare(
         Path | None, typer.Option("--json", help="Write JSON to this file.")
     ] = None,
     html: Annotated[Path | None, typer.Option(help="Write one HTML page to this file.")] = None,
+    repeat: Annotated[
+        bool,
+        typer.Option(
+            "--repeat",
+            help="Of two runs of one plan: say whether counters are equal, exit with 1 if not, "
+            "and how often verdicts on which is faster agree; nothing else.",
+        ),
+    ] = False,
 ) -> None:
     """Say what changed from BASE to HEAD; exit with 1 if something became slower or costs more.
 
@@ -85,6 +93,10 @@ def compare(
 
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
+    if repeat:
+        from harness.commands.repeat import repeat as twice
+
+        twice(base, head)
     from harness.compare import compare_runs, no_baseline
     from harness.compare.settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run

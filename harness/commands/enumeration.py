@@ -9,16 +9,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from harness.commands.options import PolygonNumber
+from harness.commands.options import PolygonNumber, SceneName
 from harness.errors import UsageError
 from harness.progress import Reporter
 
 
 def enumerate_(
-    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
+    scene: SceneName = "paper",
     polygon: PolygonNumber = 0,
     mode: Annotated[
-        str,
+        Literal["conforming", "paper"],
         typer.Option(
             help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
             "when its two edges have become one straight line."
@@ -40,12 +40,9 @@ def enumerate_(
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
-    if mode not in ("conforming", "paper"):
-        raise UsageError(f"mode '{mode}' is unknown; say conforming or paper")
-    kind: Literal["conforming", "paper"] = "paper" if mode == "paper" else "conforming"
     folder = out or default_folder(loaded.name, before="enumerate-")
     try:
-        table = enumeration.triangulation_table(loaded.polygons[polygon], kind)
+        table = enumeration.triangulation_table(loaded.polygons[polygon], mode)
         enumeration.write(table, loaded.polygons[polygon], folder)
     except (Skipped, TriangulationError) as reason:
         raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from harness.commands.options import Quiet
+from harness.commands.options import Dask, Layer, Limit, Quiet, Where
 from harness.errors import UsageError
 from harness.progress import Reporter
 
@@ -36,26 +37,22 @@ def triangulate(
         str | None,
         typer.Option(
             help="name or name:criterion, by default optimal:half-perimeter; "
-            "optimal alone is optimal:overdraw. See: harness list triangulators."
+            "optimal alone is optimal:overdraw. See: raster-harness list triangulators."
         ),
     ] = None,
     criterion: Annotated[
         str | None,
         typer.Option(
             help="The criterion, if it is not in the triangulator's name; alone it means optimal. "
-            "E.g. mixed=1/0.5/0; see: harness list criteria."
+            "E.g. mixed=1/0.5/0; see: raster-harness list criteria."
         ),
     ] = None,
     extrude: Annotated[
         str | None, typer.Option(help="Height of the blocks, or the attribute that holds it.")
     ] = None,
-    layer: Annotated[str | None, typer.Option(help="Layer of the file to read.")] = None,
-    where: Annotated[
-        str | None, typer.Option(help="Which polygons to read, as in SQL: height > 10.")
-    ] = None,
-    limit: Annotated[
-        int | None, typer.Option(min=1, help="Read at most this many polygons.")
-    ] = None,
+    layer: Layer = None,
+    where: Where = None,
+    limit: Limit = None,
     cached: Annotated[
         bool,
         typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
@@ -73,13 +70,7 @@ def triangulate(
             "by default on what was measured to be the fastest here."
         ),
     ] = None,
-    dask: Annotated[
-        str,
-        typer.Option(
-            help="Spread the work: local for a process on each core, local:N for N of them, or "
-            "the address of a Dask scheduler. -o is a folder then."
-        ),
-    ] = "",
+    dask: Dask = None,
     quiet: Quiet = False,
 ) -> None:
     """Triangulate a file of polygons and write the triangles.
@@ -92,13 +83,8 @@ def triangulate(
     from harness.triangulating.device import get_ready
 
     reporter = Reporter(quiet=quiet)
-    height: str | float | None = extrude
-    if extrude is not None:
-        try:
-            height = float(extrude)
-        except ValueError:
-            height = extrude
-    if dask or any(sign in file for sign in "*?[") or (Path(file).is_dir() and not out.suffix):
+    height = None if extrude is None else _height(extrude)
+    if dask or _many(file, out):
         if limit is not None:
             raise UsageError("--limit is for one file; of many parts, choose by --where")
         if device is not None:
@@ -158,6 +144,23 @@ def triangulate(
         Console().print(
             f"{file}: {report.certified}", markup=False, highlight=False, soft_wrap=True
         )
+
+
+def _many(file: str, out: Path) -> bool:
+    """Whether a name stands for many files: a pattern, or a folder; a file may be called [1]."""
+    pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
+    return pattern or (Path(file).is_dir() and not out.suffix)
+
+
+def _height(text: str) -> str | float:
+    """Return a height in metres, or the name of the attribute that holds it."""
+    try:
+        height = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(height):
+        raise UsageError(f"--extrude {text}: give a height, or an attribute's name")
+    return height
 
 
 def cache(

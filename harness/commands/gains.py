@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import split_names
+from harness.commands.options import Several, several
 from harness.errors import NothingMeasured
 
 if TYPE_CHECKING:
@@ -25,8 +25,9 @@ def gains(
     runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
     out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
     bases: Annotated[
-        str, typer.Option(help="Triangulators to compare with; comma-separated.")
-    ] = ",".join(BASES),
+        Several,
+        typer.Option(parser=several(), metavar="NAME,...", help="Triangulators to compare with."),
+    ] = Several(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
     import pandas as pd
@@ -35,7 +36,7 @@ def gains(
     from harness.study import gains as study
     from harness.triangulating.names import parse_all
 
-    wanted = [str(recipe) for recipe in parse_all(split_names(bases))]
+    wanted = [str(recipe) for recipe in parse_all(bases)]
     table = study.gain_table([read_run(path).records for path in runs], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from harness.commands.options import split_names
+from harness.commands.options import Several, several
 from harness.errors import NothingMeasured
 
 if TYPE_CHECKING:
@@ -18,24 +18,28 @@ if TYPE_CHECKING:
     from harness.stored.folder import Run
 
 
+def _only(kind: str) -> Any:
+    return typer.Option(parser=several(), metavar="NAME,...", help=f"Only these {kind}.")
+
+
 def history(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Runs, or folders with runs in them.")
     ],
     metrics: Annotated[
-        str,
+        Several,
         typer.Option(
             "--metrics",
             "--metric",
-            help="Comma-separated: time, and those of: harness list metrics. By default time and "
+            parser=several(),
+            metavar="NAME,...",
+            help="Metrics: time, and those of: raster-harness list metrics. By default time and "
             "the counters that stand for the cost.",
         ),
-    ] = "quads,helper_lanes,bbox_tests,time",
-    scene: Annotated[str, typer.Option(help="Only these scenes; comma-separated.")] = "",
-    triangulator: Annotated[
-        str, typer.Option(help="Only these triangulators; comma-separated.")
-    ] = "",
-    rasteriser: Annotated[str, typer.Option(help="Only these rasterisers; comma-separated.")] = "",
+    ] = Several(("quads", "helper_lanes", "bbox_tests", "time")),
+    scene: Annotated[Several | None, _only("scenes")] = None,
+    triangulator: Annotated[Several | None, _only("triangulators")] = None,
+    rasteriser: Annotated[Several | None, _only("rasterisers")] = None,
     everything: Annotated[
         bool,
         typer.Option("--all", help="Everything, also studies, and what only one run measured."),
@@ -61,10 +65,8 @@ def history(
         console.print(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
     if not runs:
         raise NothingMeasured("all runs are studies, which measure each case once; see --all")
-    wanted = Choice(
-        split_names(scene), split_names(triangulator), split_names(rasteriser), everything
-    )
-    series = matching(read_series(runs, split_names(metrics)), wanted)
+    wanted = Choice(scene or (), triangulator or (), rasteriser or (), everything)
+    series = matching(read_series(runs, metrics), wanted)
     if not series:
         raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
     shown = worth_showing(series, wanted)

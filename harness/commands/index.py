@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from importlib import import_module
 from inspect import getdoc
-from typing import Any, NamedTuple
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import typer
 
-PROGRAM = "python -m harness"
+PROGRAM = "raster-harness"
 RUN = "results/city-20260101-120000"
 LATER = "results/city-20260102-120000"
 
@@ -19,7 +21,8 @@ LATER = "results/city-20260102-120000"
 class Entry(NamedTuple):
     """A command.
 
-    panel : the heading under which `--help` lists it
+    panel : the heading under which `--help` lists it; "" for what it does not list, because an
+        option of another command does the same
     function : where it is, "module:function" in `harness.commands`
     summary : the first paragraph of the function's docstring
     examples : shown by its `--help`; a test runs each of them
@@ -33,6 +36,7 @@ class Entry(NamedTuple):
 
 MEASURE, COMPARE, STUDY = "Measure", "Compare", "Study"
 GEOMETRY, MACHINE = "Geometry", "Machine"
+ELSEWHERE = ""
 
 COMMANDS = {
     "run": Entry(
@@ -79,6 +83,7 @@ COMMANDS = {
         (
             f"compare {RUN} {LATER}",
             f"compare {RUN} {LATER} --gate counters --html comparison.html",
+            f"compare {RUN} {RUN} --repeat",
         ),
     ),
     "history": Entry(
@@ -94,7 +99,7 @@ COMMANDS = {
         (f"gains {RUN} --out results/gains",),
     ),
     "repeat": Entry(
-        COMPARE,
+        ELSEWHERE,
         "repeat:repeat",
         "Check that two runs of one plan have equal counters, and say how often verdicts agree.",
         (f"repeat {RUN} {RUN}",),
@@ -143,10 +148,13 @@ COMMANDS = {
         GEOMETRY,
         "inspect:inspect",
         "Draw overdraw and helper lanes of one polygon, side by side for several triangulators.",
-        ("inspect --scene city --polygon 3 --out polygon-3.png",),
+        (
+            "inspect --scene city --polygon 3 --out polygon-3.png",
+            "inspect --scene paper --every paper",
+        ),
     ),
     "enumerate": Entry(
-        GEOMETRY,
+        ELSEWHERE,
         "enumeration:enumerate_",
         "List every triangulation of a polygon with its criteria; draw shape against overdraw.",
         ("enumerate --scene paper --mode paper",),
@@ -154,8 +162,8 @@ COMMANDS = {
     "list": Entry(
         MACHINE,
         "catalogue:catalogue",
-        "List scenes, triangulators, rasterisers, criteria or metrics.",
-        ("list triangulators", "list scenes"),
+        "List scenes, triangulators, rasterisers, criteria and metrics, or one kind of these.",
+        ("list", "list triangulators"),
     ),
     "doctor": Entry(
         MACHINE,
@@ -179,15 +187,40 @@ def load(name: str) -> Any:
     # Paragraphs wrap at any width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
     lines = [f"{PROGRAM} {line}" for line in COMMANDS[name].examples]
-    alone = typer.Typer(
-        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich"
-    )
+    # In plain text: Rich's table of options would cut long defaults off.
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     alone.command(
         name,
+        cls=CheckedCommand,
         help="\n\n".join(paragraphs),
         epilog="\n\n".join(["Examples:", *lines]),
     )(function)
     return typer.main.get_command(alone)
+
+
+class CheckedCommand(typer.core.TyperCommand):
+    """A command whose given values are names, places and numbers: none empty, none infinite."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Check what the user gave, and call the function."""
+        for parameter in self.params:
+            source = ctx.get_parameter_source(parameter.name)
+            value = ctx.params.get(parameter.name)
+            if getattr(source, "name", "") == "COMMANDLINE" and (wrong := _wrong(value)):
+                raise typer.BadParameter(wrong, ctx=ctx, param=cast("Any", parameter))
+        return super().invoke(ctx)
+
+
+def _wrong(value: Any) -> str:
+    """Return why a value cannot be meant, "" where it can."""
+    if isinstance(value, list):
+        return next(filter(None, map(_wrong, value)), "")
+    if isinstance(value, float) and not isfinite(value):
+        return f"{value} is not a number that can be used"
+    # The path of an empty text is "."; nobody means this folder by it.
+    if isinstance(value, str | Path) and (value == Path() or not str(value).strip()):
+        return "it is empty"
+    return "it holds a null" if "\0" in str(value) else ""
 
 
 class CommandGroup(typer.core.TyperGroup):
@@ -196,7 +229,12 @@ class CommandGroup(typer.core.TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = {
-            name: typer.core.TyperCommand(name, help=entry.summary, rich_help_panel=entry.panel)
+            name: typer.core.TyperCommand(
+                name,
+                help=entry.summary,
+                rich_help_panel=entry.panel or None,
+                hidden=not entry.panel,
+            )
             for name, entry in COMMANDS.items()
         }
 

@@ -5,29 +5,43 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 
-from harness.commands.options import PolygonNumber, Seed, split_names
+from harness.commands.options import (
+    PolygonNumber,
+    Resolution,
+    Rotation,
+    SceneName,
+    Seed,
+    Several,
+    Triangulators,
+)
 from harness.errors import UsageError
 from harness.progress import Reporter
 
 
 def inspect(
-    scene: Annotated[str, typer.Option(help="A scene's name or a file.")],
+    scene: SceneName,
     polygon: PolygonNumber = 0,
-    triangulator: Annotated[
-        str, typer.Option(help="Comma-separated; each gets a column.")
-    ] = "ear-clipping,optimal:half-perimeter",
-    resolution: Annotated[
-        int, typer.Option(help="Viewport in pixels, which the polygon fills.")
-    ] = 64,
-    rotation: Annotated[float, typer.Option(help="Degrees, counter-clockwise.")] = 0.0,
+    triangulator: Triangulators = Several(("ear-clipping", "optimal:half-perimeter")),
+    resolution: Resolution = 64,
+    rotation: Rotation = 0.0,
     seed: Seed = 0,
+    every: Annotated[
+        Literal["conforming", "paper"] | None,
+        typer.Option(
+            help="Instead, list every triangulation with its criteria: conforming, without "
+            "T-junctions, or paper, as in the paper."
+        ),
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="PNG to write; named after the polygon if absent.")
+        Path | None,
+        typer.Option(
+            help="PNG to write, named after the polygon if absent; with --every, the folder."
+        ),
     ] = None,
 ) -> None:
     """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
@@ -39,7 +53,14 @@ def inspect(
     from harness.triangulating.frames import triangulate_polygons
     from harness.triangulating.names import parse_all
 
-    recipes = parse_all(split_names(triangulator), seed=seed)
+    if every is not None:
+        from harness.commands.enumeration import enumerate_
+
+        enumerate_(scene, polygon, every, out)
+        return
+    recipes = parse_all(triangulator, seed=seed)
+    if out is not None:
+        _require_writable(out)
     reporter = Reporter()
     loaded = load_scene(scene, seed, reporter)
     if polygon >= len(loaded.polygons):
@@ -73,6 +94,8 @@ def inspect(
 def _require_writable(file: Path) -> None:
     """Refuse a place that cannot be written, before any work is done."""
     folder = file.parent
+    if file.suffix.lower() != ".png":
+        raise UsageError(f"cannot write {file}: it is a PNG; give --out a name that ends in .png")
     if not folder.is_dir():
         raise UsageError(f"cannot write {file}: there is no folder {folder}")
     if not os.access(file if file.exists() else folder, os.W_OK):

@@ -33,8 +33,8 @@ NAMED = 10
 
 
 @contextmanager
-def crew_of(where: str, reporter: Reporter) -> Iterator[Crew]:
-    """Give those who do the work; `where` is what --dask says, "" for this process alone."""
+def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
+    """Give those who do the work; `where` is what --dask says, None for this process alone."""
     if not where:
         yield Alone()
         return
@@ -47,7 +47,7 @@ def crew_of(where: str, reporter: Reporter) -> Iterator[Crew]:
 
 
 def triangulate_many_files(
-    pattern: str, out: Path, options: Options, where: str, reporter: Reporter
+    pattern: str, out: Path, options: Options, where: str | None, reporter: Reporter
 ) -> None:
     """Triangulate the parts of many files into a folder, and say what is in it.
 
@@ -69,7 +69,7 @@ def count_many_files(
     pattern: str,
     out: Path,
     options: CensusOptions,
-    where: str,
+    where: str | None,
     reporter: Reporter,
 ) -> None:
     """Count the footprints of many files, write what came out, and show a table.
@@ -104,13 +104,13 @@ def census_options(
     pattern: str,
     triangulators: Sequence[str],
     units_per_pixel: float,
-    cell: float,
+    cell: float | None,
     layer: str | None,
     where: str | None,
 ) -> CensusOptions:
     """Return what a census counts; raises UsageError for fewer than two triangulators.
 
-    cell : 0 for a thousand units, or a hundredth of a degree
+    cell : None for a thousand units, or a hundredth of a degree
     """
     names = tuple(chosen(name, None) for name in triangulators)
     if len(set(names)) < 2:
@@ -119,7 +119,7 @@ def census_options(
     return CensusOptions(names, units_per_pixel, size, layer, where)
 
 
-def _complete(dataset: Dataset, out: Path, where: str, reporter: Reporter) -> Summary:
+def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
     """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
     for file, earlier in dataset.cut.repeated.items():
         reporter.warn(f"{file} has the content of {earlier}: its polygons count twice")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Quiet, split_names
+from harness.commands.options import Quiet, Several, several
 from harness.errors import UsageError
 
 
@@ -18,12 +18,14 @@ def merge(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
     hosts: Annotated[
-        str,
+        Several | None,
         typer.Option(
-            help="Comma-separated, one for each run: the host it was measured on. Its devices are "
-            "called device@host then, so that one kind of device on several hosts stays apart."
+            parser=several(),
+            metavar="NAME,...",
+            help="One for each run: the host it was measured on. Its devices are "
+            "called device@host then, so that one kind of device on several hosts stays apart.",
         ),
-    ] = "",
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Merge runs into one, by case; the order in which they are given does not matter.
@@ -41,11 +43,10 @@ def merge(
     read = [latest(read_run(run)) for run in runs]
     for problem in chain.from_iterable(run.problems for run in read):
         Reporter().warn(problem)
-    names = split_names(hosts)
-    if names:
-        if len(names) != len(read):
-            raise UsageError(f"--hosts names {len(names)} hosts for {len(read)} runs: give as many")
-        read = [merging.on_host(run, name) for run, name in zip(read, names, strict=True)]
+    if hosts:
+        if len(hosts) != len(read):
+            raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
+        read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
     with clear_errors(out), atomic.folder(out) as made:
         merging.merge(read, made)
         stored = read_run(made)

@@ -1,67 +1,231 @@
-"""Options that several commands have, with one meaning and one help, and how they are read."""
+"""Options that several commands have: each with one meaning, one help, one type and one check.
+
+A value that cannot be is refused here, before anything is imported or made: one line, exit code 2.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from harness.errors import UsageError
+from harness.measuring.settings import MOST_S
 
 CALIBRATIONS = Path("results") / "calibration"
 """Where `calibrate` writes, and optimal:calibrated looks, unless told otherwise."""
 
-Force = Annotated[
-    bool, typer.Option("--force", help="Resume even if the plan, scene, code or machine differs.")
-]
-Seed = Annotated[int, typer.Option(help="Seed for everything random.")]
+RESOLUTIONS = (8, 16384)
+SAMPLES = (1, 4, 8)
+MOST_WORK = 65_000
+ORDERS = ("native", "walk", "vertex-cache", "morton", "shuffled")
+"""What `frame` and `rasterisers` allow, which are slow to import: a test compares them."""
+
+MOST_SEED = 2**63 - 1
+
+Read = Callable[[str], Any]
+
+
+class Several(tuple[Any, ...]):
+    """Values of an option that were written with commas between them."""
+
+    def __str__(self) -> str:
+        """Return them as they are written."""
+        return ",".join(f"{each:g}" if isinstance(each, float) else str(each) for each in self)
+
+
+def several(read: Read = str) -> Callable[[Any], Several]:
+    """Return what reads values with commas between them, each by `read`."""
+
+    def parse(value: Any) -> Several:
+        if isinstance(value, Several):  # a default
+            return value
+        parts = split_names(value)
+        if not parts:
+            raise typer.BadParameter("give one or more, with commas between them")
+        return Several(map(read, parts))
+
+    return parse
+
+
+def number(kind: type[int] | type[float], least: float, most: float, unit: str = "") -> Read:
+    """Return what reads a number; `least` itself is allowed."""
+
+    def read(text: str) -> int | float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = kind(least) - 1  # refused below
+        if not least <= value <= most:
+            what = "a whole number" if kind is int else "a number"
+            raise typer.BadParameter(f"{text!r} is not {what} from {least:g} to {most:g}{unit}")
+        return value
+
+    return read
+
+
+def one_of(*known: Any) -> Read:
+    """Return what reads one of some values."""
+
+    def read(text: str) -> Any:
+        for value in known:
+            if str(value) == text:
+                return value
+        raise typer.BadParameter(f"{text!r} is none of {', '.join(map(str, known))}")
+
+    return read
+
+
+def _degrees(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise typer.BadParameter(f"{text!r} is not a number of degrees")
+    return value
+
+
+def _more_than_none(most: float) -> Callable[[Any], Any]:
+    """Return a check that a number is more than 0 and at most `most`."""
+
+    def check(value: Any) -> Any:
+        if value is not None and not 0 < value <= most:
+            raise typer.BadParameter(f"{value:g} is not more than 0 and at most {most:g}")
+        return value
+
+    return check
+
+
+SceneName = Annotated[str, typer.Option(help="A scene's name or a file.")]
+Seed = Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed for everything random.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Every case as it ends, and what went wrong where.")
 ]
+Force = Annotated[
+    bool, typer.Option("--force", help="Resume even if the plan, scene, code or machine differs.")
+]
+Resume = Annotated[
+    Path | None,
+    typer.Option(help="Continue what is in this folder; failed cases are tried again."),
+]
 Base = Annotated[
-    str,
+    str | None,
     typer.Option(
         help="Triangulator that the others are compared with; by default ear-clipping if it was "
-        "measured, else the first."
+        "measured, else the first.",
     ),
 ]
 Json = Annotated[
     bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
 ]
 PolygonNumber = Annotated[int, typer.Option(min=0, help="Number of the polygon in the scene.")]
-Rasterisers = Annotated[
-    str,
+Layer = Annotated[str | None, typer.Option(help="Layer of the file to read.")]
+Where = Annotated[
+    str | None,
+    typer.Option(help="Which polygons to read, as in SQL: height > 10."),
+]
+Limit = Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")]
+Dask = Annotated[
+    str | None,
     typer.Option(
-        help="Comma-separated; by default OpenGL's, or webgpu where EGL is missing. "
-        "See: harness list rasterisers.",
+        help="Spread the work: local for a process on each core, local:N for N of them, or the "
+        "address of a Dask scheduler.",
     ),
 ]
-Work = Annotated[str, typer.Option(help="Iterations of arithmetic per fragment; comma-separated.")]
+
+
+def _written(metavar: str, read: Read, text: str) -> Any:
+    return typer.Option(parser=several(read), metavar=metavar, help=f"{text}; comma-separated.")
+
+
+_SIZE = number(int, *RESOLUTIONS, " pixels")
+Triangulators = Annotated[
+    Several, _written("NAME,...", str, "Triangulators, see: raster-harness list triangulators")
+]
+Rasterisers = Annotated[
+    Several | None,
+    _written(
+        "NAME,...",
+        str,
+        "By default OpenGL's, or webgpu where EGL is missing. See: raster-harness list rasterisers",
+    ),
+]
+Devices = Annotated[Several | None, _written("NAME,...", str, "Devices; the best one by default")]
+Resolutions = Annotated[Several, _written("PX,...", _SIZE, "Width and height of the viewport")]
+Resolution = Annotated[
+    int,
+    typer.Option(
+        min=RESOLUTIONS[0], max=RESOLUTIONS[1], help="Width and height of the viewport in pixels."
+    ),
+]
+Rotations = Annotated[
+    Several, _written("DEGREES,...", _degrees, "Degrees by which it is turned, counter-clockwise")
+]
+Rotation = Annotated[
+    float,
+    typer.Option(parser=_degrees, metavar="DEGREES", help="Turned, counter-clockwise."),
+]
+Samples = Annotated[Several, _written("1|4|8,...", one_of(*SAMPLES), "Samples per pixel")]
+Works = Annotated[
+    Several,
+    _written("N,...", number(int, 0, MOST_WORK), "Iterations of arithmetic per fragment"),
+]
+Work = Annotated[
+    int, typer.Option(min=0, max=MOST_WORK, help="Iterations of arithmetic per fragment.")
+]
+Orders = Annotated[
+    Several,
+    _written(
+        "ORDER,...",
+        one_of(*ORDERS),
+        "Orders of the triangles in a draw: native (as they were made), walk, vertex-cache, "
+        "morton, shuffled",
+    ),
+]
+Budget = Annotated[
+    float,
+    typer.Option(
+        callback=_more_than_none(MOST_S),
+        metavar="SECONDS",
+        help="Seconds of drawing per case, on average.",
+    ),
+]
+Timeout = Annotated[
+    float | None,
+    typer.Option(
+        callback=_more_than_none(MOST_S),
+        metavar="SECONDS",
+        help="Seconds after which a triangulator or device is stopped; by default 600, or 60 with "
+        "--quick.",
+    ),
+]
+Precision = Annotated[
+    float,
+    typer.Option(
+        callback=_more_than_none(1.0),
+        metavar="SHARE",
+        help="Wanted half-width of the 95 % interval over the median.",
+    ),
+]
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """Split a comma-separated option."""
-    return tuple(part for part in (piece.strip() for piece in text.split(",")) if part)
+    """Split a text at its commas."""
+    return tuple(part for part in (piece.strip() for piece in str(text).split(",")) if part)
 
 
-def named_rasterisers(text: str, *beside: str) -> tuple[str, ...]:
-    """Read --rasterisers; where it is empty, choose what works here.
+def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str, ...]:
+    """Return those of --rasterisers; where there are none, what works here.
 
     beside : of OpenGL, too, those that are drawn on besides opengl
     """
-    if names := split_names(text):
-        return names
+    if names:
+        return tuple(names)
     from harness.rasterisers import usual
 
     first = usual()
     return (first, *beside) if first == "opengl" else (first,)
-
-
-def numbers(text: str, option: str, kind: type[int] | type[float]) -> list[float]:
-    """Read a comma-separated option of numbers; raises UsageError naming `option`."""
-    try:
-        return [kind(part) for part in split_names(text)]
-    except ValueError:
-        raise UsageError(f"{option} {text}: give numbers, separated by commas") from None

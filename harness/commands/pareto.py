@@ -9,13 +9,17 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import (
+    Budget,
+    Devices,
     Force,
     Quiet,
     Rasterisers,
+    Resolution,
+    Resume,
+    SceneName,
     Seed,
     Verbose,
     named_rasterisers,
-    split_names,
 )
 from harness.progress import Reporter
 
@@ -29,22 +33,20 @@ BUDGET_S = 0.4
 
 
 def pareto(
-    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "paper",
+    scene: SceneName = "paper",
     polygons: Annotated[
         int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
     ] = POLYGONS,
-    rasterisers: Rasterisers = "",
-    device: Annotated[str, typer.Option(help="Comma-separated devices.")] = "",
-    resolution: Annotated[
-        int, typer.Option(help="Viewport in pixels, which the scene or the polygon fills.")
-    ] = 512,
+    rasterisers: Rasterisers = None,
+    device: Devices = None,
+    resolution: Resolution = 512,
     seed: Seed = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing per case.")] = BUDGET_S,
+    budget: Budget = BUDGET_S,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the study; results/pareto-<scene>-<time> if absent."),
     ] = None,
-    resume: Annotated[Path | None, typer.Option(help="Continue the study in this folder.")] = None,
+    resume: Resume = None,
     force: Force = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -72,7 +74,7 @@ def pareto(
         seed=seed,
         triangulators=parse_all((*study.SWEEP, study.WITH_C, *study.named())),
         rasterisers=named_rasterisers(rasterisers, "bounding-box"),
-        devices=split_names(device),
+        devices=tuple(device or ()),
         views=(view,),
         timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )

@@ -17,7 +17,7 @@ def report(
         Path | None,
         typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
     ] = None,
-    base: Base = "",
+    base: Base = None,
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network."""
     from harness.compare.matching import latest

@@ -5,30 +5,39 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 
 from harness.commands.options import (
     Base,
+    Budget,
+    Devices,
     Force,
     Json,
+    Layer,
+    Limit,
+    Orders,
+    Precision,
     Quiet,
     Rasterisers,
+    Resolutions,
+    Resume,
+    Rotations,
+    Samples,
     Seed,
+    Several,
+    Timeout,
+    Triangulators,
     Verbose,
-    Work,
+    Where,
+    Works,
     named_rasterisers,
-    numbers,
-    split_names,
 )
 from harness.errors import UsageError
 from harness.measuring.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.progress import Reporter
-
-if TYPE_CHECKING:
-    from harness.rasterisers.order import Order
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
@@ -39,77 +48,47 @@ Fit = Literal["box", "circle"]
 
 def run(
     scene: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
-            "Shapefile, SVG, WKT and more), or module:function. See: harness list scenes.",
+            "Shapefile, SVG, WKT and more), or module:function. See: raster-harness list scenes.",
         ),
-    ] = "",
-    layer: Annotated[str | None, typer.Option(help="Layer of the file.")] = None,
-    where: Annotated[
-        str | None, typer.Option(help="Filter by attributes, as in SQL: height > 10.")
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Polygons to read at most.")] = None,
-    triangulators: Annotated[
-        str, typer.Option(help="Comma-separated; see: harness list triangulators.")
-    ] = ",".join(DEFAULT_TRIANGULATORS),
-    rasterisers: Rasterisers = "",
-    device: Annotated[
-        str, typer.Option(help="Comma-separated devices; the best one by default.")
-    ] = "",
-    resolution: Annotated[
-        str, typer.Option(help="Viewport width and height in pixels; comma-separated.")
-    ] = "1024",
-    rotation: Annotated[
-        str, typer.Option(help="Degrees, counter-clockwise; comma-separated.")
-    ] = "0",
+    layer: Layer = None,
+    where: Where = None,
+    limit: Limit = None,
+    triangulators: Triangulators = Several(DEFAULT_TRIANGULATORS),
+    rasterisers: Rasterisers = None,
+    device: Devices = None,
+    resolution: Resolutions = Several((1024,)),
+    rotation: Rotations = Several((0.0,)),
     fit: Annotated[
         Fit,
         typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
-    samples: Annotated[
-        str, typer.Option(help="Samples per pixel: 1, 4 or 8; comma-separated.")
-    ] = "1",
-    work: Work = "0",
-    order: Annotated[
-        str,
-        typer.Option(
-            help="Orders of the triangles in a draw: native (as they were made), walk, "
-            "vertex-cache, morton, shuffled; comma-separated."
-        ),
-    ] = "native",
+    samples: Samples = Several((1,)),
+    work: Works = Several((0,)),
+    order: Orders = Several(("native",)),
     seed: Seed = 0,
-    precision: Annotated[
-        float, typer.Option(help="Wanted half-width of the 95 % interval over the median.")
-    ] = TimingSettings.precision,
-    budget: Annotated[
-        float, typer.Option(help="Seconds of drawing per case, on average.")
-    ] = TimingSettings.budget_s,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds after which a triangulator or device is stopped; by default "
-            f"{TIMEOUT_S:g}, or {QUICK_TIMEOUT_S:g} with --quick."
-        ),
-    ] = None,
+    precision: Precision = TimingSettings.precision,
+    budget: Budget = TimingSettings.budget_s,
+    timeout: Timeout = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<scene>-<time> if absent.")
     ] = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(help="Continue the run in this folder; failed cases are tried again."),
-    ] = None,
+    resume: Resume = None,
     force: Force = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="What optimal:calibrated minimises; see: harness calibrate.")
+        Path | None,
+        typer.Option(help="What optimal:calibrated minimises; see: raster-harness calibrate."),
     ] = None,
     beside: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="Measure another version of your code in the same rounds: a commit or branch of "
-            "your repository, or a folder. It becomes the run `base` in the folder."
+            "your repository, or a folder. It becomes the run `base` in the folder.",
         ),
-    ] = "",
+    ] = None,
     draw_twice: Annotated[
         bool,
         typer.Option(
@@ -127,13 +106,13 @@ def run(
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
     dask: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="Address of a Dask scheduler: measure on every device that its workers offer as "
-            "resources, and merge what they find."
+            "resources, and merge what they find.",
         ),
-    ] = "",
-    base: Base = "",
+    ] = None,
+    base: Base = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -161,9 +140,7 @@ def run(
     from harness.triangulating.database import default_path
     from scenes.spec import joined
 
-    orders = cast("tuple[Order, ...]", split_names(order))  # Options checks them
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
-    plan = None
     if resume and not scene:
         plan = stored_plan(resume)
     elif not scene:
@@ -172,19 +149,15 @@ def run(
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
-            triangulators=recipes(triangulators, seed, calibration, device),
+            triangulators=recipes(triangulators, seed, calibration, device or ()),
             rasterisers=named_rasterisers(rasterisers),
-            devices=split_names(device),
-            views=tuple(
-                View(int(size), angle, fit)
-                for size in numbers(resolution, "--resolution", int)
-                for angle in numbers(rotation, "--rotation", float)
-            ),
+            devices=tuple(device or ()),
+            views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
             options=tuple(
-                Options(samples=int(count), work=int(iterations), order=each, seed=seed)
-                for count in numbers(samples, "--samples", int)
-                for iterations in numbers(work, "--work", int)
-                for each in orders
+                Options(samples=count, work=iterations, order=each, seed=seed)
+                for count in samples
+                for iterations in work
+                for each in order
             ),
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
@@ -214,4 +187,4 @@ def run(
     finish(outcome, Console(stderr=as_json, quiet=as_json), reporter)
     if other and not as_json:
         where = os.path.relpath(outcome.path)
-        typer.echo(f"to compare: python -m harness compare {where}/{BASE_FOLDER} {where}")
+        typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")

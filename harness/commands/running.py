@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from harness.commands.options import CALIBRATIONS, split_names
+from harness.commands.options import CALIBRATIONS
 from harness.commands.results import require_finished
 from harness.errors import Inconclusive, UsageError
 from harness.figures.groups import base_of, groups
@@ -39,7 +39,7 @@ def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
 
 @contextmanager
 def beside_version(
-    reference: str, plan: Plan, resume: Path | None, *, twice: bool
+    reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
 ) -> Iterator[Beside | None]:
     """Give what a run is measured beside, also where it goes on with one that was; None if not."""
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
@@ -53,7 +53,7 @@ def beside_version(
         yield Beside(place, twice or bool(stored.get("twice")))
 
 
-def base_named(name: str, plan: Plan) -> str | None:
+def base_named(name: str | None, plan: Plan) -> str | None:
     """Return the full name of the base that the user chose, None if none."""
     if not name:
         return None
@@ -64,21 +64,24 @@ def base_named(name: str, plan: Plan) -> str | None:
     return found
 
 
-def recipes(triangulators: str, seed: int, file: Path | None, device: str) -> tuple[Recipe, ...]:
+def recipes(
+    triangulators: Sequence[str], seed: int, file: Path | None, devices: Sequence[str]
+) -> tuple[Recipe, ...]:
     """Read the triangulators, and the calibration that optimal:calibrated needs.
 
     file : by default that of the device
     """
-    recipes = parse_all(split_names(triangulators), seed=seed)
+    recipes = parse_all(triangulators, seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
+        if file is not None:
+            raise UsageError("--calibration is for optimal:calibrated, which is not measured here")
         return recipes
     from harness.study.calibration_draws import read_coefficients
 
-    devices = split_names(device)
     if file is None and len(devices) != 1:
         raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
     coefficients = read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
-    return parse_all(split_names(triangulators), seed=seed, calibration=coefficients)
+    return parse_all(triangulators, seed=seed, calibration=coefficients)
 
 
 def load_ahead() -> None:
@@ -119,7 +122,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
         if no case was measured
     """
     where = os.path.relpath(outcome.path)
-    again = f"python -m harness report {where}"
+    again = f"raster-harness report {where}"
     measured = [record for record in outcome.records if record["status"] == "ok"]
     stored = read_run(outcome.path)
     with clear_errors(outcome.path, again):
@@ -137,4 +140,4 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
             plot_run(stored)
             write_report(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    require_finished(outcome, console, f"continue with: harness run --resume {outcome.path}")
+    require_finished(outcome, console, f"continue with: raster-harness run --resume {outcome.path}")

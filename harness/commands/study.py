@@ -12,13 +12,21 @@ import typer
 from rich.console import Console
 
 from harness.commands.gains import gains
-from harness.commands.options import Quiet, Rasterisers, Seed, named_rasterisers, numbers
+from harness.commands.options import (
+    Devices,
+    Quiet,
+    Rasterisers,
+    Resolutions,
+    Seed,
+    Several,
+    named_rasterisers,
+)
 from harness.commands.run import run
 from harness.commands.validate import validate
 from harness.errors import NothingMeasured, UsageError
 from harness.study.design import Design
 
-ANGLES = "0,15,30,45,60,75,90"
+ANGLES = Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
 
 
 class _Part(NamedTuple):
@@ -33,11 +41,9 @@ class _Part(NamedTuple):
 def study(
     scenes: Annotated[list[str], typer.Argument(help="Scenes or files of polygons.")],
     out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
-    device: Annotated[str, typer.Option(help="Device of OpenGL; the best one by default.")] = "",
-    rasterisers: Rasterisers = "",
-    resolution: Annotated[
-        str, typer.Option(help="Viewports in pixels; comma-separated.")
-    ] = "256,1024",
+    device: Devices = None,
+    rasterisers: Rasterisers = None,
+    resolution: Resolutions = Several((256, 1024)),
     polygons: Annotated[
         int, typer.Option(min=1, help="Polygons to validate with.")
     ] = Design.polygons,
@@ -60,7 +66,7 @@ def study(
     names = [file_stem(Path(label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
-    drawn_on = ",".join(named_rasterisers(rasterisers, "bounding-box"))
+    drawn_on = Several(named_rasterisers(rasterisers, "bounding-box"))
     shared: dict[str, Any] = {
         "rasterisers": drawn_on,
         "device": device,
@@ -68,16 +74,17 @@ def study(
         "quick": quick,
         "quiet": True,
     }
-    shots = {**shared, "triangulators": ",".join(replication.CHOICE), "cached": True}
-    turned = {**shots, "triangulators": ",".join(replication.ONCE), "fit": "circle"}
-    largest = str(max(numbers(resolution, "--resolution", int)))
+    shots = {**shared, "triangulators": Several(replication.CHOICE), "cached": True}
+    turned = {**shots, "triangulators": Several(replication.ONCE), "fit": "circle"}
+    largest = Several((max(resolution),))
     every = {"resolution": resolution}
     bases = (replication.USUAL, replication.DELAUNAY)
     once = (f"{replication.USUAL}{replication.TURNED}",)
+    idle = Several((0,))
     parts = (
-        _Part("validate", validate, {**shared, **every, "polygons": polygons, "work": "0"}),
+        _Part("validate", validate, {**shared, **every, "polygons": polygons, "work": idle}),
         _Part("choice", run, {**shots, **every}, bases),
-        _Part("walked", run, {**shots, "resolution": largest, "order": "walk"}, bases),
+        _Part("walked", run, {**shots, "resolution": largest, "order": Several(("walk",))}, bases),
         _Part("turned", run, {**turned, "resolution": largest, "rotation": ANGLES}, once),
     )
     found = []
@@ -113,4 +120,4 @@ def _carry_out(scene: str, folder: Path, part: _Part) -> None:
     with contextlib.redirect_stdout(io.StringIO()):  # its tables are in its report
         part.command(scene=scene, **where, **part.options)
         if part.bases:
-            gains([folder], out=folder, bases=",".join(part.bases))
+            gains([folder], out=folder, bases=Several(part.bases))

@@ -9,15 +9,19 @@ import typer
 from rich.console import Console
 
 from harness.commands.options import (
+    Budget,
+    Devices,
     Force,
     Quiet,
     Rasterisers,
+    Resolutions,
+    Resume,
+    SceneName,
     Seed,
+    Several,
     Verbose,
-    Work,
+    Works,
     named_rasterisers,
-    numbers,
-    split_names,
 )
 from harness.progress import Reporter
 from harness.study.design import Design
@@ -32,26 +36,22 @@ QUICK = Design(polygons=6, random=10, most_vertices=60)
 
 
 def validate(
-    scene: Annotated[str, typer.Option(help="A scene's name or a file.")] = "city",
-    rasterisers: Rasterisers = "",
-    device: Annotated[
-        str, typer.Option(help="Comma-separated devices; the best one by default.")
-    ] = "",
-    resolution: Annotated[
-        str, typer.Option(help="Viewport in pixels; each polygon fills it; comma-separated.")
-    ] = "128",
-    work: Work = "0,8",
+    scene: SceneName = "city",
+    rasterisers: Rasterisers = None,
+    device: Devices = None,
+    resolution: Resolutions = Several((128,)),
+    work: Works = Several((0, 8)),
     polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = Design.polygons,
     random: Annotated[
         int, typer.Option(min=0, help="Random triangulations of each polygon.")
     ] = Design.random,
     seed: Seed = 0,
-    budget: Annotated[float, typer.Option(help="Seconds of drawing per case.")] = 0.1,
+    budget: Budget = 0.1,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the study; results/validate-<scene>-<time> if absent."),
     ] = None,
-    resume: Annotated[Path | None, typer.Option(help="Continue the study in this folder.")] = None,
+    resume: Resume = None,
     force: Force = False,
     quick: Annotated[
         bool, typer.Option("--quick", help="Six polygons, short times: a look, not a result.")
@@ -85,10 +85,10 @@ def validate(
         seed=seed,
         triangulators=parse_all(["optimal"]),  # each polygon has its own, below
         rasterisers=tuple(named),
-        devices=split_names(device),
-        views=tuple(View(int(size)) for size in numbers(resolution, "--resolution", int)),
+        devices=tuple(device or ()),
+        views=tuple(View(size) for size in resolution),
         # In one kind of order, so that nothing but the diagonals differs.
-        options=tuple(Options(work=int(n), order="walk") for n in numbers(work, "--work", int)),
+        options=tuple(Options(work=count, order="walk") for count in work),
         timing=TimingSettings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
     )
     folder = folder_for(scene, out, resume, before="validate-")

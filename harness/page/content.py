@@ -49,7 +49,7 @@ def content_of(run: Run) -> Content:
     if not views:
         raise UsageError(
             f"{run.path} kept no frame with two triangulations or more: a page has nothing to "
-            "draw; run `harness run` with this version, and two --triangulators"
+            "draw; run `raster-harness run` with this version, and two --triangulators"
         )
     names = list(dict.fromkeys(name for view in views for name in view["cases"]))
     return {

@@ -256,12 +256,14 @@ def read_coefficients(file: Path) -> dict[str, float]:
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         if content.get("refused"):
-            raise UsageError(f"{file} was refused: it fits too badly; repeat harness calibrate")
+            raise UsageError(
+                f"{file} was refused: it fits too badly; repeat raster-harness calibrate"
+            )
         stored = content["coefficients"]
         # A file that is older than D, Q, P and R gives them no weight.
         since = dict.fromkeys(cost_model.TERMS[5:], 0.0)
         return {name: float((since | stored)[name]) for name in cost_model.TERMS}
     except FileNotFoundError:
-        raise UsageError(f"no calibration {file}; make it: harness calibrate") from None
+        raise UsageError(f"no calibration {file}; make it: raster-harness calibrate") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{file} is not a calibration: {error!r}") from error
