@@ -1,4 +1,4 @@
-"""The command line: `raster-harness`, or `python -m harness`. Commands live in `harness.commands`, one file each."""
+"""The command line: `raster-harness`. Commands live in `harness.commands`, one file each."""
 
 from __future__ import annotations
 

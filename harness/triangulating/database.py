@@ -54,7 +54,7 @@ class _Model(NamedTuple):
 
 @dataclass(frozen=True)
 class DatabaseInfo:
-    """What `raster-harness cache info` shows: entries and bytes of triangles for each triangulator."""
+    """What `cache info` shows: entries and bytes of triangles for each triangulator."""
 
     path: Path
     entries: int
@@ -135,7 +135,8 @@ class ModelDatabase:
         if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
             size = f"{LIMIT_BYTES / 2**30:g} GiB"
             self._say(
-                f"model database {self.path} is full ({size}), keeps no more: raster-harness cache clear"
+                f"model database {self.path} is full ({size}), keeps no more; to empty it: "
+                "raster-harness cache clear"
             )
             return
         rows = [(key, triangulator, _sealed(key, model)) for key, model in items]

@@ -238,11 +238,12 @@ for arguments in {WITHOUT_HEAVY_LIBRARIES!r}:
     if loaded:
         print(arguments, loaded)
         break
-os.environ.update(_HARNESS_COMPLETE="complete_bash", COMP_WORDS="harness re", COMP_CWORD="1")
+os.environ.update(_RASTER_HARNESS_COMPLETE="complete_bash")
+os.environ.update(COMP_WORDS="raster-harness re", COMP_CWORD="1")
 sys.argv = ["harness"]
 with contextlib.suppress(SystemExit):
     main()
 print([name for name in heavy if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.splitlines() == ["report", "repeat", "[]"]
+    assert done.stdout.splitlines() == ["report", "[]"]
