@@ -87,7 +87,7 @@ def test_a_folder_with_a_run_is_not_overwritten_but_resumed(harness, block):
         (["--scene", "city", "--rasterisers", "opngl"], ["opngl", "opengl"]),
         (["--scene", "city", "--device", "lvmpipe"], ["lvmpipe", "llvmpipe"]),
         (["--scene", "city", "--resolution", "big"], ["--resolution", "big"]),
-        (["--scene", "city", "--resolution", "2"], ["resolution 2"]),
+        (["--scene", "city", "--resolution", "2"], ["--resolution", "8 to 16384"]),
         (["--scene", "city", "--samples", "3"], ["samples", "3"]),
         ([], ["--scene"]),
         (["--resume", "nowhere"], ["nowhere"]),
@@ -247,3 +247,85 @@ print([name for name in heavy if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.splitlines() == ["report", "[]"]
+
+
+def test_limits_of_options_are_those_of_what_they_set():
+    from harness import frame
+    from harness.commands import options
+    from harness.rasterisers import base, order
+
+    assert options.RESOLUTIONS == (8, frame.MAX_RESOLUTION)
+    assert options.SAMPLES == base.SAMPLES
+    assert options.MOST_WORK == base.MAX_WORK
+    assert options.ORDERS == order.ORDERS
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        ("run", "--seed", "-1"),
+        *(("run", "--timeout", value) for value in ("nan", "inf", "0", "-1")),
+        *(("run", "--budget", value) for value in ("nan", "inf", "0", "-1")),
+        *(("run", "--precision", value) for value in ("nan", "-1", "0")),
+        *(("run", option, "") for option in ("--resolution", "--rotation", "--order", "--out")),
+        ("run", "--rotation", "inf"),
+        ("validate", "--work", "-1"),
+        ("census", "--cell", "inf"),
+        ("census", "--units-per-pixel", "inf"),
+        ("calibrate", "--terms", ""),
+        ("merge", "--out", ""),
+        ("gains", "--bases", ","),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_where_it_is_declared(harness, command, option, value):
+    needed = {"census": ["x", "-o", "y"], "merge": ["a"], "gains": ["a", "--out", "b"]}
+    code, _, err = harness(command, *needed.get(command, []), option, value)
+    assert code == 2
+    assert_one_line(err, f"Invalid value for '{option}'")
+    assert not list(Path().iterdir())
+
+
+def test_an_option_that_is_not_used_is_refused(harness, block):
+    run = ("run", "--scene", str(block), *MOCK)
+    code, _, err = harness(*run, "--triangulators", "fan", "--calibration", "c.json")
+    assert code == 2
+    assert_one_line(err, "--calibration is for optimal:calibrated")
+    code, _, err = harness("run", "--scene", "city", "--layer", "x")
+    assert code == 2
+    assert_one_line(err, "layer")
+    code, _, err = harness("inspect", "--scene", str(block), "--out", "a.foo")
+    assert code == 2
+    assert_one_line(err, ".png")
+
+
+def test_help_groups_at_most_18_commands_and_cuts_no_default_off():
+    assert sum(bool(entry.panel) for entry in COMMANDS.values()) <= 18
+    for name in COMMANDS:
+        command = load(name)
+        text = command.get_help(command.make_context(name, [], resilient_parsing=True))
+        assert "…" not in text
+
+
+def test_list_alone_lists_everything(harness):
+    code, out, _ = harness("list")
+    assert code == 0
+    for name in ("city", "ear-clipping", "reference", "half-perimeter", "helper_lanes"):
+        assert name in out
+    told = json.loads(harness("list", "--json")[1])
+    assert set(told) == {"scenes", "triangulators", "rasterisers", "criteria", "metrics"}
+
+
+def test_options_do_what_hidden_commands_did(harness):
+    code, out, _ = harness("inspect", "--scene", "paper", "--every", "paper", "--out", "all")
+    assert code == 0
+    assert "triangulations; all in all/triangulations.csv" in out
+    code, _, err = harness("compare", "all", "all", "--repeat")
+    assert code == 2
+    assert_one_line(err, "holds no run")
+
+
+def test_a_file_that_is_no_run_is_bad_input(harness):
+    Path("README.md").write_text("# nothing\n")
+    code, _, err = harness("compare", "README.md", "README.md")
+    assert code == 2
+    assert_one_line(err, "README.md", "no record of a run")
