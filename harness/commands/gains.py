@@ -32,17 +32,25 @@ def gains(
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
     import pandas as pd
 
+    from harness.figures import processors
     from harness.stored.folder import read_run
     from harness.study import gains as study
     from harness.triangulating.names import parse_all
 
     wanted = [str(recipe) for recipe in parse_all(bases)]
-    table = study.gain_table([read_run(path).records for path in runs], wanted)
+    read = [read_run(path) for path in runs]
+    table = study.gain_table([run.records for run in processors.apart(read)], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     files = study.plot(table, out / "plots")
     table.to_csv(out / "gains.csv", index=False, float_format="%.5g")
     console = Console()
+    if mixed := processors.several(read):
+        console.print(
+            f"several processors, whose times stay apart: {processors.words(mixed)}",
+            markup=False,
+            soft_wrap=True,
+        )
     told_apart = [study.by_order(table, name).assign(base=name) for name in wanted]
     if found := [part for part in told_apart if len(part)]:
         pd.concat(found).to_csv(out / "orders.csv", index=False, float_format="%.4g")

@@ -55,6 +55,7 @@ def history(
     shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
     --all. Studies are left out: they measure each case once.
     """
+    from harness.figures import processors
     from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.plots import plot_history
 
@@ -76,6 +77,8 @@ def history(
     for run in runs:
         for problem in run.problems:
             console.print(f"warning: {problem}")
+    if mixed := processors.several(runs):
+        console.print(f"several processors, whose times stay apart: {processors.words(mixed)}")
     for line in changes(runs, shown):
         console.print(line)
     left = len(series) - len(shown)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -71,6 +72,14 @@ def run(
     order: Orders = Several(("native",)),
     seed: Seed = 0,
     precision: Precision = TimingSettings.precision,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Time everything in so many fresh processes, one after the other; intervals are "
+            "then over them. Five tell more than two.",
+        ),
+    ] = 1,
     budget: Budget = TimingSettings.budget_s,
     timeout: Timeout = None,
     out: Annotated[
@@ -141,6 +150,7 @@ def run(
     from scenes.spec import joined
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
+    timing = replace(timing, processes=repeats)
     if resume and not scene:
         plan = stored_plan(resume)
     elif not scene:

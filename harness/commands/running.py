@@ -16,6 +16,7 @@ from harness.commands.options import CALIBRATIONS
 from harness.commands.results import require_finished
 from harness.errors import Inconclusive, UsageError
 from harness.figures.groups import base_of, groups
+from harness.figures.processors import machine_words
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunResult
 from harness.measuring.two_versions import Beside, version
@@ -128,6 +129,8 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
     with clear_errors(outcome.path, again):
         write_csv(stored.records, outcome.path / "summary.csv")
     print_summary(stored.records, console)
+    for line in machine_words(stored):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
         from harness.report import write_report

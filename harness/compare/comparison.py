@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.compare import times
+from harness.compare import differences, times
 from harness.compare.counters import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.differences import environment_changes, machine, plan_changes
 from harness.compare.matching import Match, latest, match, other_hardware, printable
@@ -21,7 +21,9 @@ from harness.compare.model import (
 )
 from harness.compare.planned import missing_from
 from harness.compare.settings import Settings, require_known
+from harness.figures import processors
 from harness.figures.registry import find
+from harness.machine import state
 from harness.machine.environment import commit_of
 from harness.stored.folder import Record, Run
 
@@ -40,9 +42,8 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     records = (*base.records, *head.records)
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})
     matches = match(base, head, across_devices=settings.across_devices)
-    before, after = machine(base.facts), machine(head.facts)
     elsewhere = _across(matches) or bool(other_hardware(base, head))
-    machines_differ = elsewhere or bool(before and after and before != after)
+    machines_differ = elsewhere or differences.machines_differ(base.facts, head.facts)
     cases = [_counted(found, settings, missing=missing_from(head, found.name)) for found in matches]
     cases, drifts = _timed(matches, cases, settings, machines_differ)
     found = Comparison(
@@ -193,6 +194,16 @@ def _notes(base: Run, head: Run, machines_differ: bool) -> list[str]:
             "the runs are of different machines: times are relative to the other cases, or to the "
             "reference draw, of their own run"
         )
+    for device, kinds in processors.several([base, head]).items():
+        notes.append(
+            f"{device} draws on the processor, and the runs are of different ones "
+            f"({', '.join(kinds)}): ratios of times differ between them by some per cent"
+        )
+    notes += [
+        f"{name}: {line}"
+        for name, run in (("BASE", base), ("HEAD", head))
+        for line in state.words(run.facts.get("state"))
+    ]
     return notes
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from harness.machine.processor import label_of, same
 from harness.stored.folder import Run
 
 ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governor")
@@ -13,11 +14,19 @@ ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governo
 def machine(facts: Mapping[str, Any]) -> str:
     """Return what tells a machine from others of another kind; "" where the run does not say."""
     environment = facts.get("environment") or {}
-    if not environment.get("cpu"):
+    if not (processor := label_of(facts)):
         return ""
-    text = f"{environment['cpu']}, {environment.get('threads')} threads"
+    text = f"{processor}, {environment.get('threads')} threads"
     gpus = [str(gpu.get("name")) for gpu in environment.get("gpus") or []]
     return ", ".join([text, *gpus])
+
+
+def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+    """Whether both runs say what machine they are of, and it is not the same."""
+    known = machine(before) and machine(after)
+    alike = same(label_of(before), label_of(after))
+    rest = [machine(facts).removeprefix(label_of(facts)) for facts in (before, after)]
+    return bool(known) and not (alike and rest[0] == rest[1])
 
 
 def plan_changes(base: Run, head: Run) -> list[str]:

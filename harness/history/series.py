@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,8 +15,10 @@ from harness.compare.matching import case_name, latest
 from harness.compare.model import CaseName
 from harness.compare.quantiles import low_quantile
 from harness.errors import UsageError, unknown
+from harness.figures import processors
 from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
+from harness.machine.processor import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
 
 STUDIES = ("validate", "pareto", "calibrate")
@@ -42,7 +44,8 @@ class Series:
     """A metric of a case over runs.
 
     values : (runs,) float64, nan where a run lacks it; for `time` relative to the median run
-    content : (runs,) the scene's content hash, "" where unknown
+    content : (runs,) the scene's content hash, "" where unknown; of times with the processor, where
+        that is the device
     changes : positions of the first run after each change; a change of content is none
     """
 
@@ -120,7 +123,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[S
     found = []
     for metric in metrics:
         if metric == TIME:
-            found += _times(cases)
+            found += _times(_on_their_processor(runs))
         else:
             found += [_series(name, metric, records) for name, records in cases.items()]
     return [series for series in found if np.isfinite(series.values).any()]
@@ -134,6 +137,18 @@ def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
             if record.get("status") == "ok":
                 cases[case_name(record)][number] = record
     return dict(cases)
+
+
+def _on_their_processor(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
+    """Return `_cases` with the processor as part of the content where it is the device."""
+    mixed = processors.several(runs)
+
+    def told(run: Run, record: Record) -> Record:
+        if record.get("device") not in mixed or not processors.of_cpu(run, record):
+            return record
+        return {**record, "scene_hash": f"{record.get('scene_hash')} on {label_of(run.facts)}"}
+
+    return _cases([replace(run, records=[told(run, each) for each in run.records]) for run in runs])
 
 
 def _series(name: CaseName, metric: str, records: Sequence[Record | None]) -> Series:

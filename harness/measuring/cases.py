@@ -173,7 +173,7 @@ def _time(
     assert test is not None
     if test.gpu_s is not None and test.timer == "wall":
         job.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
-    likely_s = settings.budget_s * (len(ready) + 2)
+    likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
     with job.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
         groups, failures = job.bench.time(
             backend,

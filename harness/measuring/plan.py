@@ -56,7 +56,7 @@ class Plan:
             "triangulators": [str(recipe) for recipe in self.triangulators],
             "views": [asdict(view) for view in self.views],
             "options": [asdict(options) for options in self.options],
-            "timing": asdict(self.timing),
+            "timing": _timing(self.timing),
             "calibration": None if calibration is None else dict(calibration),
         }
         return json.loads(json.dumps(values))
@@ -101,6 +101,14 @@ class Plan:
             parts["triangulators"], seed=seed, calibration=calibration
         )
         return cls(**parts)
+
+
+def _timing(settings: TimingSettings) -> dict[str, Any]:
+    """Return the settings as plans have had them: one process is not worth telling."""
+    values = asdict(settings)
+    if settings.processes == 1:
+        del values["processes"]
+    return values
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,8 @@ class Bench:
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
         """Time the candidates, (frame, triangles), together, in shuffled rounds.
 
+        In as many fresh processes, one after the other, as the settings want.
+
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
 
@@ -200,12 +202,21 @@ class Bench:
         """
         test = self.open(backend).timer
         timeout_s = self._timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
-        arguments = (dict(candidates), options, settings, test, seed)
+        parts: list[dict[str, Times]] = []
+        began = time.perf_counter()
         try:
             with self.clocked("time"):
-                group = self._on(
-                    backend, tasks.time_group, *arguments, timeout_s=timeout_s, tick=tick
-                )
+                for number in range(settings.processes):
+                    if number > 0:
+                        # The next one is fresh: where a process lies in memory is drawn anew, too.
+                        self._workers.pop(backend.label).close()
+                    arguments = (dict(candidates), options, settings, test, seed + number)
+                    told = tick and _after(tick, time.perf_counter() - began)
+                    parts.append(
+                        self._on(
+                            backend, tasks.time_group, *arguments, timeout_s=timeout_s, tick=told
+                        )
+                    )
         except TaskFailed as error:
             if len(candidates) == 1:
                 return {}, {next(iter(candidates)): str(error)}
@@ -217,6 +228,7 @@ class Bench:
                 groups |= more
                 failures |= failed
             return groups, failures
+        group = {name: Times.of_processes([part[name] for part in parts]) for name in parts[0]}
         return dict.fromkeys(candidates, group), {}
 
     def describe(self) -> dict[str, Any]:
@@ -307,3 +319,8 @@ class Bench:
         if label not in self._workers:
             self._workers[label] = self._open_worker(label, environment, memory_bytes)
         return self._workers[label]
+
+
+def _after(tick: Callable[[float], None], seconds: float) -> Callable[[float], None]:
+    """Return `tick` for one who begins to wait when so many seconds have passed."""
+    return lambda waited: tick(seconds + waited)

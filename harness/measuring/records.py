@@ -185,6 +185,7 @@ def time_fields(
         "ci95_s": list(times.ci95_s),
         "repeats": times.repeats,
         "epochs": times.epochs,
+        **({"processes": times.processes} if times.processes else {}),
         "precision": settings.precision,
         "precision_reached": times.precision_reached,
         "empty_s": _rounded(group[EMPTY].samples_s),

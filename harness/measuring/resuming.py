@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
+from harness.machine.processor import label_of, same
 from harness.measuring.two_versions import Halves
 from harness.stored.folder import Record, Store, read_run
 
@@ -61,7 +62,7 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         differences.append("the code")
     if before.get("beside") != now.get("beside"):
         differences.append("what it is measured beside")
-    if before.get("environment", {}).get("cpu") != now["environment"]["cpu"]:
+    if not same(label_of(before), label_of(now)):
         differences.append("the machine")
     if differences:
         raise UsageError(

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from harness.machine import environment
+from harness.machine.processor import processor
+from harness.machine.state import default_path, state_of
 from harness.measuring.backends import find_backends
 from harness.measuring.cases import Job, measure_scene
 from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
@@ -145,6 +147,7 @@ def _run(
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
+            facts["state"] = state_of(records.values(), default_path())
             store.write_facts(facts)
         if not bench.stopping:
             store.drop_counted()
@@ -236,6 +239,7 @@ def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:
             "notes": list(scene.notes),
         },
         "environment": machine,
+        "cpu": processor(),
         "warnings": environment.warnings(machine),
         "frames": [],
         "devices": {},

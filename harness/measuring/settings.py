@@ -36,6 +36,7 @@ class TimingSettings:
     paired : whether the candidates are compared with each other; then all are drawn equally often
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
         up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
+    processes : how many fresh processes do all of this, one after the other
     """
 
     precision: float = 0.01
@@ -45,3 +46,4 @@ class TimingSettings:
     least_share: float = 0.65
     paired: bool = True
     epochs: int = 6
+    processes: int = 1

@@ -80,12 +80,25 @@ class Times:
     repeats : draws a sample averages over
     precision_reached : whether the interval of the median became narrow enough in time
     epochs : rounds of each epoch, in order; one alone where drawings were never prepared anew
+    processes : rounds of each process, where there were several
     """
 
     repeats: int
     samples_s: list[float] = field(default_factory=list)
     epochs: list[int] = field(default_factory=list)
     precision_reached: bool = False
+    processes: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of_processes(cls, parts: Sequence[Times]) -> Times:
+        """Return the times of one drawing in several processes, one after the other."""
+        return cls(
+            parts[0].repeats,
+            [sample for part in parts for sample in part.samples_s],
+            [rounds for part in parts for rounds in part.epochs],
+            all(part.precision_reached for part in parts),
+            [len(part.samples_s) for part in parts] if len(parts) > 1 else [],
+        )
 
     @property
     def median_s(self) -> float:

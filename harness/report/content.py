@@ -12,6 +12,7 @@ from harness.figures.decision import Standing, decide, explained
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
+from harness.machine import state
 from harness.pictures.style import looks
 from harness.report import facts, matrix, packing
 from harness.report.answer import answer_of_study, criteria_of
@@ -77,7 +78,11 @@ def content_of(run: Run) -> Content:
     content["study"] = answer_of_study(study)
     content["environment"] = facts.rows(run)
     content["key_facts"] = facts.key_rows(run)
-    content["warnings"] = [*run.facts.get("warnings", []), *run.problems]
+    content["warnings"] = [
+        *run.facts.get("warnings", []),
+        *state.words(run.facts.get("state")),
+        *run.problems,
+    ]
     return content
 
 

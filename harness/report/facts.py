@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from harness.machine.environment import commit_of
+from harness.machine.processor import label_of
 from harness.stored.folder import Run
 
 Row = tuple[str, str, str]
@@ -15,7 +16,7 @@ def rows(run: Run) -> list[Row]:
     """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
     known = ("created", "schema_version", "interrupted", "resumed")
     found = [("run", name, _text(run.facts[name])) for name in known if name in run.facts]
-    for section in ("scene", "environment", "plan", "devices", "frames", "seconds"):
+    for section in ("scene", "environment", "cpu", "state", "plan", "devices", "frames", "seconds"):
         values = run.facts.get(section)
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
@@ -28,7 +29,7 @@ def key_rows(run: Run) -> list[tuple[str, str]]:
     """Return (name, value) of the few facts that times depend on most, where they are known."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
-    found = [("processor", machine.get("cpu")), ("system", machine.get("kernel"))]
+    found = [("processor", label_of(run.facts)), ("system", machine.get("kernel"))]
     for label, device in (run.facts.get("devices") or {}).items():
         details = device.get("details") or {}
         timer = (device.get("timer") or {}).get("timer", "not timed")

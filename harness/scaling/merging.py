@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
+from harness.figures import processors
 from harness.measuring.plan import Case
 from harness.rasterisers.base import Options
 from harness.stored import drawings
@@ -63,12 +64,13 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     Raises
     ------
     UsageError
-        if records of one case differ, counters of one kind of device differ between hosts, the runs
-        are of different scenes or do not say of which, one run is given under two hosts' names, or
-        the folder cannot be written
+        if times of a software device are of several processors, records of one case differ,
+        counters of one kind of device differ between hosts, the runs are of different scenes or do
+        not say of which, one run is given under two hosts' names, or the folder cannot be written
     """
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
+    _refuse_other_processors(runs)
     found = _by_key(runs)
     _refuse_other_counters(found)
     facts = _facts(runs)
@@ -158,6 +160,14 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
         )
 
 
+def _refuse_other_processors(runs: Sequence[Run]) -> None:
+    if mixed := processors.several(runs):
+        raise UsageError(
+            f"times of a software rasteriser are the processor's: {processors.words(mixed)}; "
+            "keep the runs apart with --hosts"
+        )
+
+
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
     if not any(run.records for run in runs):
         raise UsageError("there is no record to merge")
@@ -202,7 +212,7 @@ def _facts(runs: Sequence[Run]) -> dict[str, Any]:
         **{which: _union(plan.get(which) for plan in plans) for which in _LISTS},
     }
     hosts = [
-        {name: facts.get(name) for name in ("created", "environment", "seconds", "warnings")}
+        {name: facts.get(name) for name in _OF_A_HOST}
         | {"devices": sorted(facts.get("devices") or {})}
         for facts in in_order
     ]
@@ -221,6 +231,7 @@ def _facts(runs: Sequence[Run]) -> dict[str, Any]:
     }
 
 
+_OF_A_HOST = ("created", "environment", "cpu", "state", "seconds", "warnings")
 _LISTS = ("rasterisers", "devices", "views", "options")
 
 

@@ -15,6 +15,7 @@ from shapely import Polygon, box
 
 from harness.errors import UsageError
 from harness.frame import Frame
+from harness.machine.processor import processor
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, TimingSettings
@@ -214,7 +215,8 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
 def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     measure(plan_for(block), out)
-    monkeypatch.setattr("harness.machine.environment.cpu_name", lambda: "another processor")
+    other = {**processor(), "label": "another processor"}
+    monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
     with pytest.raises(UsageError, match="the machine differ"):
         measure(plan_for(block), out, resume=True)
     assert measure(plan_for(block), out, resume=True, force=True).records
@@ -321,3 +323,35 @@ def test_our_own_triangulator_that_is_too_slow_is_skipped_with_the_way_out(tmp_p
     (record,) = measure(plan, tmp_path / "out", open_worker=Worker).records
     assert record["status"] == "skipped"
     assert "took more than 0.2 s; give it longer with --timeout" in record["reason"]
+
+
+def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
+    opened: list[tuple[str, Inline]] = []
+    closed: list[Inline] = []
+
+    class Watched(Inline):
+        def close(self, *, at_once: bool = False) -> None:
+            closed.append(self)
+            super().close(at_once=at_once)
+
+    def watched(name: str, environment: object, memory_bytes: int | None = None) -> Inline:
+        worker = Watched()
+        opened.append((name, worker))
+        return worker
+
+    plan = plan_for(block, timing=replace(FAST, processes=3))
+    assert measure(plan, tmp_path / "out", open_worker=watched).records
+    drawing = [worker for name, worker in opened if name == f"{MOCK} on scripted"]
+    assert len(drawing) == 2, "the first is the process that was asked what it can do"
+    assert closed[1] is drawing[0], "the next begins when the one before has ended"
+    assert closed[0] not in drawing
+    for record in read_run(tmp_path / "out").records:
+        times = record["time"]
+        assert len(times["processes"]) == 3
+        assert min(times["processes"]) >= MIN_ROUNDS
+        assert sum(times["processes"]) == sum(times["epochs"]) == len(times["samples_s"])
+        assert len(times["reference_s"]) == len(times["samples_s"])
+    # A plan of one process is told as plans were before there were several.
+    assert "processes" not in plan_for(block).to_json()["timing"]
+    assert Plan.from_json(plan.to_json()).timing == plan.timing
+    assert Plan.from_json(plan_for(block).to_json()).timing.processes == 1

@@ -1,0 +1,149 @@
+"""The processor is named, and times of software rasterisers on different ones stay apart."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from harness.compare.comparison import compare_runs
+from harness.errors import UsageError
+from harness.figures import processors
+from harness.history import read_series
+from harness.machine import processor
+from harness.scaling import merging
+from harness.stored.folder import Run, read_run
+from tests.compare.runs import write_run
+
+INTEL = """processor\t: 0
+vendor_id\t: GenuineIntel
+cpu family\t: 6
+model\t\t: 143
+model name\t: Intel(R) Xeon(R) Processor @ 2.10GHz
+stepping\t: 8
+flags\t\t: fpu sse2 avx avx2 avx512f
+
+processor\t: 1
+model\t\t: 0
+"""
+ARM = "processor\t: 0\nFeatures\t: fp asimd\nCPU implementer\t: 0x41\nCPU architecture: 8\n"
+ARM += "CPU part\t: 0xd0c\nCPU revision\t: 1\n"
+XEON = "Intel(R) Xeon(R) Processor @ 2.10GHz 6/143, 512-bit"
+EPYC = "AMD EPYC 25/17, 512-bit"
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "stepping"),
+    [
+        (INTEL, XEON, "8"),
+        (INTEL.replace(" avx512f", ""), XEON.replace("512", "256"), "8"),
+        (ARM, "0x41 8/0xd0c, 128-bit", "1"),
+        ("", "unknown processor", None),
+    ],
+)
+def test_a_processor_is_named_by_what_its_code_depends_on(
+    text, label, stepping, tmp_path, monkeypatch
+):
+    file = tmp_path / "cpuinfo"
+    file.write_text(text)
+    monkeypatch.setattr(processor, "CPUINFO", file)
+    monkeypatch.setattr("platform.processor", lambda: "")
+    found = processor.processor.__wrapped__()
+    assert (found["label"], found["stepping"]) == (label, stepping)
+
+
+def test_caches_are_told_in_bytes(tmp_path):
+    for number, (level, kind, size) in enumerate([(1, "Data", "48K"), (2, "Unified", "2048K")]):
+        place = tmp_path / f"index{number}"
+        place.mkdir()
+        for name, value in (("level", level), ("type", kind), ("size", size)):
+            (place / name).write_text(f"{value}\n")
+    assert dict(processor._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
+
+
+def test_a_run_that_tells_less_is_of_the_same_processor():
+    assert processor.same("AMD EPYC", EPYC)
+    assert processor.same("", EPYC)
+    assert not processor.same(XEON, EPYC)
+    assert processor.differ(["AMD EPYC", EPYC]) == []
+    assert processor.differ(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert processor.label_of({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
+    assert processor.label_of({"cpu": "damaged", "environment": 3}) == ""
+
+
+@pytest.fixture
+def two(tmp_path) -> list[Run]:
+    """One scene's runs on llvmpipe, of two processors."""
+    found = []
+    for number, label in enumerate((EPYC, XEON)):
+        run = read_run(write_run(tmp_path / str(number), seed=number))
+        scene = {"hash": run.records[0]["scene_hash"]}
+        facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
+        found.append(replace(run, facts=facts))
+    return found
+
+
+def test_devices_get_the_processors_name_where_there_are_several(two):
+    assert processors.several(two) == {"llvmpipe": [EPYC, XEON]}
+    devices = [{record["device"] for record in run.records} for run in processors.apart(two)]
+    assert devices == [{f"llvmpipe ({EPYC})"}, {f"llvmpipe ({XEON})"}]
+    alike = [two[0], replace(two[1], facts=two[0].facts)]
+    assert processors.several(alike) == {}
+    assert processors.apart(alike)[1].records == two[1].records
+
+
+def test_counters_and_gpus_may_be_of_any_processor(two):
+    counted = [replace(r, records=[{**e, "time": None} for e in r.records]) for r in two]
+    assert processors.several(counted) == {}
+    details = {"opengl on gpu0": {"details": {"renderer": "NVIDIA H100"}}}
+    gpus = [
+        replace(
+            run,
+            facts={**run.facts, "devices": details},
+            records=[{**each, "device": "gpu0"} for each in run.records],
+        )
+        for run in two
+    ]
+    assert processors.several(gpus) == {}
+
+
+def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):
+    with pytest.raises(UsageError, match="keep the runs apart with --hosts") as caught:
+        merging.merge(two, tmp_path / "merged")
+    assert EPYC in str(caught.value)
+    assert XEON in str(caught.value)
+    assert not (tmp_path / "merged").exists()
+
+
+def test_gains_and_comparisons_say_so(two, harness):
+    for run in two:
+        file = run.path / "run.json"
+        file.write_text(json.dumps(run.facts))
+    folders = [str(run.path) for run in two]
+    code, out, _ = harness("gains", *folders, "--out", "gains")
+    assert code == 0
+    assert f"several processors, whose times stay apart: llvmpipe on {EPYC}, {XEON}" in out
+    table = Path("gains/gains.csv").read_text()
+    assert f'"llvmpipe ({EPYC})"' in table
+    assert ",llvmpipe," not in table
+    notes = compare_runs(*two).notes
+    assert any("llvmpipe draws on the processor" in line and XEON in line for line in notes)
+    assert not any("draws on the processor" in line for line in compare_runs(two[0], two[0]).notes)
+
+
+def test_a_history_sees_no_change_of_code_in_a_change_of_processor(tmp_path):
+    """Ten runs, the second five on another processor that draws delaunay 12 % slower."""
+    from tests.compare.runs import slower
+
+    runs = []
+    for number in range(10):
+        edits = {"delaunay": slower(0.12)} if number >= 5 else {}
+        run = read_run(write_run(tmp_path / str(number), seed=number, edits=edits))
+        label = EPYC if number < 5 else XEON
+        runs.append(replace(run, facts={**run.facts, "cpu": {"label": label}}))
+    changed = {s.metric for s in read_series(runs) if s.changes}
+    assert changed == set()
+    one = [replace(run, facts=runs[0].facts) for run in runs]
+    assert {s.metric for s in read_series(one) if s.changes} == {"time"}
