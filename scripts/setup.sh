@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Makes .venv from the two lock files and sees that OpenGL works without a screen.
-# With the argument `test` it also finds the browser that the tests of pages need.
+# Makes .venv and sees that OpenGL works without a screen: setup.sh [run | data | docs | test]
+#   run   what measuring needs, the default;  data  and the real scenes;  docs  and MkDocs;
+#   test  everything, with the drivers and the browser that only tests need
 # Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -8,7 +9,16 @@ cd "$(dirname "$0")/.."
 gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
 vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
 # Mesa 25.1 dropped OSMesa, so it is a device where present and never required.
-optional_packages=(libosmesa6)
+osmesa_packages=(libosmesa6)
+
+what=${1:-run}
+case $what in
+    run) locks=(requirements.lock) ;;
+    data) locks=(requirements.lock requirements-data.lock) ;;
+    docs) locks=(requirements-docs.lock) ;;
+    test) locks=(requirements-test.lock requirements-data.lock) ;;
+    *) echo "setup: $what: give run, data, docs or test" >&2; exit 2 ;;
+esac
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$1" >&2; exit "${2:-2}"; }
@@ -45,12 +55,43 @@ make_venv() {
         apt_install "$package"
     fi
     [ -x .venv/bin/python ] || { say "creating .venv with $("$python" --version)"; "$python" -m venv .venv; }
-    say "installing the pinned packages (about a minute)"
-    # The list is complete and hashed, so pip need not resolve; it also lets PyOpenGL be newer
-    # than pyrender's own pin.
+    install_packages
+    write_program
+    cat "${locks[@]}" > ".venv/installed-$what.lock"
+}
+
+install_packages() {
+    # The lists are complete and hashed, so nothing need be resolved; that also lets PyOpenGL be
+    # newer than pyrender's own pin.
+    local list=() lock uv
+    for lock in "${locks[@]}"; do list+=(-r "$lock"); done
+    if uv=$(find_uv); then
+        say "installing the pinned packages"
+        "$uv" pip install -q --python .venv/bin/python --no-deps --require-hashes "${list[@]}" && return
+        say "uv cannot install them; trying pip"
+    fi
+    say "installing the pinned packages with pip (about a minute)"
     .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes \
-        -r requirements.lock -r requirements-data.lock 2> >(grep -v '^WARNING: Location' >&2)
-    cat requirements.lock requirements-data.lock > .venv/installed.lock
+        "${list[@]}" 2> >(grep -v '^WARNING: Location' >&2)
+}
+
+find_uv() {
+    # uv installs in seconds what takes pip a minute.
+    command -v uv && return
+    [ -x .venv/bin/uv ] || .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps \
+        --require-hashes -r requirements-setup.lock >/dev/null 2>&1 || return
+    echo .venv/bin/uv
+}
+
+write_program() {
+    # The name that a package would have; like `python -m harness`, it finds modules in the
+    # current folder.
+    local program=.venv/bin/raster-harness
+    cat > "$program" <<PROGRAM
+#!/bin/sh
+exec '$PWD/.venv/bin/python' -c 'import sys; sys.argv[0] = "raster-harness"; sys.path.insert(0, "$PWD"); from harness.__main__ import main; main()' "\$@"
+PROGRAM
+    chmod +x "$program"
 }
 
 gl_works() {
@@ -66,7 +107,6 @@ find_gl() {
         is_root || fail "no OpenGL driver found; run: sudo apt-get install -y ${gl_packages[*]}" 3
         say "installing Mesa: ${gl_packages[*]}"
         apt_install "${gl_packages[@]}" || fail "apt-get install ${gl_packages[*]} failed" 3
-        apt_install "${optional_packages[@]}" || say "without ${optional_packages[*]}: no osmesa device"
         gl_works || fail "OpenGL still does not work; see: .venv/bin/python -m harness doctor" 3
     fi
     touch .venv/gl-works
@@ -81,6 +121,14 @@ find_vulkan() {
     touch .venv/vulkan-works
 }
 
+find_osmesa() {
+    if ! ldconfig -p | grep -q libOSMesa; then
+        is_root && say "installing OSMesa: ${osmesa_packages[*]}" && apt_install "${osmesa_packages[@]}" 2>/dev/null \
+            || say "without ${osmesa_packages[*]}: no osmesa device"
+    fi
+    touch .venv/osmesa-works
+}
+
 find_browser() {
     # The names that tests/chromium.py looks for.
     if ! command -v chromium chromium-browser google-chrome chrome >/dev/null; then
@@ -91,7 +139,10 @@ find_browser() {
     touch .venv/browser-works
 }
 
-cat requirements.lock requirements-data.lock | cmp -s - .venv/installed.lock || make_venv
+cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
 [ -e .venv/gl-works ] || find_gl
-[ "${1:-}" != test ] || [ -e .venv/vulkan-works ] || find_vulkan
-[ "${1:-}" != test ] || [ -e .venv/browser-works ] || find_browser
+if [ "$what" = test ]; then
+    [ -e .venv/vulkan-works ] || find_vulkan
+    [ -e .venv/osmesa-works ] || find_osmesa
+    [ -e .venv/browser-works ] || find_browser
+fi

@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.errors import UsageError
+
 SHORTEST = 3
 """Runs in a stretch: one or two odd runs are noise, and the last ones are for `compare`."""
 
@@ -35,8 +37,12 @@ def changes_of_noisy(logs: NDArray[np.float64]) -> list[int]:
     """Return the positions at which the level of (n,) log values changes."""
     if len(logs) < 2 * SHORTEST:
         return []
-    import ruptures
-
+    try:
+        import ruptures
+    except ImportError:
+        raise UsageError(
+            'where times change is found by ruptures: pip install "raster-harness[history]"'
+        ) from None
     noise = max(LEAST_NOISE, _noise(logs))
     search = ruptures.Pelt(model="l1", min_size=SHORTEST, jump=1).fit(logs[:, None])
     ends: list[int] = search.predict(pen=PENALTY * noise * math.log(len(logs)))

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData  # type: ignore[import-untyped]
 
 from scenes.scene import SceneError
 
@@ -19,9 +18,15 @@ _INDICES = ("vertex_indices", "vertex_index")
 def parse(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """(n, 3) vertices and, for each face, the indices of its vertices from 0.
 
-    Raises SceneError for a file without faces, and whatever plyfile does for one that is not PLY
+    Raises SceneError for a file without faces and where plyfile is missing, and whatever plyfile does for one that is not PLY
     or is cut short.
     """
+    try:
+        from plyfile import PlyData  # type: ignore[import-untyped]
+    except ImportError:
+        raise SceneError(
+            f'{path} needs plyfile to be read: pip install "raster-harness[ply]"'
+        ) from None
     data = PlyData.read(path, mmap=False)
     if "face" not in data or not len(data["face"].data):
         raise SceneError(f"{path} holds no face: give a model with faces")

@@ -7,14 +7,21 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 
+import numpy as np
 import pytest
 
+from harness.errors import UsageError
+from harness.history.change_points import changes_of_noisy
+from scenes import SceneError
+from scenes.readers import ply
 from tests.paths import ROOT
 
 PACKAGES = ("harness", "triangulators", "scenes")
-LOCKS = ("requirements.lock", "requirements-data.lock")
+KINDS = ("", "-docs", "-test", "-data", "-setup")
+LOCKS = tuple(f"requirements{kind}.lock" for kind in KINDS)
 
 
 def test_the_wheel_holds_every_file_of_the_packages(tmp_path):
@@ -53,6 +60,49 @@ def test_the_locks_pin_every_package_with_hashes_and_name_no_address():
         pinned = [entry for entry in entries if "==" in entry.split("\n")[0]]
         assert pinned
         assert all("--hash=sha256:" in entry for entry in pinned), name
+
+
+def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
+    pinned = {
+        kind: set(
+            re.findall(r"^([a-z0-9._-]+)==", (ROOT / f"requirements{kind}.lock").read_text(), re.M)
+        )
+        for kind in KINDS
+    }
+    assert pinned[""] < pinned["-docs"] < pinned["-test"]
+    extras = {
+        "ruptures",
+        "plyfile",
+        "scikit-learn",
+        "pyarrow",
+        "dask",
+        "bokeh",
+        "wgpu",
+        "manifold3d",
+    }
+    development = {"pytest", "hypothesis", "mypy", "ruff", "setuptools", "lxml"}
+    assert not pinned[""] & (extras | development | {"mkdocs", "mkdocs-material"})
+    assert not pinned["-docs"] & (extras | development)
+
+
+def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
+    for package in ("ruptures", "plyfile"):
+        monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(UsageError, match=r"pip install \"raster-harness\[history\]\"$"):
+        changes_of_noisy(np.zeros(100))
+    with pytest.raises(SceneError, match=r"a\.ply needs plyfile.*raster-harness\[ply\]\"$"):
+        ply.parse(tmp_path / "a.ply")
+
+
+def test_every_extra_that_is_named_is_declared():
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    named = {
+        extra
+        for package in PACKAGES
+        for file in (ROOT / package).rglob("*.py")
+        for extra in re.findall(r"raster-harness\[(\w+)\]", file.read_text())
+    }
+    assert {"history", "ply", "webgpu"} <= named <= set(declared["optional-dependencies"])
 
 
 @pytest.mark.parametrize(
