@@ -18,8 +18,8 @@ _INDICES = ("vertex_indices", "vertex_index")
 def parse(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """(n, 3) vertices and, for each face, the indices of its vertices from 0.
 
-    Raises SceneError for a file without faces and where plyfile is missing, and whatever plyfile does for one that is not PLY
-    or is cut short.
+    Raises SceneError for a file without faces and where plyfile is missing, and whatever plyfile
+    does for one that is not PLY or is cut short.
     """
     try:
         from plyfile import PlyData  # type: ignore[import-untyped]
