@@ -148,7 +148,7 @@ class Copy:
         self.folder = folder
         names = subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines()
         for name in names:
-            if (ROOT / name).is_file() and not name.startswith("results/reference"):
+            if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         (folder / ".venv").symlink_to(ROOT / ".venv")
