@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
 from harness.measuring import records
@@ -33,6 +35,7 @@ class Job:
 
     label : the scene's name in records
     broken : triangulators that cannot be run at all, and why
+    rounds : whether to triangulate in rounds, as drawings are timed
     """
 
     plan: Plan
@@ -42,6 +45,7 @@ class Job:
     broken: Mapping[Recipe, str]
     bench: Bench
     reporter: Reporter
+    rounds: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,12 +84,28 @@ def measure_scene(
                 prepared[recipe] = result
             else:
                 yield from _not_measured(groups, recipe, *result)
+        if job.rounds:
+            _time_triangulating(job, frame, prepared)
         triangles = {str(recipe): ready.triangles for recipe, ready in prepared.items()}
         yield Triangulated(frame, triangles)
         for group in groups:
             left = {recipe: case for recipe, case in group.cases.items() if recipe in prepared}
             if left and not job.bench.stopping:
                 yield from _measure(job, replace(group, cases=left), frame, prepared, counted)
+
+
+def _time_triangulating(job: Job, frame: Frame, prepared: Mapping[Recipe, Prepared]) -> None:
+    """Triangulate again in rounds, so that it is known how much the time of it scatters."""
+    once = {
+        recipe: ready.triangulation.seconds
+        for recipe, ready in prepared.items()
+        if not recipe.upright
+    }
+    settings = job.plan.timing
+    found = job.bench.time_triangulating(once, frame.polygons, settings.budget_s, job.plan.seed)
+    for recipe, samples in found.items():
+        triangulation = prepared[recipe].triangulation
+        triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
 
 
 def _groups(job: Job, view: View, finished: Mapping[str, Record]) -> Iterator[Group]:

@@ -6,7 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +19,12 @@ from harness.measuring import tasks
 from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import Executor, OpenWorker, TaskFailed, TaskTimedOut
 from harness.rasterisers.base import Counters, Device, Options, Triangles
-from harness.triangulating.frames import FrameTriangulation, triangulate_polygons, warm_up
+from harness.triangulating.frames import (
+    FrameTriangulation,
+    time_in_rounds,
+    triangulate_polygons,
+    warm_up,
+)
 from harness.triangulating.names import Recipe
 
 T = TypeVar("T")
@@ -29,6 +34,9 @@ MEMORY_SHARE = 0.75
 
 IMPORT_S = 60.0
 """Least time that a third party's code is given to be imported and asked what it is."""
+
+FEWEST_ROUNDS, MOST_ROUNDS = 5, 12
+"""Rounds of triangulating; the most is as many as an interval gains much from."""
 
 COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
@@ -126,6 +134,34 @@ class Bench:
                     f"triangulating took more than {self._timeout_s:g} s; give it longer with "
                     "--timeout, or a smaller scene (limit=)"
                 ) from error
+
+    def time_triangulating(
+        self, once: Mapping[Recipe, float], polygons: Sequence[Polygon], budget_s: float, seed: int
+    ) -> dict[Recipe, list[float]]:
+        """Triangulate again in rounds; returns the seconds of each round, as `time_in_rounds` does.
+
+        once : seconds that each triangulator took; what would take too long is left out
+        budget_s : seconds that each may cost, on average
+
+        Third parties' triangulators, each in a process of its own, have rounds of their own.
+        """
+        chosen = [recipe for recipe, seconds in once.items() if 2 * seconds <= budget_s]
+        if not chosen:
+            return {}
+        mean_s = sum(once[recipe] for recipe in chosen) / len(chosen)
+        rounds = min(MOST_ROUNDS, max(FEWEST_ROUNDS, int(budget_s / max(mean_s, 1e-9))))
+        together = [recipe for recipe in chosen if recipe.builtin]
+        groups = [together, *([recipe] for recipe in chosen if not recipe.builtin)]
+        found: dict[Recipe, list[float]] = {}
+        for group in filter(None, groups):
+            arguments = (group, polygons, rounds, seed)
+            timeout_s = self._timeout_s + 10 * budget_s * len(group)
+            with self.clocked("triangulate"), suppress(TaskFailed):
+                samples = self._triangulating(
+                    group[0], time_in_rounds, *arguments, timeout_s=timeout_s
+                )
+                found |= dict(zip(group, samples, strict=True))
+        return found
 
     def ask(self, label: str, function: Callable[..., T], *arguments: Any) -> T:
         """Run a function of somebody else's, in a process of its own called `label`.

@@ -105,6 +105,7 @@ def measured(
         "predicted": prediction.totals,
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
+        **_rounds_of(triangulation.samples_s),
         "polygons_cached": triangulation.cached,
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
@@ -117,6 +118,10 @@ def measured(
         drawn = drawn_polygons(triangulation.parts)
         record["coverage_error"] = coverage.error(counters["fragments"], drawn)
     return record
+
+
+def _rounds_of(samples_s: Sequence[float]) -> Record:
+    return {"triangulate_samples_s": _rounded(samples_s)} if samples_s else {}
 
 
 def _outline_of(

@@ -138,6 +138,8 @@ def _run(
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
                     job = Job(own, part.label, part.scene, usable, broken, bench, reporter)
+                    # BASE's code triangulates elsewhere, in no round of HEAD's.
+                    job = job if split or beside else replace(job, rounds=True)
                     for finding in measure_scene(job, records, counted):
                         _keep(finding, store, records, frames, reporter, drawings_too=not split)
         except KeyboardInterrupt:

@@ -109,6 +109,7 @@ _FIELDS: dict[str, Callable[[Any], bool]] = {
     "least": _is_least,
     "options": _is_options,
     "time": _is_time,
+    "triangulate_samples_s": lambda value: isinstance(value, list) and all(map(_is_number, value)),
 }
 
 

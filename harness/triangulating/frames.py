@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +27,8 @@ class FrameTriangulation:
 
     parts : for each polygon its (m, 3) int32 triangles, or None where it gave none
     seconds : wall time of the triangulator alone, without checks and without compiling
+    samples_s : the same in each of several rounds, in which others were timed, too; [] if it was
+        timed once
     skipped, failed : (polygon number in the frame, reason)
     t_junctions : for each polygon, how many vertices lie inside an edge of a triangle
     cached : polygons whose triangles were read from the model database; `seconds` has for them
@@ -37,6 +40,7 @@ class FrameTriangulation:
 
     parts: list[NDArray[np.int32] | None] = field(default_factory=list)
     seconds: float = 0.0
+    samples_s: list[float] = field(default_factory=list)
     skipped: list[tuple[int, str]] = field(default_factory=list)
     failed: list[tuple[int, str]] = field(default_factory=list)
     t_junctions: list[int] = field(default_factory=list)
@@ -119,6 +123,36 @@ def triangulate_polygons(
                 result.gaps.append(each.gap)
     result.notes = kept.notes
     return result
+
+
+def time_in_rounds(
+    recipes: Sequence[Recipe], polygons: Sequence[Polygon], rounds: int, seed: int
+) -> list[list[float]]:
+    """Return for each triangulator the seconds that all polygons take it, once a round.
+
+    Each round takes the triangulators in another order, as drawings are timed: what the machine
+    does meanwhile, it does to all of them.
+    """
+    order = np.random.default_rng(seed)
+    found: list[list[float]] = [[] for _ in recipes]
+    for recipe in recipes:
+        warm_up(recipe)
+    for _ in range(rounds):
+        for place in order.permutation(len(recipes)).tolist():
+            result = FrameTriangulation()
+            at_once = _batch(recipes[place], polygons, result)
+            for number, polygon in enumerate(polygons):
+                if number not in at_once:
+                    result.seconds += _seconds_of(recipes[place], polygon)
+            found[place].append(result.seconds)
+    return found
+
+
+def _seconds_of(recipe: Recipe, polygon: Polygon) -> float:
+    start = time.perf_counter()
+    with suppress(Exception, SystemExit, GeneratorExit):  # it is told where triangles are kept
+        recipe.triangulate_with_gap(polygon)
+    return time.perf_counter() - start
 
 
 def _batch(
