@@ -34,6 +34,9 @@ MOST_COLUMNS = 4
 BARS = (8, 6, 4, 2, 0)
 """Characters of the longest bar: the most for which there is room; 0 for none."""
 
+NAME = 24
+"""Characters of a name that stay in one line; when a triangulator pays goes on in the next."""
+
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
 
 
@@ -73,7 +76,8 @@ def _table(decision: Decision, bar: int, *, plain: bool) -> Table:
     """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
     records = [each.record for each in decision.standings]
     table = plain_table(_title(records[0]), title_style="bold", padding=(0, 1, 0, 0))
-    table.add_column("triangulator", overflow="fold")
+    widest = max(len(each.name) for each in decision.standings)
+    table.add_column("triangulator", overflow="fold", min_width=min(widest, NAME))
     shown = _shown(records)
     for figure in shown:
         table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
@@ -185,8 +189,8 @@ def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> lis
     """Return the ratio with its interval, then when it has paid, or else the verdict."""
     left_out = is_base and each.record["polygons"] != _polygons(each.record)
     if left_out or not each.complete:
-        note = Text(f"({each.record['polygons']} of {complete} polygons)")
-        return [Text(""), note] if paid else [note]
+        note = f"{each.record['polygons']} of {complete} "
+        return [Text(f"{note}done"), Text("")] if paid else [Text(f"({note}polygons)")]
     ratio = each.ratio
     if is_base or ratio is None:
         return [Text("-" if is_base else ""), *[Text("")] * paid]

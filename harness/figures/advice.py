@@ -28,10 +28,10 @@ def _advice(decision: Decision, scene: str) -> str:
         ratio = choice.ratio
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
         words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
-        if decision.alike:
-            words += f", no less than {_listed(decision.alike)} as far as is shown"
         if choice.pays is not None and choice.pays.kind in (AT_ONCE, AFTER):
             words += f", and pays {choice.pays.written}"
+        if decision.alike:
+            words += f"; no difference to {_listed(decision.alike)} is shown"
         return words
     if decision.ground == KEEP and base:
         return f"{take}: every other triangulator is shown to draw slower"
