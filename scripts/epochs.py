@@ -6,7 +6,8 @@ The same triangulation is drawn under several names, all timed together, as a ru
 of names is a comparison whose right answer is "no difference shown". One more name draws 1 % of the
 triangles twice: against each of the others its right answer is "slower". Prints, for each budget,
 how many of the pairs were called different, with epochs and without, and how often the additional
-work was found. With --busy, another program that keeps a core busy starts and stops on the way.
+work was found. Pairs of one group share rounds, so the interval of their share is one of groups.
+With --busy, another program that keeps a core busy starts and stops on the way.
 
 --keep FOLDER keeps the rounds of each group, and reads those that it has: a series that was stopped
 goes on, and another way to make intervals can be tried on the same rounds.
@@ -27,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.figures.intervals import share_interval
 from harness.figures.ratios import UNDECIDED, Ratio, paired_ratio
 from harness.frame import View, make_frame
 from harness.measuring import tasks
@@ -74,7 +76,8 @@ def _measure(given: argparse.Namespace) -> None:
     )
     for budget in map(float, given.budgets.split(",")):
         settings = TimingSettings(budget_s=budget)
-        pairs, more_pairs, wrong, without, found, sizes = 0, 0, 0, 0, 0, []
+        pairs, more_pairs, without, found, sizes = 0, 0, 0, 0, []
+        shares: list[float] = []
         seed = 0
         while pairs < given.pairs:
             group = _kept(
@@ -85,19 +88,24 @@ def _measure(given: argparse.Namespace) -> None:
                 ),
             )
             seed += 1
+            wrong = []
             for a, b in combinations([f"same {k}" for k in range(NAMES)], 2):
-                pairs += 1
-                wrong += _ratio(group[a], group[b]).verdict != UNDECIDED
+                wrong.append(_ratio(group[a], group[b]).verdict != UNDECIDED)
                 plain = paired_ratio(group[a].samples_s, group[b].samples_s)
                 without += plain.verdict != UNDECIDED
+            pairs += len(wrong)
+            shares.append(float(np.mean(wrong)))
             for k in range(NAMES):
                 more_pairs += 1
                 found += _ratio(group["more"], group[f"same {k}"]).verdict == "slower"
             sizes.append((len(group["more"].epochs), len(group["more"].samples_s)))
         epochs, rounds = np.median(sizes, axis=0)
+        low, high = share_interval(np.array(shares))
         print(
-            f"{budget:>8g} {pairs:>6} {wrong / pairs:>7.1%} {rounds:>7.0f} {without / pairs:>8.1%} "
-            f"{found / more_pairs:>10.1%} ({found} of {more_pairs}; {epochs:.0f} epochs)",
+            f"{budget:>8g} {pairs:>6} {np.mean(shares):>7.1%} {rounds:>7.0f} "
+            f"{without / pairs:>8.1%} "
+            f"{found / more_pairs:>10.1%} ({found} of {more_pairs}; {epochs:.0f} epochs; "
+            f"called different: {low:.1%} to {high:.1%}, of {len(shares)} groups)",
             flush=True,
         )
 

@@ -13,7 +13,9 @@ import numpy as np
 from harness.errors import UsageError
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.polygons import rank_correlation
+from harness.figures.processors import of_cpu
 from harness.figures.registry import predictions
+from harness.machine.processor import label_of, same
 from harness.stored.folder import Record, Run
 from harness.webpages.single_file import write_whole
 
@@ -68,6 +70,7 @@ def summarise(run: Run) -> Summary:
         "rasteriser": rasteriser,
         "device": device,
         "renderer": str(details.get("renderer") or device),
+        "cpu": label_of(run.facts) if any(of_cpu(run, record) for record in timed) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
         "timer": (known.get("timer") or {}).get("timer"),
@@ -114,13 +117,17 @@ def write_summary(run: Run, file: Path) -> Path:
     Raises
     ------
     UsageError
-        as `summarise` does, or if the file is another device's
+        as `summarise` does, or if the file is another device's, or of another processor where that
+        draws
     """
     summary = summarise(run)
     if file.exists():
         before = _read(file)
         if (before["rasteriser"], before["device"]) != (summary["rasteriser"], summary["device"]):
             raise UsageError(f"{file} is of {before['rasteriser']} on {before['device']}")
+        cpus = [str(each.get("cpu") or "") for each in (before, summary)]
+        if not same(*cpus):
+            raise UsageError(f"{file} is of {cpus[0]}, and this run is of {cpus[1]}")
         new = {_name(view) for view in summary["views"]}
         kept = [view for view in before["views"] if _name(view) not in new]
         summary["views"] = [*kept, *summary["views"]]
@@ -150,8 +157,9 @@ def table(folder: Path) -> str:
     for file in sorted(folder.glob("*.json")):
         summary = _read(file)
         for view in summary["views"]:
+            where = f"`{summary['device']}`", summary["rasteriser"], summary.get("cpu")
             cells = [
-                f"`{summary['device']}`, {summary['rasteriser']}",
+                ", ".join(filter(None, where)),
                 _short(summary["driver"]),
                 f"{view['scene']}, {view['resolution']} px",
                 *(_ratio(view["triangulators"].get(name)) for name in SHOWN),

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.compare.model import TimeChange
+from harness.compare.rounds import drift_of_rounds
 from harness.compare.settings import Settings
 from harness.compare.times import Pair, correct, decide, judge_group, read_pair
 
@@ -116,6 +118,33 @@ def test_many_cases_are_corrected_for():
     changes, _ = judge(pairs(rng, [0] * 100, noise=0.05), settings)
     assert sum(change.outcome == "regressed" for change in changes) <= 1
     assert all(change.q_value >= change.p_value - 1e-12 for change in changes)
+
+
+@pytest.mark.parametrize(
+    ("against", "q_value", "outcome"),
+    [
+        ("rounds", 0.01, "inconclusive"),
+        ("rounds", 0.0005, "regressed"),
+        ("peers", 0.01, "regressed"),
+        ("peers", 0.06, "inconclusive"),
+        ("reference", 0.01, "regressed"),
+    ],
+)
+def test_an_alarm_of_rounds_needs_more_evidence_than_one_of_peers(against, q_value, outcome):
+    change = TimeChange("regressed", "", against=against, p_value=q_value, q_value=q_value)
+    (settled,) = correct([change], SETTINGS)
+    assert settled.outcome == outcome
+    assert ("may be chance" in settled.reason) == (outcome == "inconclusive")
+
+
+@pytest.mark.parametrize(("rounds", "outcome"), [(9, "inconclusive"), (12, "regressed")])
+def test_what_all_cases_did_needs_rounds_enough_to_be_an_alarm(rounds, outcome):
+    """Nine rounds that are all slower happen by chance once in 256 times, twelve in 2048."""
+    rng = np.random.default_rng(10)
+    base = np.exp(0.001 * rng.standard_normal((3, rounds)))
+    drift = drift_of_rounds("here", [(each, each * 1.1) for each in base], SETTINGS)
+    assert drift.outcome == outcome
+    assert drift.reason == ("too few rounds" if outcome == "inconclusive" else "")
 
 
 @given(

@@ -201,6 +201,15 @@ def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
     assert test.gpu_s == (None if gpu is None else pytest.approx(gpu))
 
 
+@pytest.mark.parametrize(("gpu", "seconds"), [(7e-6, 1e-3), (0.9e-3, 0.9e-3)])
+def test_a_timer_that_was_rejected_times_nothing(gpu, seconds):
+    drawings = {name: TimedBy(gpu) for name in (EMPTY, REFERENCE, "a")}
+    test = self_test(drawings["a"])
+    settings = TimingSettings(budget_s=0.001, warm_up_s=0.0)
+    times = time_together(drawings, settings, test)["a"]
+    assert times.samples_s == pytest.approx([seconds] * len(times.samples_s))
+
+
 def test_pairs_must_come_from_the_same_rounds():
     with pytest.raises(ValueError, match="not rounds of one group"):
         paired_ratio([1.0, 2.0], [1.0])

@@ -57,6 +57,28 @@ def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, s
         devices.write_summary(small_run, file)
 
 
+def test_a_summary_has_the_drivers_name_of_the_device(small_run):
+    known = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
+    told = devices.summarise(replace(small_run, facts={**small_run.facts, "devices": known}))
+    assert (told["renderer"], told["driver"]) == ("the CPU itself", "7")
+    assert devices.summarise(replace(small_run, facts={}))["renderer"] == "cpu"
+
+
+def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
+    file = tmp_path / "cpu.json"
+    one, other = (
+        replace(small_run, facts={**small_run.facts, "cpu": {"label": label}})
+        for label in ("AMD EPYC 25/17, 512-bit", "Xeon 6/143, 512-bit")
+    )
+    devices.write_summary(one, file)
+    assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
+    assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in devices.table(tmp_path)
+    with pytest.raises(UsageError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"):
+        devices.write_summary(other, file)
+    gpu = [{**record, "device": "gpu0"} for record in one.records]
+    assert devices.summarise(replace(one, records=gpu))["cpu"] == ""
+
+
 def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
     devices.write_summary(small_run, tmp_path / "cpu.json")
     lines = devices.table(tmp_path).splitlines()

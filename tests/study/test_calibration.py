@@ -47,6 +47,14 @@ def test_designed_polygons_are_inside_the_viewport_and_valid():
         assert len({polygon.wkb for polygon in polygons}) == len(polygons)
 
 
+def test_strokes_lie_around_the_place_that_they_are_given():
+    """Off it, one would leave its room in the row, and the viewport where that is small."""
+    for seed in range(40):
+        xy = cost_model._stroke(np.random.default_rng(seed), 12)
+        assert xy.min(axis=0) + xy.max(axis=0) == pytest.approx(0.0, abs=1e-12)
+        assert np.hypot(*xy.T).max() == pytest.approx(1.0)
+
+
 def test_the_design_tells_the_terms_apart(designed_draws_0):
     design, _ = designed_draws_0
     relative = design / design.max(axis=0)
@@ -125,7 +133,7 @@ def test_a_poor_fit_is_refused_and_leaves_the_good_one(tmp_path, designed_draws_
     refused = write(fit, Validation(over, within, 24, 384), {}, good)
     assert refused.name == "device.refused.json"
     assert good.read_bytes() == before
-    with pytest.raises(UsageError, match=r"refused.*repeat harness calibrate"):
+    with pytest.raises(UsageError, match=r"refused.*repeat raster-harness calibrate"):
         read_coefficients(refused)
 
 
