@@ -1,5 +1,6 @@
 """Triangulates one polygon by a triangulator's name, and checks what comes back."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -50,6 +51,7 @@ def triangulate(
     else:
         raw = function(outline, **parameters)
     triangles = _normalised(outline, raw, choice)
+    _require_numbers(criterion, outline, triangles)
     return insert_dropped_vertices(outline, triangles) if repair else triangles
 
 
@@ -74,7 +76,24 @@ def triangulate_with_gap(
     outline = checked_boundary(polygon)
     wanted = choice.criterion if criterion is None else criterion
     raw, gap = load(choice.entry.with_gap)(outline, criterion=wanted, **parameters)
-    return _normalised(outline, raw, choice), gap
+    triangles = _normalised(outline, raw, choice)
+    _require_numbers(criterion, outline, triangles)
+    return triangles, gap
+
+
+def _require_numbers(criterion: Any, outline: Boundary, triangles: np.ndarray) -> None:
+    """Raise TriangulationError if a user's criterion is no number for a triangle of the result."""
+    if criterion is None or isinstance(criterion, str):
+        return
+    found = criteria.find(criterion)
+    if found.function is None:
+        return
+    try:
+        total = found.total(outline.points, triangles)
+    except OverflowError:
+        total = math.inf
+    if not math.isfinite(total):
+        raise TriangulationError(f"criterion {found.name} gives {total}: it has to be a number")
 
 
 def _normalised(outline: Boundary, raw: Any, choice: Choice) -> np.ndarray:

@@ -1,12 +1,14 @@
 """The criteria against plain definitions, and the closed form against an average."""
 
+import numba
 import numpy as np
 import pytest
+import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area, union_of_copies
-from triangulators import UnknownName, criteria, triangulate, vertices
+from triangulators import TriangulationError, UnknownName, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, FEATURES, predict
 
 numbers = st.integers(-500, 500).map(lambda value: value / 4)
@@ -127,3 +129,31 @@ def test_names():
         criteria.find("half-perimetre")
     with pytest.raises(TypeError, match="no parameters"):
         criteria.find("overdraw", alpha=1.0)
+
+
+@numba.njit
+def _no_number(ax, ay, bx, by, cx, cy):
+    return np.nan
+
+
+@numba.njit
+def _beyond_sums(ax, ay, bx, by, cx, cy):
+    return 1e308
+
+
+@pytest.mark.parametrize("name", ["optimal", "refined", "worst"])
+@pytest.mark.parametrize("holes", [False, True])
+def test_a_criterion_that_is_no_number_is_one_clear_error(name, holes):
+    polygon = shapely.Point(0, 0).buffer(5, quad_segs=8)
+    if holes:
+        polygon = polygon.difference(shapely.box(-1, -1, 1, 1))
+    with pytest.raises(TriangulationError, match="gives nan: it has to be a number"):
+        triangulate(polygon, name, criterion=_no_number)
+    with pytest.raises(TriangulationError, match="gives inf: it has to be a number"):
+        triangulate(polygon, name, criterion=_beyond_sums)
+
+
+def test_weights_whose_sums_overflow_are_refused():
+    with pytest.raises(UnknownName, match=r"weight -1e\+300 is beyond 1e\+200"):
+        triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e300/0/0")
+    assert len(triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e199/0/0")) == 2

@@ -32,6 +32,10 @@ def exact_quads_of(*points: float) -> float:
     return float(exact_quads(*points))
 
 
+MOST_WEIGHT = 1e200
+"""Largest weight of a feature."""
+
+
 @dataclass(frozen=True)
 class Criterion:
     """A cost per triangle, to be summed over a triangulation (or its maximum taken).
@@ -55,6 +59,14 @@ class Criterion:
     unit: str = "1"
     parameters: bool = False
     placed: bool = False
+
+    def __post_init__(self) -> None:
+        wrong = [weight for weight in self.weights if not abs(weight) <= MOST_WEIGHT]
+        if wrong:
+            raise UnknownName(
+                f"criterion {self.name}: the weight {wrong[0]:g} is beyond {MOST_WEIGHT:g}, where "
+                "sums overflow: divide all weights by the largest"
+            )
 
     @property
     def column(self) -> str:

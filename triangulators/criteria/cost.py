@@ -23,6 +23,9 @@ TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
 
+GREATEST = 1e200
+"""No triangle costs more: a million of them still sum to a number."""
+
 Cost: TypeAlias = np.record
 """What is minimised: a weighted sum of features, or `sign` times a user's function; read only.
 
@@ -53,7 +56,21 @@ def _compiled(function: Callable[..., float]) -> Any:
     """Return a function of three points as a C function, which lives as long as the process."""
     if function is exact_quads_of:
         return cfunc(SIGNATURE)(_quads)
-    return numba.cfunc(SIGNATURE)(getattr(function, "py_func", function))
+    return numba.cfunc(SIGNATURE)(_finite(getattr(function, "py_func", function)))
+
+
+def _finite(function: Callable[..., float]) -> Callable[..., float]:
+    """Return a user's function with `GREATEST` in place of what is no number, or overflows sums.
+
+    A table that compares with NaN finds no triangulation at all, and reads beside its arrays.
+    """
+    inner = numba.njit(function)
+
+    def cost(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+        value = float(inner(ax, ay, bx, by, cx, cy))
+        return value if abs(value) < GREATEST else GREATEST
+
+    return cost
 
 
 def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
