@@ -168,16 +168,25 @@ def cache(
 ) -> None:
     """Show or empty the model database of triangulations."""
     from harness.triangulating.database import ModelDatabase
+    from triangulators.compute import kernels
 
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: say info or clear")
     console = Console(highlight=False)
     with ModelDatabase(say=Reporter().warn) as database:
         if action == "clear":
-            count = database.clear()
+            count, old = database.clear(), kernels.remove_old()
             console.print(f"forgot {count:,} triangulations in {database.path}", markup=False)
+            console.print(f"removed compiled code of {old:,} old modules", markup=False)
             return
         info = database.info()
+    compiled = kernels.kept()
+    console.print(
+        f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
+        f"{len(compiled.old):,} old modules",
+        markup=False,
+        soft_wrap=True,
+    )
     console.print(
         f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes",
         markup=False,
