@@ -2,7 +2,8 @@
 
     PYTHONPATH=. python scripts/proven.py [--criterion NAME] [--holes] [--most 5000] [SCENE ...]
 
-A polygon's time is that of finding the optimum and of checking the proof, together.
+A polygon's time is that of finding the optimum and of checking the proof, together. Where there are
+no holes and sums in doubles are exact, the table is the proof.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def _measure(
     proven, gap, times = 0, 0.0, []
     for polygon in polygons:
         start = time.perf_counter()
-        certificate = solve(polygon, criterion, seconds=seconds).certificate
+        certificate = solve(polygon, criterion, seconds=seconds, evidence=False).certificate
         times.append((time.perf_counter() - start) * 1e3)
         proven += certificate.proven
         gap = max(gap, 0.0 if certificate.proven else certificate.gap)

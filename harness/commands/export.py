@@ -63,6 +63,13 @@ def triangulate(
             "--certify", help="Say how far the triangulations are from the optimum, with proof."
         ),
     ] = False,
+    evidence: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --certify: a file for the proofs, a line of JSON for each polygon, which "
+            "scripts/check_evidence.py checks."
+        ),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(
@@ -78,6 +85,8 @@ def triangulate(
     Of many files, and with --dask, each part of 20,000 to 50,000 polygons becomes a GeoParquet file
     in the folder -o. The same command, given again, does what is missing.
     """
+    if evidence is not None and not certify:
+        raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
     from harness.triangulating.database import ModelDatabase
     from harness.triangulating.device import get_ready
@@ -85,10 +94,13 @@ def triangulate(
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
     if dask or _many(file, out):
-        if limit is not None:
-            raise UsageError("--limit is for one file; of many parts, choose by --where")
-        if device is not None:
-            raise UsageError("--device is for one file; parts are done by the workers' processors")
+        for option, given, instead in (
+            ("--limit", limit, "of many parts, choose by --where"),
+            ("--device", device, "parts are done by the workers' processors"),
+            ("--evidence", evidence, "give the parts one by one"),
+        ):
+            if given is not None:
+                raise UsageError(f"{option} is for one file; {instead}")
         from harness.commands.many import triangulate_many_files
         from harness.export.export import chosen
         from harness.scaling.triangulated import Options
@@ -122,6 +134,7 @@ def triangulate(
                 database=database,
                 progress=counted,
                 certify=certify,
+                evidence=evidence,
                 device=device,
             )
     finally:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, Any
 
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.export.triangulation import Batch
 from triangulators import TriangulationError, certify, criteria, parse
+from triangulators.checking.claims import as_claim
 
 DEFAULT = "half-perimeter"
 """What is certified where a triangulator has no criterion of its own."""
@@ -56,17 +58,20 @@ class Certified:
             result.refused += each.refused
         return result
 
-    def add(self, polygons: NDArray[Any], batch: Batch) -> None:
-        """Certify the triangulations of a batch."""
+    def add(self, polygons: NDArray[Any], batch: Batch, evidence: IO[str] | None = None) -> None:
+        """Certify the triangulations of a batch; write the proof of each to `evidence`, a line."""
         for number, polygon in enumerate(polygons):
             if number in batch.failed:
                 continue
             triangles = batch.triangles[batch.starts[number] : batch.starts[number + 1]]
             try:
-                found = certify(polygon, triangles, self.criterion)
+                found = certify(polygon, triangles, self.criterion, evidence=evidence is not None)
             except TriangulationError:
                 self.refused += 1
                 continue
+            if evidence is not None:
+                claim = as_claim(polygon, triangles, self.criterion, found)
+                evidence.write(json.dumps(claim) + "\n")
             self.polygons += 1
             self.proven += found.proven
             self.cost += found.cost

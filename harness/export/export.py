@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -59,6 +59,7 @@ class Report:
     read : triangulations that came from the model database
     certified : what the triangulations cost and the least they could cost, where that was asked for
     proven : polygons whose optimum is proven by the way it was computed
+    evidence : the file that proofs are written to, open while they are
     flat : polygons whose height attribute was not usable, which stayed flat
     notes : what was read, projected and changed as a whole, a line each
     seconds, triangulate_s : wall time of all and of triangulating alone
@@ -79,6 +80,7 @@ class Report:
     seconds: float = 0.0
     triangulate_s: float = 0.0
     certified: Certified | None = None
+    evidence: IO[str] | None = field(default=None, repr=False, compare=False)
 
     def note(self, kind: str, notes: list[tuple[str, str]]) -> None:
         """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
@@ -102,6 +104,7 @@ def export_file(
     database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
     certify: bool = False,
+    evidence: Path | None = None,
     device: str | None = None,
     chunk: int = CHUNK,
     **parameters: Any,
@@ -114,10 +117,10 @@ def export_file(
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
     `chunk` at a time, so memory does not grow with the file. `database` is the model database to
     use, or None for none. `certify` has each triangulation's distance from the optimum of its
-    criterion (half-perimeter, if it has none) worked out. `device` is that of
-    `triangulators.triangulate_many`. `progress` is called with the number of
-    polygons done so far. `parameters` go to the triangulator. `out` appears when all is written; on
-    an error it stays as it was.
+    criterion (half-perimeter, if it has none) worked out, and `evidence` is a file for the proofs,
+    a line for each polygon. `device` is that of `triangulators.triangulate_many`. `progress` is
+    called with the number of polygons done so far. `parameters` go to the triangulator. `out`
+    appears when all is written; on an error it stays as it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.
@@ -126,10 +129,12 @@ def export_file(
     target = Path(out)
     make = _format(target)
     name = chosen(triangulator, criterion)
-    report = Report(certified=Certified.of(name) if certify else None)
+    report = Report(certified=Certified.of(name) if certify or evidence else None)
     parts = parts_of(str(source), layer, where, limit, project, chunk)
     try:
-        with Output(target) as output:
+        with Output(target) as output, Output(evidence or target) as proofs:
+            if evidence is not None:
+                report.evidence = proofs.file(mode="w")
             writer = add_parts(
                 parts,
                 lambda about: make(output, about),
@@ -144,7 +149,7 @@ def export_file(
             if writer is None or report.triangles == 0:
                 raise UsageError(_nothing(str(source), report))
             writer.finish()
-            report.files = output.publish()
+            report.files = output.publish() + (proofs.publish() if evidence is not None else [])
     except OSError as error:
         reason = error.strerror or error
         raise UsageError(f"{target} cannot be written: {reason}; nothing was changed") from error
@@ -229,7 +234,7 @@ def _triangulated(
     report.note("failed", failed)
     report.proven += _proven(batch, name)
     if report.certified is not None:
-        report.certified.add(part.polygons, batch)
+        report.certified.add(part.polygons, batch, report.evidence)
     mesh = meshes.flat(batch, part.attributes)
     gone = np.diff(mesh.triangle_starts) == 0
     if extrude is not None:

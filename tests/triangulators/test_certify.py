@@ -207,7 +207,7 @@ class TestChecker:
         twice = replace(evidence, excluded=np.r_[evidence.excluded, evidence.excluded[:1]])
         self.refused(replace(certificate, evidence=twice), "excluded twice", polygon, triangles)
 
-    def test_units_that_hide_the_noise(self):
+    def test_units_that_are_not_those_of_the_claim(self):
         polygon, triangles, certificate = self.claim()
         small = replace(certificate.evidence, factor=4)
-        self.refused(replace(certificate, evidence=small), "noise", polygon, triangles)
+        self.refused(replace(certificate, evidence=small), "the units", polygon, triangles)

@@ -12,7 +12,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import triangulate
 from triangulators.certificate import certify, proof
 from triangulators.certificate.sight import fans_of, sight_of
-from triangulators.checking import checker, visibility
+from triangulators.checking import checker, exclusions, potentials, visibility
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visibility import visible
 from triangulators.starting.starts import best_start
@@ -127,14 +127,16 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
     monkeypatch.setattr(proof, "extend", lambda *_: None)  # so that there are exclusions
-    found = proof.prove(outline, best_start(outline, cost), cost)
+    start = best_start(outline, cost)
+    found = proof.prove(outline, start, cost)
     alone = visible(outline.points, outline.edges, outline.site)
-    bound = checker.lower_bound(outline, cost, found.evidence)
+    bound = checker.lower_bound(outline, start, cost, found.evidence)
     monkeypatch.setattr(visibility, "_FEW", 0)
-    monkeypatch.setattr(checker, "_FEW", 0)
+    monkeypatch.setattr(exclusions, "_FEW", 0)
+    monkeypatch.setattr(potentials, "_FEW", 0)
     shared_out = visible(outline.points, outline.edges, outline.site)
     assert set(map(tuple, shared_out.tolist())) == set(map(tuple, alone.tolist()))
-    assert checker.lower_bound(outline, cost, found.evidence) == bound
+    assert checker.lower_bound(outline, start, cost, found.evidence) == bound
     early = replace(found.evidence, excluded=found.evidence.excluded[::-1].copy())
     with pytest.raises(Refused, match="is excluded, but"):
-        checker.lower_bound(outline, cost, early)
+        checker.lower_bound(outline, start, cost, early)

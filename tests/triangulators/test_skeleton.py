@@ -11,9 +11,10 @@ from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.extend_potentials import extend
 from triangulators.certificate.local_minimality import exclude
-from triangulators.certificate.proof import prove
+from triangulators.certificate.proof import prove_best
 from triangulators.certificate.sight import sight_of
 from triangulators.checking.evidence import Branch, Leaf
+from triangulators.checking.units import units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
 from triangulators.starting.starts import best_start
@@ -28,7 +29,7 @@ def posed(polygon, name="half-perimeter"):
 def proven(polygon, name="half-perimeter"):
     """Return the cost of the optimum that is found, and the evidence; it must be proven."""
     outline, cost = posed(polygon, name)
-    found = prove(outline, best_start(outline, cost), cost)
+    found = prove_best(outline, best_start(outline, cost), cost)
     certificate = certificate_of(outline, found.triangles, cost, found.evidence)
     assert certificate.proven, polygon.wkt
     return certificate.cost, found.evidence
@@ -80,9 +81,10 @@ def test_a_lift_is_not_made_worse():
     outline, cost = posed(annulus(14, 3), "overdraw")
     start = best_start(outline, cost)
     sight = sight_of(outline, start)
-    posed_ = proof._posed(outline, sight, start, cost, how_many(sight, proof._LISTED))
+    units = units_for(outline, start, cost)
+    posed_ = proof._posed(sight, start, cost, units, how_many(sight, proof._LISTED))
     c, weights = posed_.candidates, posed_.weights
-    order, alive = exclude(c, weights, cost, posed_.units)
+    order, alive = exclude(c, weights, cost, posed_.units, posed_.out)
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
     rng = np.random.default_rng(0)
     for size in (0, 1, 10**6, 10**12):
@@ -111,7 +113,7 @@ def test_parts_that_stay_apart_are_tried_each_way(monkeypatch, seed):
     polygon = annulus(12, seed)
     outline, cost = posed(polygon)
     sight = sight_of(outline, best_start(outline, cost))
-    everything = candidates_of(sight, how_many(sight, proof._LISTED))
+    everything = candidates_of(sight, how_many(sight, proof._LISTED), np.arange(len(sight.edges)))
     count = len(everything.triangles)
     # With nothing excluded the skeleton is the boundary alone, and all ways are many.
     parts = skeleton.parts_of(everything, np.ones(count, np.bool_))

@@ -34,14 +34,12 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(sight: Sight, room: int, kept: np.ndarray | None = None) -> Candidates:
+def candidates_of(sight: Sight, room: int, kept: np.ndarray) -> Candidates:
     """Return the candidates of a polygon.
 
-    room: what `how_many` says; kept (e,): which of its edges may be used; all of them if None.
+    room: what `how_many` says; kept (e,): which of its edges may be used.
     """
-    points, edges, side = sight[:3]
-    if kept is not None:
-        edges, side = edges[kept], side[kept]
+    points, edges, side = sight.points, sight.edges[kept], sight.side[kept]
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
     found = np.empty((room, 3), dtype=np.int32)
     sides = np.empty((room, 3), dtype=np.int32)

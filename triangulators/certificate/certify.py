@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,12 @@ import shapely
 
 from triangulators import criteria
 from triangulators.certificate.proof import SECONDS, prove
+from triangulators.certificate.ring_table import ring_evidence
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence, Refused
+from triangulators.checking.units import Units, doubles_add_up, exact_total, units_for
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, cost_of, evaluate
-from triangulators.criteria.integer_costs import costs_of
+from triangulators.criteria.cost import Cost, cost_of
 from triangulators.errors import TriangulationError
 from triangulators.optimum.simple_polygon import optimum
 from triangulators.polygon import Boundary, boundary, boundary_area, check
@@ -21,7 +23,6 @@ from triangulators.starting.starts import ring_triangulation
 from triangulators.verify import verify_boundary
 
 TABLE = 2000  # vertices up to which a polygon without holes is proven by the table
-_ROUNDING = 1e-12  # by which two sums of floats may differ
 
 
 def certify(
@@ -30,6 +31,7 @@ def certify(
     criterion: Criterion | str | Callable[..., float] = "half-perimeter",
     *,
     seconds: float = SECONDS,
+    evidence: bool = True,
     **parameters: Any,
 ) -> Certificate:
     """Return what a triangulation costs, and the least that any could cost.
@@ -37,10 +39,12 @@ def certify(
     triangles: (m, 3) indices into `vertices(polygon)`, conforming. Any criterion that sums over
     triangles will do; parameters are the criterion's. Without holes, up to 2,000 vertices, the
     bound is the table over all sub-polygons. Otherwise it is a linear program's over all empty
-    triangles, checked in integers by `checker`; costs that are not whole on a grid are rounded
-    down at the tenth digit of the total first. seconds: for each linear program; where they do not
-    suffice the bound is lower than it could be and nothing is proven. A polygon with more than
-    eight million empty triangles gets no bound if few of its edges can be excluded.
+    triangles. `checker` checks either in whole numbers; costs that are no whole numbers are rounded
+    down after the tenth digit of the total first (see `checking.units` and `Certificate`). A
+    polygon with more than eight million empty triangles gets no bound if few of its edges can be
+    excluded. seconds: for each linear program; where they do not suffice the bound is lower than it
+    could be and nothing is proven. evidence: if False, a table whose sums are exact in doubles is
+    taken at its word, without evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
     `InvalidPolygon`, `UnknownName`, and `ValueError` for a criterion that is a maximum.
@@ -61,11 +65,15 @@ def certify(
     corners = _conforming(outline, triangles)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
     if outline.holes == 0 and len(outline.edges) <= TABLE:
-        return _by_table(outline, corners, cost)
+        units = units_for(outline, corners, cost)
+        if not evidence and doubles_add_up(outline, cost):
+            return _by_table(outline, corners, cost, units)
+        found = ring_evidence(outline, corners, cost, units)
+        return certificate_of(outline, corners, cost, found)
     proof = prove(outline, corners, cost, seconds)
     if proof is None:
-        total = evaluate(outline.points, corners, cost)
-        return Certificate(total, -math.inf, math.inf, False)
+        total = exact_total(outline, corners, cost, units_for(outline, corners, cost))
+        return Certificate(float(total), -math.inf, math.inf, False)
     return certificate_of(outline, corners, cost, proof.evidence)
 
 
@@ -76,13 +84,20 @@ def certificate_of(
 
     Raises `Refused` if the evidence does not hold.
     """
-    costs = costs_of(outline.points, triangles, cost)
-    units = sum(np.floor(costs * evidence.scale).astype(np.int64).tolist())
+    units = units_for(outline, triangles, cost)
+    total = exact_total(outline, triangles, cost, units)
     # A unit is more than the noise of any triangulation: what exceeds a whole number of units is
-    # noise (see `integer_costs`).
-    least = checker.lower_bound(outline, cost, evidence) // evidence.factor
-    total, bound = math.fsum(costs.tolist()), float(least / evidence.scale)
-    return Certificate(total, bound, _gap(total, bound), least >= units, evidence)
+    # noise.
+    least = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
+    bound, unit = Fraction(least) / Fraction(units.scale), 1 / Fraction(units.scale)
+    if units.exact:
+        proven = bound == total  # it is not above: see `checker`
+    elif units.real:
+        # Each triangle's cost is rounded down by less than a unit, the optimum's, too.
+        proven = total - bound < len(triangles) * unit
+    else:  # whole numbers, which doubles do not compute exactly: each is off by less than a unit
+        bound, proven = bound - len(triangles) * unit, False
+    return Certificate(float(total), _down(bound), _gap(total, bound), proven, evidence)
 
 
 def check_certificate(
@@ -122,15 +137,23 @@ def _conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(outline.site[triangles], dtype=np.int32)
 
 
-def _by_table(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Certificate:
+def _by_table(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Certificate:
+    """Return a certificate by the table in doubles, where these are exact."""
     cycle = outline.edges[:, 0]
     best = cycle[optimum(outline.points[cycle], ring_triangulation(outline, cycle), cost)]
-    total = math.fsum(costs_of(outline.points, triangles, cost).tolist())
-    bound = math.fsum(costs_of(outline.points, best, cost).tolist())
-    if total <= bound + _ROUNDING * abs(bound):
-        return Certificate(total, min(total, bound), _gap(total, min(total, bound)), True)
-    return Certificate(total, bound, _gap(total, bound), False)
+    total = exact_total(outline, triangles, cost, units)
+    bound = exact_total(outline, best, cost, units)
+    return Certificate(float(total), _down(bound), _gap(total, bound), total == bound)
 
 
-def _gap(total: float, bound: float) -> float:
-    return (total - bound) / abs(total) if total != bound else 0.0
+def _down(value: Fraction) -> float:
+    """Return the greatest float that is not above a number."""
+    nearest = float(value)
+    return nearest if nearest <= value else math.nextafter(nearest, -math.inf)
+
+
+def _gap(total: Fraction, bound: Fraction) -> float:
+    """Return (total - bound) / |total|; 0 where they are equal."""
+    if total == bound:
+        return 0.0
+    return float((total - bound) / abs(total)) if total else math.inf

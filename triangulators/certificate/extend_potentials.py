@@ -20,6 +20,10 @@ a-b was excluded the pair could be flipped to less weight:
 and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: then abc and bad would have been the
 lighter pair.) No potential of the boundary changes, and so neither does the bound. With a lift,
 which every triangle may exceed its weight by, half of what is missing goes to either side.
+
+That an edge has no triangle whose other sides have potentials, on one side or both, does no harm:
+nothing then bounds its potential there. Its other triangles come when their last side does, which
+is an edge that was excluded earlier; so every triangle is looked at once, at its last side.
 """
 
 from typing import Any
@@ -27,11 +31,12 @@ from typing import Any
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates, holds_ring
+from triangulators.certificate.integer_costs import weight
 from triangulators.certificate.local_minimality import seen_by_both
 from triangulators.certificate.sight import Fans, Sight
+from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.criteria.integer_costs import Units, weight
 from triangulators.geometry.predicates import turn
 
 TOO_LARGE = 2**60  # for a potential
@@ -50,13 +55,11 @@ def extend(
     weights (t,); excluded (k,): in their order; potentials (e,): those of excluded edges do not
     matter; out (e,): edges that were excluded before. None where one would be too large.
     """
-    c = candidates
     found = potentials.copy()
     given = ~out
     given[excluded] = False
     backwards = excluded[::-1].astype(np.int64)
-    done = _extend(c.triangles, c.sides, c.start, c.items, weights, backwards, given, found)
-    return found if done else None
+    return found if _extend(candidates, weights, backwards, given, found) else None
 
 
 def extend_thinned(
@@ -73,8 +76,7 @@ def extend_thinned(
     """
     given = np.ones(len(sight.edges), dtype=np.bool_)
     given[thinned] = False
-    backwards = thinned[::-1].astype(np.int64)
-    _extend_thinned(*sight, *fans, *(backwards, given, potentials), cost, units)
+    _extend_thinned(sight, fans, thinned[::-1].astype(np.int64), given, potentials, cost, units)
 
 
 @njit
@@ -85,19 +87,23 @@ def _between(low: np.int64, high: np.int64) -> Any:
 
 @njit(nogil=True)
 def _extend(
-    triangles: np.ndarray,
-    sides: np.ndarray,
-    start: np.ndarray,
-    items: np.ndarray,
+    candidates: Candidates,
     weights: np.ndarray,
     backwards: np.ndarray,
     given: np.ndarray,
     potentials: np.ndarray,
 ) -> bool:
+    """Fill `potentials` of the edges `backwards` and mark them in `given` (e,); False if one fails.
+
+    Invariant: the inequality holds, up to the lift, for every triangle whose sides are all given.
+    """
+    triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in backwards:
         low, high = -_FAR, _FAR
+        # The triangles left of a-b come first and run along it; those on its right run against it,
+        # so that they ask for at most `room` of -y(ab).
         for place in range(start[2 * e], start[2 * e + 2]):
-            t = items[place]
+            t = candidates.items[place]
             left = place < start[2 * e + 1]
             room, whole = weights[t], True
             for k in range(3):
@@ -120,35 +126,44 @@ def _extend(
 
 @njit(nogil=True)
 def _extend_thinned(
-    points: np.ndarray,
-    edges: np.ndarray,
-    side: np.ndarray,
-    rings: np.ndarray,
-    begin: np.ndarray,
-    near: np.ndarray,
-    by: np.ndarray,
+    sight: Sight,
+    fans: Fans,
     backwards: np.ndarray,
     given: np.ndarray,
     potentials: np.ndarray,
     cost: Cost,
     units: Units,
 ) -> None:
+    """Do what `_extend` does, with the same invariant, for triangles that are in no list.
+
+    The triangles at a-b are the sites c that a and b both see, if they lie inside the polygon and
+    run round no hole: an edge of t such sites takes the degrees of a and b, and t weights.
+    """
+    points, side, near, by = sight.points, sight.side, fans.near, fans.by
     both = np.empty((len(points), 2), dtype=np.int64)
     for e in backwards:
-        a, b = edges[e, 0], edges[e, 1]
+        a, b = sight.edges[e, 0], sight.edges[e, 1]  # a < b
         low, high = -_FAR, _FAR
-        for k in range(seen_by_both(begin, near, a, b, both)):
-            c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]
+        for k in range(seen_by_both(fans, a, b, both)):
+            c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]  # p is a-c, q is b-c
             if not (given[p] and given[q]):
                 continue
-            # On the left of a-b the triangle runs b to c and c to a, otherwise the other way.
+            # Counter-clockwise the triangle runs a-b-c if c is on the left (way 1), else a-c-b. A
+            # potential counts negative where its edge is run from its higher end to its lower:
+            # from_b is the sign of b-c as it is run, to_a that of a-c. A side of the boundary runs
+            # with its interior on the left, so it must not be run the other way.
             way = 1 if turn(points, a, b, c) > 0.0 else -1
             from_b, to_a = (way if b < c else -way), (way if c < a else -way)
-            if side[q] == -from_b or side[p] == -to_a or holds_ring(points, rings, a, b, c, way):
+            if (
+                side[q] == -from_b
+                or side[p] == -to_a
+                or holds_ring(points, sight.rings, a, b, c, way)
+            ):
                 continue
             i, j, m = (a, b, c) if way > 0 else (a, c, b)
             room = weight(points, i, j, m, cost, units)
             room -= from_b * potentials[q] + to_a * potentials[p]
+            # way * y(ab) <= room: from above on the left, from below on the right.
             if way > 0:
                 high = min(high, room)
             else:

@@ -11,12 +11,18 @@ place gives another triangulation; so
 
 Nothing is used but that the cost sums over triangles. Therefore an edge goes if every pair of
 triangles that are left on its two sides could be flipped to less weight, and with it the
-triangles that have it as a side; that may take others with it, until nothing more goes. With the
-noise of `integer_costs` there are next to no ties, which would keep both diagonals of a rectangle.
+triangles that have it as a side; that may take others with it, until nothing more goes. A pair that
+makes no strictly convex quadrilateral cannot be flipped, so it blocks the exclusion: an optimum may
+contain it, whatever it weighs. With the noise of `checking.units` there are next to no ties, which
+would keep both diagonals of a rectangle.
+
+Order does not matter. Fewer triangles make fewer pairs, so what may be excluded now may be excluded
+later, and the edges that are left at the end are the same in whichever order edges are looked at.
 
 A polygon of 100,000 vertices may have some hundred million triangles. `thin` looks at each edge
 once and works out its triangles from what its ends see, so that nothing needs to be kept but edges;
-`exclude` goes on with the few triangles that are left.
+`exclude` goes on with the few triangles that are left. An edge with t triangles on its left and u
+on its right takes at most t * u comparisons, in `exclude` over all looks at it together.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -24,11 +30,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates, holds_ring
+from triangulators.certificate.integer_costs import noise, units_of
 from triangulators.certificate.sight import Fans, Sight
+from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import cores
-from triangulators.criteria.cost import Cost, cost_at
-from triangulators.criteria.integer_costs import Units, noise, units_of
+from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import turn
 
 _SAMPLE = 1000  # edges to judge by whether thinning is worth its time
@@ -41,10 +48,9 @@ def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np
     None where less than the share `worth` of a few edges is seen to be in none.
     """
     queue = _longest_first(sight.points, sight.edges)
-    given, terms = (*sight, *fans), (cost, units)
     gone = np.zeros(len(sight.edges), dtype=np.bool_)
     few = queue[:: max(1, len(queue) // _SAMPLE)]
-    if len(_thin(*given, few, gone, *terms)) < worth * len(few):
+    if len(_thin(sight, fans, few, gone, cost, units)) < worth * len(few):
         return None
     found = []
     with ThreadPoolExecutor(cores()) as pool:
@@ -52,45 +58,25 @@ def thin(sight: Sight, fans: Fans, cost: Cost, units: Units, worth: float) -> np
             # Each slice knows what went before all of them, however many threads there are. What
             # goes with more triangles there, goes with fewer, so they may come in any order.
             slices = np.array_split(queue[begin : begin + _AT_ONCE], _SLICES)
-            jobs = [pool.submit(_thin, *given, each, gone, *terms) for each in slices]
+            jobs = [pool.submit(_thin, sight, fans, each, gone, cost, units) for each in slices]
             excluded = np.concatenate([job.result() for job in jobs])
             gone[excluded] = True
             found.append(excluded)
     return np.concatenate(found)
 
 
-def largest_cost(sight: Sight, fans: Fans, cost: Cost) -> float:
-    """Return the largest absolute cost of three sites that see each other."""
-    return float(_largest(sight.points, sight.edges, fans.begin, fans.near, cost))
-
-
 def exclude(
-    candidates: Candidates,
-    weights: np.ndarray,
-    cost: Cost,
-    units: Units,
-    out: np.ndarray | None = None,
+    candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units, out: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (excluded edges in their order, which triangles (t,) are left).
 
-    weights: (t,) of the triangles, in `integer_costs`; out (e,): edges that are excluded already.
+    weights: (t,) of the triangles, in `units`; out (e,): edges that are excluded already.
     """
     queue = _longest_first(candidates.points, candidates.edges)
-    excluded = np.empty(len(queue), dtype=np.int32)
-    alive = np.ones(len(candidates.triangles), dtype=np.bool_)
-    if out is not None:
-        alive = ~out[candidates.sides].any(axis=1)
-        queue = queue[~out[queue]]
-    how_many = _exclude(
-        *candidates,
-        weights // units.factor,
-        queue,
-        excluded,
-        alive,
-        cost,
-        units,
-    )
-    return excluded[:how_many].copy(), alive
+    alive = ~out[candidates.sides].any(axis=1)
+    value = weights // units.factor
+    excluded = _exclude(candidates, value, queue[~out[queue]], alive, cost, units)
+    return excluded, alive
 
 
 def _longest_first(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -100,52 +86,32 @@ def _longest_first(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 @njit(nogil=True)
-def _largest(
-    points: np.ndarray,
-    edges: np.ndarray,
-    begin: np.ndarray,
-    near: np.ndarray,
-    cost: Cost,
-) -> float:
-    most = 0.0
-    both = np.empty((len(points), 2), dtype=np.int64)
-    for e in range(len(edges)):
-        a, b = edges[e, 0], edges[e, 1]
-        for k in range(seen_by_both(begin, near, a, b, both)):
-            c = near[both[k, 0]]
-            if c > b:
-                most = max(most, abs(cost_at(points, a, b, c, cost)))
-    return most
-
-
-@njit(nogil=True)
 def _thin(
-    points: np.ndarray,
-    edges: np.ndarray,
-    side: np.ndarray,
-    rings: np.ndarray,
-    begin: np.ndarray,
-    near: np.ndarray,
-    by: np.ndarray,
-    queue: np.ndarray,
-    gone: np.ndarray,
-    cost: Cost,
-    units: Units,
+    sight: Sight, fans: Fans, queue: np.ndarray, gone: np.ndarray, cost: Cost, units: Units
 ) -> np.ndarray:
-    """Return edges of `queue` that are excluded where those in `gone` (e,) are."""
+    """Return edges of `queue` that are excluded where those in `gone` (e,) are.
+
+    `gone` does not change here: every edge is judged by what was gone before the call, so that the
+    answer depends neither on the order of the queue nor on other threads.
+    """
+    points, edges = sight.points, sight.edges
     excluded = np.empty(len(queue), dtype=np.int32)
+    # Third corners and units of the triangles of one edge: row 1 for its left, row 0 for its right.
     apex, value = np.empty((2, len(points)), np.int32), np.empty((2, len(points)), np.int64)
     count, both = np.empty(2, dtype=np.int64), np.empty((len(points), 2), dtype=np.int64)
     found = 0
     for e in queue:
-        if side[e] != 0:
+        if sight.side[e] != 0:
             continue
         a, b = edges[e, 0], edges[e, 1]
-        _apexes(points, side, begin, near, by, gone, a, b, apex, count, both)
+        _apexes(sight, fans, gone, e, apex, count, both)
         for left in range(2):
+            i, j = (a, b) if left else (b, a)  # counter-clockwise
             for k in range(count[left]):
-                i, j = (a, b) if left else (b, a)
-                value[left, k] = units_of(points, i, j, apex[left, k], cost, units.scale)
+                value[left, k] = units_of(points, i, j, apex[left, k], cost, units)
+        # Invariant: every pair (p, q) that was looked at could be flipped to less weight, or one of
+        # its triangles runs round a hole and is none. The first other pair keeps the edge. Holes
+        # are looked for last, as that takes the longest.
         kept = False
         for p in range(count[1]):
             for q in range(count[0]):
@@ -153,8 +119,8 @@ def _thin(
                 total = value[1, p] + value[0, q]
                 if (
                     not _can_be_flipped(points, a, b, c, d, total, cost, units)
-                    and not holds_ring(points, rings, a, b, c, 1)
-                    and not holds_ring(points, rings, a, b, d, -1)
+                    and not holds_ring(points, sight.rings, a, b, c, 1)
+                    and not holds_ring(points, sight.rings, a, b, d, -1)
                 ):
                     kept = True
                     break
@@ -168,26 +134,29 @@ def _thin(
 
 @njit
 def _apexes(
-    points: np.ndarray,
-    side: np.ndarray,
-    begin: np.ndarray,
-    near: np.ndarray,
-    by: np.ndarray,
+    sight: Sight,
+    fans: Fans,
     gone: np.ndarray,
-    a: int,
-    b: int,
+    e: int,
     apex: np.ndarray,
     count: np.ndarray,
     both: np.ndarray,
 ) -> None:
-    """Write the third corners of the triangles left of a-b to `apex[1]`, of the others to [0]."""
+    """Write the third corners of the triangles left of edge e to `apex[1]`, of others to [0].
+
+    both: room for what the two ends see.
+    """
+    a, b, side = sight.edges[e, 0], sight.edges[e, 1], sight.side
     count[:] = 0
-    for k in range(seen_by_both(begin, near, a, b, both)):
-        c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]
+    for k in range(seen_by_both(fans, a, b, both)):
+        c, p, q = fans.near[both[k, 0]], fans.by[both[k, 0]], fans.by[both[k, 1]]
         if gone[p] or gone[q]:
             continue
-        # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b.
-        left = turn(points, a, b, c) > 0.0
+        # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b. So
+        # `way` is 1 on the left and -1 on the right, and turns round where an edge's lower end is
+        # not the first. A side of the boundary must not be run against its own direction: the
+        # triangle would lie outside.
+        left = turn(sight.points, a, b, c) > 0.0
         way = 1 if left else -1
         b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
         if side[q] != -b_to_c and side[p] != -c_to_a:
@@ -196,11 +165,15 @@ def _apexes(
 
 
 @njit
-def seen_by_both(begin: np.ndarray, near: np.ndarray, a: int, b: int, both: np.ndarray) -> int:
-    """Write where the sites that a and b see stand in `near`, for each of them; return how many."""
+def seen_by_both(fans: Fans, a: int, b: int, both: np.ndarray) -> int:
+    """Write where the sites that a and b see stand in `near`, for each of them; return how many.
+
+    A merge of two ascending lists: all that both have before i and j is written.
+    """
+    near = fans.near
     found = 0
-    i, j = begin[a], begin[b]
-    while i < begin[a + 1] and j < begin[b + 1]:
+    i, j = fans.begin[a], fans.begin[b]
+    while i < fans.begin[a + 1] and j < fans.begin[b + 1]:
         if near[i] < near[j]:
             i += 1
         elif near[i] > near[j]:
@@ -226,13 +199,13 @@ def _can_be_flipped(
 ) -> np.bool_:
     """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
 
-    The noise of the four sides is the same before and after. That of the diagonals, which counts
-    twice, decides where units are equal: it is less than one of them.
+    c is left of a-b and d right of it, so the quadrilateral a-d-b-c is strictly convex if it turns
+    left at b and at a as well. The noise of the four sides is the same before and after. That of
+    the diagonals, which counts twice, decides where units are equal: it is less than one of them.
     """
     if turn(points, d, b, c) <= 0.0 or turn(points, c, a, d) <= 0.0:
         return np.bool_(False)
-    flipped = units_of(points, d, b, c, cost, units.scale)
-    flipped += units_of(points, c, a, d, cost, units.scale)
+    flipped = units_of(points, d, b, c, cost, units) + units_of(points, c, a, d, cost, units)
     if flipped == value:
         return noise(c, d, units.bits) < noise(a, b, units.bits)
     return flipped < value
@@ -240,26 +213,27 @@ def _can_be_flipped(
 
 @njit(nogil=True)
 def _exclude(
-    points: np.ndarray,
-    edges: np.ndarray,
-    side: np.ndarray,
-    triangles: np.ndarray,
-    sides: np.ndarray,
-    start: np.ndarray,
-    items: np.ndarray,
+    candidates: Candidates,
     value: np.ndarray,
     queue: np.ndarray,
-    excluded: np.ndarray,
     alive: np.ndarray,
     cost: Cost,
     units: Units,
-) -> int:
-    """Write the excluded edges, mark what they leave in `alive`; return how many they are."""
-    count = len(edges)
-    # Where the search for a pair that cannot be flipped stands; a pair that can be, always can.
+) -> np.ndarray:
+    """Return the excluded edges in their order; mark the triangles they take along in `alive`.
+
+    Each edge e has a place (left, right) in the list of its pairs: triangles on its left, and for
+    each of them those on its right. Invariant: no pair before that place keeps the edge. For a pair
+    can be flipped to less weight or not once and for all, and a triangle that is gone stays gone.
+    So a search never goes back, and the pair at which it stops is the reason why the edge is kept.
+    Only when a triangle of it goes does the edge need another look (`_look_again`).
+    """
+    points, edges, side, triangles, _sides, start, items = candidates
+    excluded = np.empty(len(queue), dtype=np.int32)
+    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of the left ones, of the right ones, end.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
-    waiting = side == 0
-    again = np.empty(count, dtype=np.int32)
+    waiting = side == 0  # which edges are in the queue or on the stack
+    again = np.empty(len(edges), dtype=np.int32)  # the stack; an edge is there once, so it has room
     head, height, found = 0, 0, 0
     while head < len(queue) or height > 0:
         if height > 0:
@@ -269,7 +243,7 @@ def _exclude(
             e = queue[head]
             head += 1
         if not waiting[e]:
-            continue
+            continue  # it was on the stack before its turn came in the queue
         waiting[e] = False
         a, b = edges[e, 0], edges[e, 1]
         middle, end = start[2 * e + 1], start[2 * e + 2]
@@ -277,6 +251,7 @@ def _exclude(
         kept = False
         while left < middle and not kept:
             t = items[left]
+            # The corner that is neither a nor b.
             c = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - a - b
             while alive[t] and right < end:
                 u = items[right]
@@ -287,7 +262,7 @@ def _exclude(
                     break
                 right += 1
             if not kept:
-                left += 1
+                left += 1  # all pairs of t are done
                 right = middle
         at_left[e], at_right[e] = left, right
         if kept:
@@ -298,26 +273,25 @@ def _exclude(
             t = items[place]
             if alive[t]:
                 alive[t] = False
-                height = _look_again(sides[t], e, side, at_left, start, waiting, again, height)
-    return found
+                height = _look_again(candidates, t, e, at_left, waiting, again, height)
+    return excluded[:found].copy()
 
 
 @njit
 def _look_again(
-    three: np.ndarray,
+    candidates: Candidates,
+    t: int,
     gone: int,
-    side: np.ndarray,
     at_left: np.ndarray,
-    start: np.ndarray,
     waiting: np.ndarray,
     again: np.ndarray,
     height: int,
 ) -> int:
-    """Let the other sides of a triangle that is gone wait for another look; return the height."""
-    for other in three:
+    """Let the other sides of triangle t, which is gone, wait for a look; return the height."""
+    for other in candidates.sides[t]:
         # An edge is gone itself where the search for its pair has come to its end.
-        open_still = at_left[other] < start[2 * other + 1]
-        if other != gone and side[other] == 0 and open_still and not waiting[other]:
+        open_still = at_left[other] < candidates.start[2 * other + 1]
+        if other != gone and candidates.side[other] == 0 and open_still and not waiting[other]:
             waiting[other] = True
             again[height] = other
             height += 1

@@ -11,13 +11,14 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate.extend_potentials import TOO_LARGE, extend, extend_thinned
+from triangulators.certificate.integer_costs import weights_of
 from triangulators.certificate.linear_program import Program, Solution
-from triangulators.certificate.local_minimality import exclude, largest_cost, thin
+from triangulators.certificate.local_minimality import exclude, thin
 from triangulators.certificate.sight import Fans, Sight, fans_of, sight_of
 from triangulators.certificate.skeleton import Across, by_table, crossed, parts_of, ways_across
 from triangulators.checking.evidence import Branch, Evidence, Leaf
+from triangulators.checking.units import Units, units_for
 from triangulators.criteria.cost import Cost
-from triangulators.criteria.integer_costs import Units, costs_of, units_for, weights_of
 from triangulators.optimum.local_search import search_cuts
 from triangulators.polygon import Boundary
 
@@ -193,19 +194,21 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), between sites, and find evidence of how good it is.
 
-    seconds: for each linear program; one that is not solved in time gives a weak bound. Where they
-    are infinite, programs of more than 100,000 triangles are not tried; where they are 0 none is,
-    which gives a weak bound, too. None if the polygon has too many candidates.
+    The evidence is about the triangulation given, and counts in its units. seconds: for each linear
+    program; one that is not solved in time gives a weak bound. Where they are infinite, programs of
+    more than 100,000 triangles are not tried; where they are 0 none is, which gives a weak bound,
+    too. None if the polygon has too many candidates, or costs that 64 bits cannot hold.
     """
+    units = units_for(outline, triangles, cost)
     sight = sight_of(outline, triangles)
     most = _MOST if _is_timed(seconds) else _QUICK
     room = how_many(sight, most)
-    if room > most:
+    if room > most or units.wide:
         return None
-    posed = _posed(outline, sight, triangles, cost, room)
+    posed = _posed(sight, triangles, cost, units, room)
     if posed is None:
         return None
-    candidates, units = posed.candidates, posed.units
+    candidates = posed.candidates
     excluded, alive = exclude(candidates, posed.weights, cost, units, posed.out)
     search = _Search(posed, cost, seconds)
     search.offer(_numbers(candidates, triangles))
@@ -213,8 +216,27 @@ def prove(
     evidence = _evidence(posed, sight, excluded, root, cost)
     total, factor = int(search.least), units.factor
     bound = _bound(sight.side, root, outline.expected_triangles)
-    gap = 0.0 if bound // factor >= total // factor else (total - bound) / abs(total)
+    # Where costs are rounded, an optimum may seem to cost a unit more for each of its triangles.
+    rounded = 0 if units.exact else outline.expected_triangles - 1
+    equal = (bound // factor) + rounded >= total // factor and (units.exact or units.real)
+    gap = 0.0 if equal else max(total - bound, factor) / max(abs(total), 1)
     return Proof(candidates.triangles[search.best], evidence, gap)
+
+
+def prove_best(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = SECONDS
+) -> Proof | None:
+    """Do what `prove` does, with evidence about the triangulation that was found.
+
+    It may count in other units than the one that the search began with; then it begins again.
+    """
+    proof = prove(outline, triangles, cost, seconds)
+    while proof is not None:
+        units = units_for(outline, proof.triangles, cost)
+        if proof.evidence.units == units[:3]:
+            return proof
+        proof = prove(outline, proof.triangles, cost, seconds)
+    return None
 
 
 def _evidence(
@@ -254,33 +276,26 @@ class _Posed(NamedTuple):
     fans: Fans | None
 
 
-def _posed(
-    outline: Boundary, sight: Sight, start: np.ndarray, cost: Cost, room: int
-) -> _Posed | None:
+def _posed(sight: Sight, start: np.ndarray, cost: Cost, units: Units, room: int) -> _Posed | None:
     """Return candidates with weights; where there are many, edges are thinned before.
 
     room: what `how_many` says. None where thinning leaves too many, or does not pay.
     """
-    points, count = sight.points, outline.expected_triangles
-    total = float(np.abs(costs_of(points, start, cost).sum()))
+    points = sight.points
     out, fans = np.zeros(len(sight.edges), dtype=np.bool_), None
+    thinned, kept = np.empty(0, dtype=np.int32), np.arange(len(sight.edges))
     if room > _LISTED:
         fans = fans_of(sight)
-        units = units_for(points, cost, largest_cost(sight, fans, cost), total, count)
-        thinned = thin(sight, fans, cost, units, _WORTH)
-        if thinned is None:
+        found = thin(sight, fans, cost, units, _WORTH)
+        if found is None:
             return None
+        thinned = found
         out[thinned] = True
         kept = np.flatnonzero(~out | _has_edges(sight.edges, start, len(points)))
         room = how_many(sight, _LEFT, kept)
         if room > _LEFT:
             return None
-        candidates = candidates_of(sight, room, kept)
-    else:
-        thinned, kept = np.empty(0, dtype=np.int32), np.arange(len(sight.edges))
-        candidates = candidates_of(sight, room)
-        costs = costs_of(points, candidates.triangles, cost)
-        units = units_for(points, cost, float(np.abs(costs).max()), total, count)
+    candidates = candidates_of(sight, room, kept)
     weights = weights_of(points, candidates.triangles, cost, units)
     return _Posed(candidates, weights, units, len(sight.edges), kept, thinned, out[kept], fans)
 

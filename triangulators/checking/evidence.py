@@ -1,5 +1,6 @@
 """What `certify` returns, and the evidence that `checker` checks."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,8 +35,9 @@ class Evidence:
 
     The weight of a triangle, its lowest corner first, is factor * floor(scale * cost) plus the
     noise of its edges: for an edge a < b the upper `bits` bits of splitmix64's mix of
-    a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. edges (e, 2): a < b; excluded (k,): numbers of
-    those that are in no optimum, in the order in which that is seen.
+    a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. What scale, factor and bits must be follows
+    from the polygon, the criterion and the triangulation (see `units`). edges (e, 2): a < b;
+    excluded (k,): numbers of those that are in no optimum, in the order in which that is seen.
     """
 
     scale: float
@@ -45,16 +47,23 @@ class Evidence:
     excluded: np.ndarray
     root: Leaf | Branch
 
+    @property
+    def units(self) -> tuple[float, int, int]:
+        """Scale, factor and bits."""
+        return self.scale, self.factor, self.bits
+
 
 @dataclass(frozen=True)
 class Certificate:
     """How far a triangulation may be from the optimum.
 
     cost: the criterion's sum over the triangulation; lower_bound: no triangulation of the polygon
-    costs less; gap: (cost - lower_bound) / |cost|, 0 where both are 0; proven: whether the
-    triangulation is optimal, exactly where costs are whole in units of the grid (half-perimeter,
-    overdraw), otherwise up to rounding at the tenth digit. evidence: what a checker needs; None
-    where a table over all sub-polygons is the proof.
+    costs less; gap: (cost - lower_bound) / |cost|; proven: whether the triangulation is optimal.
+    Where costs are whole on a grid (half-perimeter and overdraw of coordinates that are
+    whole or have few binary places), optimal means exactly that, in whole numbers, and nothing is
+    proven that is not. Where they are real numbers, as the criterion's function computes them in
+    doubles, it means that nothing costs less by a larger share than `error`. evidence: what a
+    checker needs; None where there is no bound.
     """
 
     cost: float
@@ -62,3 +71,8 @@ class Certificate:
     gap: float
     proven: bool
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def error(self) -> float:
+        """The relative error to which the triangulation is known to be optimal; 0 is exactly."""
+        return self.gap if self.proven else math.inf

@@ -5,7 +5,6 @@ features       what one triangle is made of, which every built-in criterion weig
 quads          quads that a triangle shades in one place on the pixel grid
 weights        the weights in a criterion's name
 cost           a criterion as compiled code takes it
-integer_costs  costs as whole numbers, so that sums are exact
 """
 
 from triangulators.criteria.catalogue import (

@@ -15,7 +15,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.certificate.certify import certificate_of, certify
-from triangulators.certificate.proof import SECONDS, prove
+from triangulators.certificate.proof import SECONDS, prove, prove_best
 from triangulators.checking.evidence import Certificate
 from triangulators.criteria.cost import cost_of
 from triangulators.errors import Skipped
@@ -100,12 +100,13 @@ def solve(
     criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
     *,
     seconds: float = SECONDS,
+    evidence: bool = True,
     **parameters: Any,
 ) -> Solved:
     """Return the optimum of a criterion together with its certificate (see `certify`).
 
     Polygons of any size are tried, those with holes or more than 2,000 vertices as `certify` does.
-    seconds: for each linear program. Raises what `certify` raises.
+    seconds, evidence: as `certify` takes them. Raises what `certify` raises.
     """
     check(polygon)
     outline = boundary(polygon)
@@ -113,10 +114,12 @@ def solve(
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
     proof = None
     if not wanted.maximum and (outline.holes > 0 or len(outline.edges) > LIMIT):
-        proof = prove(outline, best_start(outline, cost), cost, seconds)
+        proof = prove_best(outline, best_start(outline, cost), cost, seconds)
     if proof is None:
         triangles = _optimise(outline, wanted, 1.0, LIMIT, 0).triangles
-        return Solved(triangles, certify(polygon, triangles, wanted, seconds=seconds))
+        return Solved(
+            triangles, certify(polygon, triangles, wanted, seconds=seconds, evidence=evidence)
+        )
     triangles = walk(proof.triangles, len(outline.points))
     return Solved(triangles, certificate_of(outline, triangles, cost, proof.evidence))
 

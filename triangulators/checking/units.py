@@ -1,0 +1,183 @@
+"""How costs are counted in whole numbers, so that adding and comparing them is exact.
+
+It follows from the polygon, the criterion and the triangulation that a claim is about, by the rules
+below and never from the claim's evidence: units that are too coarse would prove anything.
+
+A cost is counted in units of 1 / scale, rounded down. To it a tiny noise is added, drawn once and
+for all for each edge (see `Evidence`): ties are common in the L1 metric, where both diagonals of a
+rectangle are equally long, and with ties neither edge could be excluded. A weight is
+
+    factor * units + noise(ab) + noise(bc) + noise(ca)
+
+and `factor` exceeds the noise of a whole triangulation, three edges times 2^bits - 1 for each
+triangle. So a triangulation of least weight is one of least cost in units, and weight // factor of
+a triangulation is its cost in units. Units of more than `most_units` count as that many: weights
+then fit 64 bits, and as less is counted than is there, a bound remains one.
+
+Whole costs. Half-perimeter, overdraw and their like are made of sums and products of coordinates.
+Where these are multiples of 2^-k, half-perimeters are whole in units of 2^-k, areas of half a box
+of 4^-k. If doubles compute each exactly, the units are these. If coordinates are whole numbers
+too large for that, a table in Python's numbers serves for rings (`wide`), and otherwise nothing is
+said to be proven. All other costs are real numbers as the criterion's function computes them in
+doubles; units are between 2^-36 and 2^-32 of the triangulation's cost.
+"""
+
+import math
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from triangulators.compute.kernels import njit
+from triangulators.criteria.cost import (
+    AREA,
+    BBOX_AREA,
+    HALF_PERIMETER,
+    TRIANGLES,
+    Cost,
+    cost_at,
+)
+from triangulators.polygon import Boundary
+
+NOISE_BITS = 10
+WIDEST = 200  # vertices of a ring whose table is worth filling in Python's numbers
+_ROOM = 2**61  # four times the weight of the triangulation stays below
+_MOST_WEIGHT = 2**59  # of a triangle, without its noise
+_DIGITS = 36  # a real total has up to 2^36 units
+_LARGEST_COEFFICIENT = 1024
+_EXACT = 2.0**52  # steps up to which sums and halves of doubles are exact
+_EXACT_FACTOR = 2.0**25  # the same of factors, whose product is then exact
+
+
+class Units(NamedTuple):
+    """How costs become weights; compiled code takes it as it is.
+
+    scale: units in 1, a power of two; factor: weight of a unit; bits: noise is below 2^bits; exact:
+    no triangle's cost is rounded; real: costs are real numbers, so that a claim holds up to a
+    relative error; wide: exact, but weights need Python's whole numbers (factor 1, no noise).
+    """
+
+    scale: float
+    factor: int
+    bits: int
+    exact: bool
+    real: bool
+    wide: bool
+
+
+def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
+    """Return the units of claims about a triangulation (m, 3), between sites, of a polygon."""
+    total = math.fsum(np.abs(costs_of(outline.points, triangles, cost)).tolist())
+    count = outline.expected_triangles
+    scale, whole, _ = _whole_scale(outline.points, cost)
+    if scale > 0.0:
+        for bits in (*range(NOISE_BITS, 1, -1), 0):
+            factor = factor_for(count, bits)
+            if 4.0 * total * scale * factor < _ROOM:
+                return Units(scale, factor, bits, True, False, False)
+    if whole and outline.holes == 0 and len(outline.edges) <= WIDEST:
+        return Units(2.0, 1, 0, True, False, True)
+    exponent = _DIGITS - math.frexp(total)[1] if total > 0.0 else 0
+    # In steps of 2^4, so that most triangulations of one polygon have the same units.
+    exponent = max(-900, min(900, 4 * (exponent // 4)))
+    for bits in (*range(NOISE_BITS, 1, -1), 0):
+        factor = factor_for(count, bits)
+        if factor << (_DIGITS + 2) < _ROOM:
+            break
+    return Units(2.0**exponent, factor, bits, False, not whole, False)
+
+
+def factor_for(count: int, bits: int) -> int:
+    """Return a power of two above the noise of `count` triangles; 1 without noise."""
+    return 1 << (3 * count * 2**bits).bit_length() if bits > 0 else 1
+
+
+def doubles_add_up(outline: Boundary, cost: Cost) -> bool:
+    """Whether doubles compute every cost, and every sum of as many as there are, exactly."""
+    scale, _, most = _whole_scale(outline.points, cost)
+    return scale > 0.0 and most * outline.expected_triangles < _EXACT
+
+
+def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Fraction:
+    """Return what a triangulation (m, 3) costs: exactly, or as the exact sum of doubles if real."""
+    if (not units.real and not units.exact) or units.wide:
+        return Fraction(sum(wide_costs(outline.points, triangles, cost)), 2)
+    costs = costs_of(outline.points, triangles, cost)
+    if units.exact:
+        return sum((costs * units.scale).astype(np.int64).tolist()) / Fraction(units.scale)
+    return sum(map(Fraction, costs.tolist()), Fraction(0))
+
+
+def wide_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> list[int]:
+    """Return twice the cost of each triangle in Python's numbers; points are whole."""
+    corners = np.array([[int(x), int(y)] for x, y in points.tolist()], dtype=object)[triangles]
+    x, y = corners[..., 0], corners[..., 1]
+    width, height = x.max(axis=1) - x.min(axis=1), y.max(axis=1) - y.min(axis=1)
+    doubled = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
+    each, area, around, box = (
+        int(cost["weights"][k]) for k in (TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA)
+    )
+    whole = 2 * (each + around * (width + height) + box * width * height) + area * abs(doubled)
+    return list(whole.tolist())
+
+
+def _whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
+    """Return units in 1 in which doubles compute every cost exactly, 0 if there are none.
+
+    With it, whether costs are whole because all coordinates are, however large; and the units that
+    a cost, or twice that, does not exceed.
+    """
+    if cost["custom"]:
+        return 0.0, False, math.inf
+    used = set(np.flatnonzero(cost["weights"]).tolist())
+    coefficients = cost["weights"][sorted(used)]
+    if not used <= {TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA} or (
+        (coefficients != np.rint(coefficients)).any()
+        or np.abs(coefficients).sum() > _LARGEST_COEFFICIENT
+    ):
+        return 0.0, False, math.inf
+    box = bool(used & {AREA, BBOX_AREA})
+    k = _binary_places(points)
+    steps = float(np.ptp(points, axis=0).max()) * 2.0**k if abs(k) < 900 else math.inf
+    most = max(1.0, np.abs(coefficients).sum() * (2.0 * steps * steps if box else 2.0 * steps))
+    if most < _EXACT and (not box or steps < _EXACT_FACTOR):
+        return (2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)), k <= 0, most
+    return 0.0, k <= 0, most
+
+
+def _binary_places(points: np.ndarray) -> int:
+    """Return the least k for which 2^k times each coordinate is whole; at least -16."""
+    mantissa, exponent = np.frexp(points[points != 0.0])
+    digits = np.ldexp(mantissa, 53).astype(np.int64)
+    # The lowest bit that is set, as a power of two, has an exponent one more than its place.
+    ending = np.frexp((digits & -digits).astype(float))[1] - 1
+    return max(-16, int((53 - exponent - ending).max(initial=-16)))
+
+
+@njit(nogil=True)
+def costs_of(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
+    """Return the cost (t,) of each triangle; the lowest corner goes first, whatever its turn.
+
+    A cost in doubles may depend on which corner comes first in its last digit.
+    """
+    result = np.empty(len(triangles))
+    for t in range(len(triangles)):
+        a, b, c = lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
+        result[t] = cost_at(points, a, b, c, cost)
+    return result
+
+
+@njit
+def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
+    """Turn a triangle so that its lowest corner is the first."""
+    if b < a and b < c:
+        return b, c, a
+    if c < a and c < b:
+        return c, a, b
+    return a, b, c
+
+
+@njit
+def most_units(factor: int) -> float:
+    """Return the units that a triangle counts at most."""
+    return float(_MOST_WEIGHT // factor)
