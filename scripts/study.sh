@@ -15,7 +15,7 @@ once() { # folder, then the command that makes it
     printf "\n== %s %s\n" "$1" "$(date +%T)"
     rm -rf "$1"
     "${@:2}" --out "$1" --quiet
-    [[ "$1" != */regret-* ]] || "${python[@]}" scripts/trim_regret.py "$1"
+    [[ "$1" != */regret-* ]] || "${python[@]}" scripts/studies/trim_regret.py "$1"
 }
 
 few() { # scene, polygons: fewer where all have hundreds of vertices
@@ -95,7 +95,7 @@ once $to/softpipe/validate-city "${harness[@]}" validate --scene city --resoluti
 
 # Branches that a processor mispredicts, for triangles smaller than a pixel.
 if [[ branches == *"$only"* ]] && [ ! -e $to/llvmpipe/branches.csv ]; then
-    .venv/bin/python scripts/branches.py glyphs 256 optimal:half-perimeter optimal:shape \
+    .venv/bin/python scripts/studies/branches.py glyphs 256 optimal:half-perimeter optimal:shape \
         optimal:calibrated delaunay >$to/llvmpipe/branches.csv
 fi
 

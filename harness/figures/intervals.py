@@ -1,6 +1,6 @@
 """Confidence intervals that assume little of the distribution.
 
-`scripts/interval_coverage.py` shows by simulation how often each holds the truth.
+`scripts/studies/interval_coverage.py` shows by simulation how often each holds the truth.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ def words(state: object) -> list[str]:
         if off > 0:
             lines.append(
                 f"{where}: the machine was slower than it can be: {now * 1e3:.3g} ms for the "
-                f"reference draw in place of {best * 1e3:.3g} ms. Ratios of times may be off by up "
-                f"to {off:.1%}, most of them towards 1; measure again when it is quiet"
+                f"reference draw in place of {best * 1e3:.3g} ms. Ratios of times may be off by "
+                f"about {off:.1%}, most of them towards 1; measure again when it is quiet"
             )
     return lines

@@ -7,7 +7,7 @@ import pytest
 
 from harness.figures.intervals import mean_interval, median_over, share_interval
 from harness.figures.ratios import blocks, paired_ratio
-from scripts.interval_coverage import Kind, kinds, simulate
+from scripts.studies.interval_coverage import Kind, kinds, simulate
 
 TRIALS = 200
 WANTED = 0.90

@@ -1,6 +1,6 @@
 """Count llvmpipe's instructions and mispredicted branches a draw, as Callgrind simulates them.
 
-    .venv/bin/python scripts/branches.py glyphs 256 optimal:half-perimeter optimal:shape
+    .venv/bin/python scripts/studies/branches.py glyphs 256 optimal:half-perimeter optimal:shape
 
 prints a CSV, one row a triangulator. The counts are exact for Callgrind's simple predictor; a real
 one does better, by the same pattern. Needs Debian's `valgrind`; a draw takes fifty times longer.

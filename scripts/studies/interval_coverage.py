@@ -1,6 +1,6 @@
 """How often each interval of the harness holds the truth, by simulation.
 
-    PYTHONPATH=. python scripts/interval_coverage.py [--trials 2000] [--out FILE]
+    PYTHONPATH=. python scripts/studies/interval_coverage.py [--trials 2000] [--out FILE]
 
 Every row is one kind of interval under one kind of data whose truth is known: how often it was
 given at all, how often it then held the truth, and how often the percentile bootstrap, or what was

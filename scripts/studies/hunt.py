@@ -1,6 +1,6 @@
 """Hunt for polygons with holes on which the search over cuts misses the optimum.
 
-    PYTHONPATH=. python scripts/hunt.py --minutes 60 --keep worst.csv
+    PYTHONPATH=. python scripts/studies/hunt.py --minutes 60 --keep worst.csv
 
 That search is what `optimal` was before it could prove, and what it begins with still. Its cost is
 set against the proven one, whose evidence the checker accepts, and against what `optimal` returns.

@@ -1,6 +1,6 @@
 """Keeps of a study's regret what docs/findings.md needs: main measures and named triangulators.
 
-    python scripts/trim_regret.py FOLDER
+    python scripts/studies/trim_regret.py FOLDER
 
 Random triangulations, other counters and the rasterisers that only count are most of its tables.
 """

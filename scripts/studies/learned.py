@@ -1,6 +1,6 @@
 """The study of docs/studies/learned.md: is it worth learning which polygons to optimise?
 
-    PYTHONPATH=. python scripts/learned.py --out results/reference/learned
+    PYTHONPATH=. python scripts/studies/learned.py --out results/reference/learned
 
 Needs scikit-learn (`pip install 'raster-harness[studies]'`) and takes some ten minutes on one
 core. Writes shares.csv, a row for each held-out scene, time and rule; and prints the verdict.

@@ -1,6 +1,6 @@
 """Compares equal code with itself as CI does, while other programs start and stop.
 
-    python scripts/aa.py --pairs 100 --slower 20 --out results/aa
+    python scripts/studies/aa.py --pairs 100 --slower 20 --out results/aa
 
 A pair is one `run --beside HEAD --draw-twice`, so that every drawing is there twice, and its
 `compare`. In every other pair a program that keeps a core busy starts or stops on the way. Of the
@@ -23,7 +23,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent.parent.parent
 TRIANGULATORS = "ear-clipping,delaunay,sweep,mine:cut"
 HEAVY = "tests.compare.heavy:HeavyOpenGL"
 WHICH = "2"

@@ -1,6 +1,6 @@
 """Ratios of times in several states of the machine: whether equal runs agree, and what rounds tell.
 
-    PYTHONPATH=. python scripts/states.py OUT [--runs 12] [--load none|copy|compute] [--half]
+    PYTHONPATH=. python scripts/studies/states.py OUT [--runs 12] [--load copy|compute] [--half]
 
 Each run is one `harness run` in a fresh process, which goes into OUT/<load>-<number>; runs that
 are there already are kept. With a load, another program copies memory, or computes, on another
