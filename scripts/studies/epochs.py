@@ -1,6 +1,6 @@
 """How often drawings of the same triangulation are called different: A/A pairs at several budgets.
 
-    PYTHONPATH=. python scripts/studies/epochs.py [--scene city] [--pairs 200] [--budgets 0.3,2] [--busy]
+    PYTHONPATH=. python scripts/studies/epochs.py [--scene city] [--budgets 2] [--busy]
 
 The same triangulation is drawn under several names, all timed together, as a run does it. Each pair
 of names is a comparison whose right answer is "no difference shown". One more name draws 1 % of the
