@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         Unavailable,
         UnknownName,
     )
+    from triangulators.methods.flips import flip
     from triangulators.polygon import vertices
     from triangulators.registry import find, full_name, names, parse
 
@@ -60,6 +61,7 @@ _HOME = {
         "Unavailable",
         "UnknownName",
     ),
+    "triangulators.methods.flips": ("flip",),
     "triangulators.polygon": ("vertices",),
     "triangulators.registry": (
         "find",
@@ -84,6 +86,7 @@ __all__ = [
     "certify",
     "criteria",
     "find",
+    "flip",
     "full_name",
     "measure_device",
     "names",

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
+from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.errors import Unavailable, UnknownName
 
 ENTRY_POINTS = "raster_harness.triangulators"
@@ -24,11 +25,11 @@ class Entry:
 
     `function` is `module:function`; built-in functions take (boundary, **parameters),
     a third party's take the polygon. `criteria` says whether it is steered by a criterion, which is
-    `default_criterion` where none is given; `any_shape` whether it does every polygon without holes
-    or skips some; `conforms` whether its triangulations have no T-junctions: a library's result is
-    passed on as it is. `with_gap` is a function like `function` that also says how far the result
-    may be from the optimum. `needs` is a module that must be importable, `install` the line that
-    provides it.
+    `default_criterion` where none is given, `tests` what else may stand in a criterion's place;
+    `any_shape` whether it does every polygon without holes or skips some; `conforms` whether its
+    triangulations have no T-junctions: a library's result is passed on as it is. `with_gap` is a
+    function like `function` that also says how far the result may be from the optimum. `needs` is a
+    module that must be importable, `install` the line that provides it.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Entry:
     handles_holes: bool = True
     criteria: bool = False
     default_criterion: str = "overdraw"
+    tests: tuple[str, ...] = ()
     any_shape: bool = True
     conforms: bool = True
     with_gap: str | None = None
@@ -144,8 +146,23 @@ BUILTIN = {
             criteria=True,
         ),
         Entry(
+            "earcut-refine",
+            "ear clipping, then flips to Delaunay, as refine() of npm's earcut 3.2.4 makes them",
+            "triangulators.methods.flips:triangulate_as_earcut",
+            conforms=False,
+        ),
+        Entry(
+            "flips",
+            "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
+            "triangulators.methods.flips:triangulate",
+            conforms=False,
+            criteria=True,
+            default_criterion="l1",
+            tests=FLIP_TESTS,
+        ),
+        Entry(
             "refined",
-            "ear clipping, then flips by a criterion, half-perimeter by default",
+            "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
             "triangulators.methods.refined:triangulate",
             criteria=True,
             default_criterion="half-perimeter",
@@ -253,7 +270,8 @@ def parse(text: str) -> Choice:
         if criterion:
             raise UnknownName(f"triangulator {name!r} takes no criterion, got {criterion!r}")
         return Choice(entry, None)
-    return Choice(entry, criteria.find(criterion or entry.default_criterion).name)
+    wanted = criterion or entry.default_criterion
+    return Choice(entry, wanted if wanted in entry.tests else criteria.find(wanted).name)
 
 
 def full_name(text: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 DEFAULT_TRIANGULATORS = (
     "fan",
     "ear-clipping",
+    "earcut-refine",
     "delaunay",
     "refined:half-perimeter",
     "optimal:overdraw",

@@ -5,17 +5,48 @@ import numpy as np
 import pytest
 
 from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
-from triangulators import dropin, triangulate, vertices
+from triangulators import dropin, flip, triangulate, triangulate_many, vertices
+from triangulators.batch.ragged import ragged
 from triangulators.criteria import predict
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
+METHODS = ("flips", "refined", "optimal")
 
-def test_gives_the_half_perimeter_optimum():
+
+def outlines():
     rng = np.random.default_rng(2)
-    for polygon in [random_simple(rng, int(n), 40) for n in range(3, 40)] + [star(100), star(200)]:
+    return [random_simple(rng, int(n), 40) for n in range(3, 40)] + [star(100), star(200)]
+
+
+def test_the_usual_method_flips_earcuts_own_triangles():
+    for polygon in outlines():
         points, ends = rings_of(polygon)
         found = dropin.triangulate_float64(points, ends)
+        assert found.dtype == np.uint32
+        raw = mapbox_earcut.triangulate_float64(points, ends)
+        assert np.array_equal(found.reshape(-1, 3), flip(points, raw))
+        assert np.array_equal(found.reshape(-1, 3), triangulate(polygon, "flips:l1"))
+        assert np.array_equal(found, dropin.triangulate_float64(points, ends, method="flips"))
+
+
+def test_a_batch_of_arrays_or_polygons_gives_what_calls_give():
+    polygons = outlines()
+    for given in (polygons, ragged(polygons)):
+        batch = triangulate_many(given, "flips:l1")
+        for polygon, triangles in zip(polygons, batch, strict=True):
+            assert np.array_equal(dropin.triangulate_float64(*rings_of(polygon)), triangles.ravel())
+
+
+def test_an_unknown_method_is_named():
+    with pytest.raises(ValueError, match="'best' is not one of flips, refined, optimal"):
+        dropin.triangulate_float64(*rings_of(star(9)), method="best")
+
+
+def test_optimal_gives_the_half_perimeter_optimum():
+    for polygon in outlines():
+        points, ends = rings_of(polygon)
+        found = dropin.triangulate_float64(points, ends, method="optimal")
         assert found.dtype == np.uint32
         assert found.ndim == 1
         triangles = found.reshape(-1, 3)
@@ -24,13 +55,14 @@ def test_gives_the_half_perimeter_optimum():
         assert predict(points, triangles)["half_perimeter"] == pytest.approx(best, rel=1e-12)
 
 
-def test_holes_are_never_worse_than_earcut():
+@pytest.mark.parametrize("method", METHODS)
+def test_holes_are_never_worse_than_earcut(method):
     rng = np.random.default_rng(4)
     better = 0
     for _ in range(30):
         polygon = with_hole(rng, 14, 6)
         points, ends = rings_of(polygon)
-        found = dropin.triangulate_float64(points, ends).reshape(-1, 3)
+        found = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
         costs = [predict(points, triangles)["half_perimeter"] for triangles in (found, raw)]
         assert verify(polygon, found).ok
@@ -47,7 +79,8 @@ def test_float32():
     assert single.dtype == np.uint32
 
 
-def test_hostile_input_gives_a_valid_result_or_earcuts_own():
+@pytest.mark.parametrize("method", METHODS)
+def test_hostile_input_gives_a_valid_result_or_earcuts_own(method):
     for name, rings in shared_rings("earcut_fixtures.json"):
         points = np.concatenate([ring.reshape(-1, 2) for ring in rings])
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
@@ -55,7 +88,7 @@ def test_hostile_input_gives_a_valid_result_or_earcuts_own():
         if len(points) > (3000 if len(rings) == 1 else 300):
             continue
         raw = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-        found = dropin.triangulate_float64(points, ends).reshape(-1, 3)
+        found = dropin.triangulate_float64(points, ends, method=method).reshape(-1, 3)
         areas = [predict(points, triangles)["area"] for triangles in (raw, found)]
         assert areas[0] == pytest.approx(areas[1], rel=1e-9), name
 

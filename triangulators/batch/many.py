@@ -13,13 +13,15 @@ from triangulators.batch.ragged import Ragged, Triangulations, polygon_at, ragge
 from triangulators.calling import triangulate
 from triangulators.compute.threads import cores
 from triangulators.criteria import find as find_criterion
+from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.gpu import engine, known_devices
 from triangulators.gpu.rings import MOST, SIZES
+from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
-from triangulators.methods.refined import refine_many, take_many, test_of
+from triangulators.methods.refined import refine_many
 from triangulators.optimum.batch_kernels import do_holes, do_rings
 from triangulators.optimum.small_holes import MOST_HOLES
 from triangulators.optimum.small_ring import SMALL
@@ -28,6 +30,13 @@ from triangulators.registry import parse
 _CHUNK = 2000  # polygons whose ears are clipped while others of them are improved
 _ON_DEVICE = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
 """Coefficients of half-perimeter, bounding-box area and edge length that devices know."""
+_FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
+    f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
+}
+"""Triangulators that are ear clipping with flips after it, and by which test."""
+
+_FLIPPED = ("refined", "flips")
+"""Those whose flips may lessen any criterion."""
 
 
 class Attempt(NamedTuple):
@@ -68,9 +77,11 @@ def triangulate_many(
 
     polygons: shapely polygons, or `Ragged` arrays. If `name` is the optimum (or worst) of
     half-perimeter, overdraw, edge-length or a calibrated criterion, compiled code does those of up
-    to 192 vertices with few holes or none, exactly and on all threads; also `refined` and
-    `ear-clipping`. What is left, and everything under other names, goes one at a time through
-    `triangulate`. Either way a polygon's triangulation costs what that of `triangulate` does.
+    to 192 vertices with few holes or none, exactly and on all threads; also `refined`, `flips`,
+    `earcut-refine` and `ear-clipping`. What is left, and everything under other names, goes one at
+    a time through `triangulate`. Either way a polygon's triangulation costs what that of
+    `triangulate` does.
+
     check: test shapely polygons for validity first. threads: by default one for each core this
     process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
     half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 2,000 vertices,
@@ -134,14 +145,16 @@ def _attempt(
     if device is not None:
         check_name(device)
     cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
-    plain_ears = choice.entry.name == "ear-clipping" and not parameters
-    if cost is None and not plain_ears:
+    flips = None if parameters else _FLIPS.get(choice.full_name)
+    if cost is None and flips is None:
         return
     sound = np.ones(len(work.done), dtype=np.bool_)
     if check and not isinstance(polygons, Ragged):
         sound = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clipped(work, sound, threads, take_many)
+        _clipped(work, sound, threads, flip_many, flips, NO_COST)
+    elif choice.entry.name == "flips":
+        _clipped(work, sound, threads, flip_many, test_of(cost), cost)
     elif choice.entry.name == "refined":
         _clipped(work, sound, threads, refine_many, test_of(cost), cost)
     else:
@@ -252,12 +265,13 @@ def _wait(running: list[Future[None]]) -> None:
 def _plain_cost(name: str, criterion: str | None, parameters: dict[str, Any]) -> Cost | None:
     """Return the cost if compiled code can do it, whatever the polygon; otherwise None."""
     wanted = parameters.get("criterion", criterion)
-    if name not in ("optimal", "worst", "refined") or wanted is None or parameters.get("repair"):
+    known = name in ("optimal", "worst", *_FLIPPED)
+    if not known or wanted is None or parameters.get("repair") or wanted in FLIP_TESTS:
         return None
     steered = {k: v for k, v in parameters.items() if k not in ("criterion", "limit", "seed")}
     found = find_criterion(wanted, **steered)
     cost = plain_cost(found, -1.0 if name == "worst" else 1.0)
-    return cost if cost is not None and (cost["is_box"] or name == "refined") else None
+    return cost if cost is not None and (cost["is_box"] or name in _FLIPPED) else None
 
 
 def _finish(

@@ -238,6 +238,8 @@ CRITERIA: dict[str, Criterion] = {
     )
 }
 MINMAX = "minmax-"
+FLIP_TESTS = ("l1", "euclidean", "delaunay")
+"""What flips may lessen beside a criterion: a diagonal's L1 or Euclidean length, or the angles."""
 
 
 def names() -> list[str]:

@@ -1,0 +1,15 @@
+export interface Options {
+    /** Numbers a vertex in `vertices`, of which the first two are used; 2 where it is left out. */
+    dimensions?: number;
+    /**
+     * What a flip must lessen: the diagonal's length, |dx| + |dy| ("l1", where it is left out) or
+     * Euclidean, or, with "delaunay", whether a corner lies in the other triangle's circle.
+     */
+    by?: "l1" | "euclidean" | "delaunay";
+}
+
+/** Three indices a triangle, all wound alike, as earcut returns them. */
+export type Triangles = number[] | Uint16Array | Uint32Array | Int16Array | Int32Array;
+
+/** Flip diagonals in place while a flip gains; return how many flips were made. */
+export default function flip(triangles: Triangles, vertices: ArrayLike<number>, options?: Options): number;

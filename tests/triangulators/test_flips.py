@@ -1,0 +1,162 @@
+"""Flips of anybody's triangles: what they lessen, what they keep, and what is refused."""
+
+import subprocess
+import sys
+from fractions import Fraction
+
+import mapbox_earcut
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.paths import ROOT
+from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
+from tests.triangulators.test_refined import flips_that_gain
+from triangulators import UnknownName, criteria, flip, triangulate, triangulate_many, vertices
+from triangulators.polygon import rings_of
+from triangulators.verify import verify
+
+WAYS = ("l1", "euclidean", "delaunay", "overdraw", "mixed")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(hard_polygons(), st.sampled_from(WAYS))
+def test_what_is_valid_stays_valid(polygon, by):
+    points = vertices(polygon)
+    start = triangulate(polygon, "ear-clipping", repair=True)
+    found = flip(points, start, by)
+    assert (found.dtype, found.shape) == (np.int32, start.shape)
+    assert verify(polygon, found).conforming, polygon.wkt
+    assert np.array_equal(np.unique(found), np.unique(start))
+
+
+@pytest.mark.parametrize(
+    ("by", "criterion"),
+    [("l1", "half-perimeter"), ("euclidean", "edge-length"), ("overdraw", "overdraw")],
+)
+def test_no_flip_gains_any_more(by, criterion):
+    rng = np.random.default_rng(6)
+    wanted = criteria.find(criterion)
+    for polygon in [random_simple(rng, 15) for _ in range(20)] + [with_hole(rng, 12, 5), star(90)]:
+        found = triangulate(polygon, "flips", criterion=by)
+        assert flips_that_gain(polygon, found, wanted) == 0
+
+
+def test_by_length_and_by_the_criterion_that_it_sums_to_are_the_same():
+    polygon = star(120, spread=0.4)
+    start = triangulate(polygon, "ear-clipping")
+    for by, criterion in (("l1", "half-perimeter"), ("euclidean", "edge-length")):
+        same = flip(vertices(polygon), start, criterion)
+        assert np.array_equal(flip(vertices(polygon), start, by), same)
+        assert not np.array_equal(same, start)
+
+
+@pytest.mark.parametrize("size", [1, 5000, 2**25])
+def test_whole_coordinates_end_in_exact_delaunay(size):
+    """No corner is inside the circle of a neighbour, where tile corners make many ties."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        outline = random_simple(rng, 16, 9)
+        points = vertices(outline) * (size // 8 or 1)
+        points += np.rint(rng.uniform(-size / 64, size / 64, points.shape)) * (size > 2**20)
+        if not type(outline)(points).is_valid:
+            continue
+        raw = mapbox_earcut.triangulate_float64(points, np.array([16], np.uint32))
+        found = flip(points, raw, "delaunay")
+        across = {(t[k], t[k - 2]): t[k - 1] for t in found.tolist() for k in range(3)}
+        for (a, b), c in across.items():
+            d = across.get((b, a))
+            if d is not None:
+                assert in_circle(points, a, b, c, d) <= 0 or not strictly_convex(points, a, d, b, c)
+
+
+def exactly(points, *rows):
+    return [[Fraction(float(value)) for value in points[row]] for row in rows]
+
+
+def in_circle(points, a, b, c, d):
+    a, b, c, d = exactly(points, a, b, c, d)
+    (p, q), (r, s), (t, u) = [(x - d[0], y - d[1]) for x, y in (a, b, c)]
+    one, two, three = p * p + q * q, r * r + s * s, t * t + u * u
+    return one * (r * u - s * t) + two * (t * q - u * p) + three * (p * s - q * r)
+
+
+def strictly_convex(points, *ring):
+    corners = exactly(points, *ring)
+    turns = []
+    for k in range(4):
+        (ax, ay), (bx, by), (cx, cy) = corners[k - 2], corners[k - 1], corners[k]
+        turns.append((bx - ax) * (cy - by) - (by - ay) * (cx - bx) > 0)
+    return all(turns)
+
+
+def test_triangles_wound_the_other_way_are_flipped_as_well():
+    polygon = star(60, spread=0.4)
+    points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
+    mirrored = points * (1.0, -1.0)
+    for by in WAYS[:3]:
+        assert np.array_equal(flip(mirrored, start, by), flip(points, start, by))
+        assert not np.array_equal(flip(points, start, by), start)
+
+
+def test_vast_tiny_and_missing_coordinates_end_and_stay_valid():
+    polygon = star(40, spread=0.4)
+    points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
+    border = boundary_of(start)
+    for factor in (1e-320, 1e-155, 1e-100, 1e70, 1e150, 1e308, np.nan):
+        for by in WAYS[:3]:
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = flip(points * factor, start, by)
+            assert boundary_of(found) == border
+
+
+def boundary_of(triangles):
+    sides = {(t[k], t[k - 2]) for t in triangles.tolist() for k in range(3)}
+    return {(a, b) for a, b in sides if (b, a) not in sides}
+
+
+@pytest.mark.parametrize(
+    ("points", "triangles", "by", "message"),
+    [
+        ([(0, 0), (1, 0), (0, 1)], [(0, 1, 3)], "l1", "outside 0..2"),
+        ([(0, 0), (1, 0), (0, 1)], [(0, 1, -1)], "l1", "outside 0..2"),
+        ([(0, 0), (1, 0), (0, 1)], [0, 1], "l1", r"shape \(2,\), expected \(m, 3\)"),
+        ([(0, 0), (1, 0), (0, 1)], [(0.5, 1, 2)], "l1", "float64, expected whole numbers"),
+        ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], "l1", r"expected \(n, 2\)"),
+        ([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)], "minmax-shape", "is no sum"),
+    ],
+)
+def test_what_cannot_be_flipped_is_named(points, triangles, by, message):
+    with pytest.raises(ValueError, match=message):
+        flip(np.array(points), np.array(triangles), by)
+
+
+def test_an_unknown_test_is_named_with_the_known_ones():
+    with pytest.raises(UnknownName, match=r"unknown criterion 'l2'.*l1, euclidean, delaunay"):
+        flip(np.zeros((3, 2)), np.array([(0, 1, 2)]), "l2")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["earcut-refine", "flips", "flips:euclidean", "flips:delaunay", "flips:shape", "flips:mixed"],
+)
+def test_a_batch_gives_what_one_at_a_time_gives(name):
+    rng = np.random.default_rng(9)
+    polygons = [random_simple(rng, int(rng.integers(3, 30)), 40) for _ in range(60)]
+    polygons += [with_hole(rng, 10, 4) for _ in range(10)] + [star(250)]
+    result = triangulate_many(polygons, name)
+    assert not result.failed
+    changed = 0
+    for polygon, triangles in zip(polygons, result, strict=True):
+        assert np.array_equal(triangles, triangulate(polygon, name))
+        raw = mapbox_earcut.triangulate_float64(*rings_of(polygon)).reshape(-1, 3)
+        changed += not np.array_equal(raw, triangles)
+    assert changed > 20
+
+
+def test_the_drop_in_imports_nothing_that_flips_do_not_need():
+    heavy = "[m for m in ('highspy', 'pandas', 'matplotlib', 'shapely') if m in sys.modules]"
+    code = f"import sys, triangulators.dropin; sys.exit(str({heavy}) if {heavy} else 0)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,209 @@
+"""Flips of anybody's triangles, and the triangulators that are ear clipping with flips after it."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from triangulators import criteria
+from triangulators.compute.kernels import njit
+from triangulators.criteria.catalogue import FLIP_TESTS
+from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost
+from triangulators.errors import UnknownName
+from triangulators.geometry.flips import (
+    as_earcut,
+    by_delaunay,
+    by_euclidean,
+    by_l1,
+    convex,
+    link,
+    run,
+)
+from triangulators.geometry.predicates import turn
+from triangulators.libraries import ear_clipping
+from triangulators.optimum.batch_kernels import polygon_of
+from triangulators.polygon import Boundary
+
+L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS
+
+_SLACK = 1e-12  # of what is compared: a gain below it may be rounding, and flips would not end
+NO_COST = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+
+
+@njit(nogil=True)
+def _cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> bool:
+    old = cost_at(points, a, b, c, cost) + cost_at(points, d, c, b, cost)
+    new = cost_at(points, a, b, d, cost) + cost_at(points, a, d, c, cost)
+    return new < old - _SLACK * (abs(old) + abs(new))
+
+
+@njit(nogil=True)
+def _by_cost(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
+    return run(points, corner, twin, _cheaper, convex, cost)
+
+
+@njit(nogil=True)
+def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost) -> int:
+    """Flip in place until no flip gains; return how many were made. See `geometry.flips.run`."""
+    if test == L1:
+        return by_l1(points, corner, twin)
+    if test == EUCLIDEAN:
+        return by_euclidean(points, corner, twin)
+    if test == DELAUNAY:
+        return by_delaunay(points, corner, twin)
+    if test == AS_EARCUT:
+        return as_earcut(points, corner, twin)
+    return _by_cost(points, corner, twin, cost) if test == COST else 0
+
+
+@njit(nogil=True)
+def is_triangulation(
+    points: np.ndarray, ends: np.ndarray, corner: np.ndarray, twin: np.ndarray
+) -> bool:
+    """Whether triangles all turn left and what they do not share is the rings' edges, once each.
+
+    corner, twin: (3 m,), as `geometry.flips.link` has them.
+    """
+    n = len(points)
+    if len(corner) != 3 * (n + 2 * (len(ends) - 1) - 2):
+        return False
+    following = np.arange(1, n + 1)
+    start = 0
+    for end in ends:
+        following[end - 1] = start
+        start = end
+    edges = 0
+    for row in range(0, len(corner), 3):
+        a, b, c = corner[row], corner[row + 1], corner[row + 2]
+        if turn(points, a, b, c) <= 0.0:
+            return False
+        for e in range(3):
+            if twin[row + e] < 0:
+                edges += 1
+                if following[a] != b and following[b] != a:
+                    return False
+            a, b, c = b, c, a
+    return edges == n
+
+
+@njit(nogil=True)
+def flip_many(
+    first: int,
+    last: int,
+    coordinates: np.ndarray,
+    ring_ends: np.ndarray,
+    owners: np.ndarray,
+    raw: np.ndarray,
+    bounds: np.ndarray,
+    test: int,
+    cost: Cost,
+    starts: np.ndarray,
+    triangles: np.ndarray,
+    done: np.ndarray,
+) -> None:
+    """Do `flip_by` for the polygons first..last - 1; mark in `done` those that are conforming.
+
+    raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i; they
+    are overwritten.
+    """
+    for index in range(first, last):
+        points, ends = polygon_of(index, coordinates, ring_ends, owners)
+        own = raw[bounds[index - first] : bounds[index - first + 1]]
+        room = triangles[starts[index] : starts[index + 1]]
+        if len(own) == 0 or len(own) != len(room):
+            continue
+        corner = own.reshape(-1)
+        twin = link(corner)
+        flip_by(points, corner, twin, test, cost)
+        if is_triangulation(points, ends, corner, twin):
+            room[:] = own
+            done[index] = True
+
+
+def test_of(cost: Cost) -> int:
+    """Return the test by which flips lessen a cost."""
+    by_l1, by_area, by_l2 = cost["box"].tolist()
+    if cost["is_box"] and by_area == 0.0:
+        if by_l1 > 0.0 and by_l2 == 0.0:
+            return L1
+        if by_l2 > 0.0 and by_l1 == 0.0:
+            return EUCLIDEAN
+    return COST
+
+
+def flip(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    by: criteria.Criterion | str | Callable[..., float] = "l1",
+    **parameters: Any,
+) -> np.ndarray:
+    """Flip the diagonals of anybody's triangles while a flip gains; return (m, 3) int32.
+
+    points: (n, 2), float64 or whole numbers up to 2^53; triangles: (m, 3) or flat indices, all
+    wound alike. A diagonal is an edge of two triangles; no other edge changes, no vertex is added.
+    by: "l1" flips to diagonals with less |dx| + |dy|, which is what a GPU's quads follow;
+    "euclidean" to shorter ones; "delaunay" until no corner is inside a neighbour's circle; a
+    criterion, any that sums over triangles, until no flip lessens it. parameters: the criterion's
+    (see `criteria.find`). Which flips, and in which order: ports/ORDER.md.
+
+    Raises `ValueError` for arrays of other shapes, indices that are not of a point, and a
+    criterion that is no sum; `UnknownName`.
+
+        >>> kite = np.array([(0, 0), (2, -1), (9, 0), (2, 1)])
+        >>> flip(kite, np.array([(0, 1, 2), (0, 2, 3)])).tolist()
+        [[0, 1, 3], [3, 1, 2]]
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    given = np.asarray(triangles)
+    if given.size and given.dtype.kind not in "iu":
+        raise ValueError(f"flip: triangles are {given.dtype}, expected whole numbers")
+    if given.ndim not in (1, 2) or given.shape[-1] not in (3, given.size) or given.size % 3:
+        raise ValueError(f"flip: triangles have shape {given.shape}, expected (m, 3)")
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"flip: points have shape {points.shape}, expected (n, 2)")
+    if given.size and not 0 <= given.min() <= given.max() < len(points):
+        raise ValueError(f"flip: triangles have indices outside 0..{len(points) - 1}")
+    rows = given.astype(np.int32).reshape(-1, 3)
+    cost, test = _cost(points, rows, by, parameters)
+    corner = rows.reshape(-1)
+    flip_by(points, corner, link(corner), test, cost)
+    return rows
+
+
+def _cost(
+    points: np.ndarray,
+    rows: np.ndarray,
+    by: criteria.Criterion | str | Callable[..., float],
+    parameters: dict[str, Any],
+) -> tuple[Cost, int]:
+    if isinstance(by, str) and by in FLIP_TESTS and not parameters:
+        return NO_COST, FLIP_TESTS.index(by)
+    try:
+        found = criteria.find(by, **parameters)
+    except UnknownName as error:
+        raise UnknownName(f"flip: {error}, or one of {', '.join(FLIP_TESTS)}") from error
+    if found.maximum:
+        raise ValueError(f"flip: {found.name} is no sum over triangles; drop minmax-")
+    cost = plain_cost(found)
+    if cost is None:
+        sides = points[rows[:, 1:]] - points[rows[:, :1]]
+        area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum() / 2.0
+        cost = cost_of(found, float(area), len(rows))
+    return cost, test_of(cost)
+
+
+def triangulate(
+    outline: Boundary,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "l1",
+    **parameters: Any,
+) -> np.ndarray:
+    """Return what `flip` makes of ear clipping's triangles (m, 3)."""
+    return flip(outline.points, ear_clipping.triangulate(outline), criterion, **parameters)
+
+
+def triangulate_as_earcut(outline: Boundary) -> np.ndarray:
+    """Return ear clipping's triangles (m, 3) as `refine` of npm's earcut 3.2.4 changes them."""
+    corner = np.array(ear_clipping.triangulate(outline), dtype=np.int32).reshape(-1)
+    as_earcut(outline.points, corner, link(corner))
+    return corner.reshape(-1, 3)
