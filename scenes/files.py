@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenes.cleaning.clean import Cleaned, clean
 from scenes.cleaning.projection import Projection
+from scenes.readers.opening import existing
 from scenes.readers.placing import Placing
 from scenes.readers.reader import GDAL, Raw, Source, reader_of
 from scenes.readers.where import matching
@@ -116,23 +117,6 @@ def read_chunks(
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
         yield Chunk(cleaned, table, placing.units, placing.crs, placing.projection, notes)
-
-
-def existing(path: str) -> Path:
-    """The file; raises SceneError, in one line, where there is none, or it is empty."""
-    if "\0" in path:
-        raise SceneError("a path cannot hold a NUL character: give another")
-    file = Path(path)
-    try:
-        if not file.exists():
-            raise SceneError(f"there is no file {path}: check the path")
-        if file.is_file():
-            with file.open("rb") as stream:
-                if not stream.read(1):
-                    raise SceneError(f"{path} is empty (0 bytes): give a file with polygons")
-    except OSError as error:
-        raise SceneError(f"{path} cannot be opened: {error.strerror or error}") from error
-    return file
 
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:

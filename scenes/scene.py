@@ -20,6 +20,11 @@ Note = tuple[str, str]
 class SceneError(Exception):
     """A scene could not be loaded; the message is one line: what, where, what to do."""
 
+    def __str__(self) -> str:
+        # a file's name may hold ends of lines and control codes
+        text = super().__str__()
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
 
 class UnknownScene(SceneError):  # noqa: N818 - the name other programs import
     """No scene has this name; the message suggests the nearest."""

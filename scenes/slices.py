@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import pyogrio
 
-from scenes.files import existing, read_chunks
+from scenes.files import read_chunks
 from scenes.readers import damage
 from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
+from scenes.readers.opening import existing
 from scenes.readers.reader import Source, reader_of
 from scenes.readers.vector import layer_of
 from scenes.scene import SceneError

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from scenes.cleaning.contours import mended
 from scenes.scene import Note
 
 _POLYGON = shapely.GeometryType.POLYGON
@@ -141,11 +142,11 @@ def _repair(
 
 def _valid_pieces(part: shapely.Polygon) -> list[shapely.Polygon]:
     try:
-        mended = shapely.make_valid(part)
+        pieces = shapely.get_parts(shapely.get_parts(mended(part)))
     except shapely.GEOSException:
         return []
-    pieces = shapely.get_parts(shapely.get_parts(mended))
-    return [p for p in pieces if p.geom_type == "Polygon" and p.is_valid and p.area > 0]
+    areal = shapely.get_type_id(pieces) == _POLYGON
+    return list(pieces[areal & shapely.is_valid(pieces) & (shapely.area(pieces) > 0)])
 
 
 def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:

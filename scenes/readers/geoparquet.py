@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.names import suggestion
+from scenes.readers.nesting import too_deep
 from scenes.readers.reader import Raw, Source
 from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
@@ -138,7 +139,8 @@ def _raw(
     if encoding != "WKB":
         return Raw(_decoded(batch.column(index), encoding), labels, table, crs, notes=notes)
     values = batch.column(index).to_pylist()
-    geometries = shapely.from_wkb(np.array([*values, None], dtype=object), on_invalid="ignore")[:-1]
+    flat = [None if value and too_deep(value) else value for value in values]
+    geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")[:-1]
     broken = [
         i
         for i, (value, made) in enumerate(zip(values, geometries, strict=True))

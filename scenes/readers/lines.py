@@ -13,7 +13,7 @@ LONGEST = 64 * 2**20
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
     """(number from 1, text) of each line. Raises SceneError for a line longer than `LONGEST`."""
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
         while line := stream.readline(LONGEST):
             number += 1

@@ -1,8 +1,13 @@
-"""Faces of 3D models: n-gons of OBJ and PLY as they are, coplanar triangles of others joined."""
+"""Faces of 3D models: n-gons of OBJ and PLY as they are, coplanar triangles joined.
+
+OBJ and PLY have readers of their own, because trimesh cuts n-gons into triangles.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +16,12 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.layout import in_rows
 from scenes.readers import obj, ply
+from scenes.readers.opening import refuse_special
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
 _FLAT = "each face flat in its own plane, side by side"
+_NO_AREA = "has no area, or a NaN or infinite coordinate"
 _PLANAR = 1e-3
 """A face that leaves its plane by more than this share of its size is noted."""
 
@@ -22,34 +29,47 @@ _PLANAR = 1e-3
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
     """Every face in its own plane, laid out in rows, in model units.
 
-    Level faces keep their plan and upright ones stand; `layer` is not used.
+    Level faces keep their plan and upright ones stand; `layer` is not used. Where a model has
+    triangles only, neighbours in one plane are joined.
     """
     suffix = source.path.suffix.lower()
-    if suffix == ".obj":
-        vertices, faces = obj.parse(source.path)
-    elif suffix == ".ply":
-        vertices, faces = ply.parse(source.path)
-    else:
-        yield from _joined(source)
+    if suffix not in (".obj", ".ply"):
+        yield _joined(*_triangles(source))
         return
-    polygons, labels, dropped, repaired = [], [], [], []
-    for number, face in enumerate(faces):
-        label = f"face {number}"
-        if len(face) < 3 or face.min() < 0 or face.max() >= len(vertices):
-            reason = (
-                "has fewer than 3 vertices" if len(face) < 3 else "has a vertex not in the file"
-            )
-            dropped.append((label, reason))
-            continue
+    vertices, faces = (obj if suffix == ".obj" else ply).parse(source.path)
+    dropped: list[Note] = []
+    kept = [
+        (f"face {number}", face)
+        for number, face in enumerate(faces)
+        if _sound(face, len(vertices), f"face {number}", dropped)
+    ]
+    if kept and all(len(face) == 3 for _, face in kept):
+        triangles = np.array([face for _, face in kept])
+        joined = _joined(*_merged(vertices, triangles))
+        yield replace(joined, dropped=dropped + joined.dropped)
+        return
+    polygons, labels, repaired = [], [], []
+    for label, face in kept:
         polygon, off = _flat(vertices[face])
         if polygon is None:
-            dropped.append((label, "has no area, or a NaN or infinite coordinate"))
+            dropped.append((label, _NO_AREA))
             continue
         if off > _PLANAR:
             repaired.append((label, f"is not planar by {off:.2g} of its size; projected"))
         polygons.append(polygon)
         labels.append(label)
     yield Raw(in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
+
+
+def _sound(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
+    """Whether a face has vertices that exist; noted where it has not."""
+    if len(face) < 3:
+        dropped.append((label, "has fewer than 3 vertices"))
+    elif face.min() < 0 or face.max() >= count:
+        dropped.append((label, "has a vertex not in the file"))
+    else:
+        return True
+    return False
 
 
 def _flat(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
@@ -76,17 +96,42 @@ def plane(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([x, np.cross(normal, x), normal])
 
 
-def _joined(source: Source) -> Iterator[Raw]:
-    """Faces of a format that has triangles only: neighbours in one plane become one polygon."""
+def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices and triangles of a format that has triangles only."""
     import trimesh  # slow to import, and needed for these formats alone
 
-    model = trimesh.load_mesh(source.path, process=True)
+    class Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        """The files that a model names; none that might never end."""
+
+        def absolute(self, name: str) -> Path:
+            path: Path = super().absolute(name)
+            refuse_special([path])
+            return path
+
+    with source.path.open("rb") as stream:
+        kind = source.path.suffix[1:].lower()
+        model = trimesh.load_mesh(
+            stream, file_type=kind, resolver=Beside(source.path), process=True
+        )
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
     if len(triangles) == 0:
         raise SceneError(f"{source.path} holds no face: give a model with faces")
-    polygons, dropped = facets(np.asarray(model.vertices, dtype=float), triangles)
+    return np.asarray(model.vertices, dtype=float), triangles
+
+
+def _merged(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The same triangles over vertices that are there once: neighbours share them."""
+    points, at = np.unique(vertices, axis=0, return_inverse=True)
+    return points, at.reshape(-1)[triangles]
+
+
+def _joined(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
+    """Faces of a model of triangles: neighbours in one plane become one polygon."""
+    polygons, dropped = facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
-    yield Raw(in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
+    return Raw(in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
 
 
 def facets(
@@ -107,7 +152,7 @@ def facets(
         normal = np.cross(edges[:, 0], edges[:, 1]).sum(axis=0)
         length = np.linalg.norm(normal)
         if not np.isfinite(length) or length == 0.0:
-            dropped.append((f"triangle {group[0]}", "has no area, or a NaN or infinite coordinate"))
+            dropped.append((f"triangle {group[0]}", _NO_AREA))
             continue
         flat = (corners - corners[0, 0]) @ plane(normal / length)[:2].T
         polygons.append(shapely.union_all(shapely.polygons(flat)))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.readers.lines import numbered_lines
+from scenes.readers.lines import LONGEST, numbered_lines
 from scenes.scene import SceneError
 
 
@@ -19,7 +20,7 @@ def parse(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
-    for number, line in numbered_lines(path):
+    for number, line in _continued(path):
         words = line.split()
         try:
             if words[:1] == ["v"]:
@@ -33,6 +34,22 @@ def parse(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     if not faces:
         raise SceneError(f"{path} holds no face: give a model with faces")
     return np.array(vertices, dtype=float).reshape(-1, 3), faces
+
+
+def _continued(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines with those that follow a backslash; the number is that of the last one."""
+    parts: list[str] = []
+    number = length = 0
+    for number, line in numbered_lines(path):
+        text = line.rstrip("\r\n")
+        length += len(text)
+        if text.endswith("\\") and length < LONGEST:
+            parts.append(text[:-1])
+            continue
+        yield number, " ".join([*parts, text])
+        parts, length = [], 0
+    if parts:
+        yield number, " ".join(parts)
 
 
 def _face(words: list[str], count: int) -> NDArray[np.int64]:

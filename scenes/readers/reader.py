@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from scenes.readers import damage, limits
+from scenes.readers import cut_off, damage, limits
 from scenes.scene import Note
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ class Reader:
                 limits.check_archive(source.path)
                 if self.whole:
                     limits.check_size(source.path)
+                cut_off.refuse(source.path)
             yield from getattr(self.module, self.function.partition(":")[2])(source, size)
 
 
@@ -101,6 +102,12 @@ _READERS = {
     ".cityjson": _CITY,
 }
 """Suffix to reader; GDAL reads everything else."""
+
+
+def is_model(path: Path) -> bool:
+    """Whether a file's suffix is that of a 3D model."""
+    reader = _READERS.get(path.suffix.lower())
+    return reader is not None and reader.function == _MESH.function
 
 
 def reader_of(path: Path) -> Reader:

@@ -22,6 +22,15 @@ from scenes.scene import Note, SceneError
 
 _SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
 _HIDDEN = ("defs", "clipPath", "mask", "symbol", "pattern", "marker")
+_UNREAD = {
+    "use": "is a copy of another element, which is not followed: convert it to paths",
+    "text": "is text, which is not read: convert it to paths",
+    "image": "is an image, which is not read",
+    "foreignObject": "is not SVG, and not read",
+}
+_STYLED = (
+    "rules of <style> are not read: shapes that they hide or leave unfilled are taken as filled"
+)
 _STEPS = 8
 """Chords that replace a curve."""
 
@@ -35,9 +44,12 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawin
     labels: list[str] = []
     identifiers: list[str] = []
     dropped: list[Note] = []
-    for number, (element, transform, rule) in enumerate(_shapes(root, Identity, "nonzero")):
+    for number, (element, transform, rule, unread) in enumerate(_shapes(root)):
         identifier = element.get("id") or ""
         label = f"{_tag(element)} {identifier or number}"
+        if unread:
+            dropped.append((label, unread))
+            continue
         with noted(dropped, label, "cannot be read as SVG"):
             contours = _contours(element, transform)
             if not all(np.isfinite(contour).all() for contour in contours):
@@ -47,7 +59,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawin
             labels.append(label)
             identifiers.append(identifier)
     table = pd.DataFrame({"id": identifiers}, dtype=object)
-    yield Raw(geometries, labels, table, None, "px", dropped)
+    styled = any(_tag(element) == "style" for element in root.iter())
+    yield Raw(geometries, labels, table, None, "px", dropped, notes=(_STYLED,) * styled)
 
 
 def _tag(element: ElementTree.Element) -> str:
@@ -55,25 +68,46 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _shapes(
-    root: ElementTree.Element, transform: Transform, rule: str
-) -> Iterator[tuple[ElementTree.Element, Transform, str]]:
-    """Shapes below an element, with the transform and the fill rule that reach them."""
-    stack = [(root, transform, rule)]
+    root: ElementTree.Element,
+) -> Iterator[tuple[ElementTree.Element, Transform, str, str | None]]:
+    """What is drawn: each shape, the transform and the fill rule that reach it; why it is not read.
+
+    Properties are those of attributes and `style`; fill, its rule and visibility are inherited.
+    """
+    inherited = {"fill-rule": "nonzero", "fill": "black", "visibility": "visible"}
+    stack: list[tuple[ElementTree.Element, Transform, dict[str, str]]] = [
+        (root, Identity, inherited)
+    ]
     while stack:
-        element, transform, rule = stack.pop()
-        if _tag(element) in _HIDDEN:
+        element, transform, inherited = stack.pop()
+        kind = _tag(element)
+        if kind in _HIDDEN:
             continue
         if own := element.get("transform"):
             transform = transform.transform(_transform(own))
-        style = dict(
-            item.split(":", 1) for item in element.get("style", "").split(";") if ":" in item
-        )
-        styles = {key.strip(): value.strip() for key, value in style.items()}
-        rule = styles.get("fill-rule") or element.get("fill-rule") or rule
-        if _tag(element) in _SHAPES:
-            yield element, transform, rule
+        items = (item.partition(":") for item in element.get("style", "").split(";"))
+        style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
+        names = (*inherited, "display")
+        given = {name: style.get(name) or element.get(name) or "inherit" for name in names}
+        if inherited.get("display") == "none":
+            del given["display"]  # nothing below it is displayed
+        properties = inherited | {k: v for k, v in given.items() if v != "inherit"}
+        if kind in _SHAPES:
+            yield element, transform, properties["fill-rule"], _unfilled(properties)
+        elif kind in _UNREAD:
+            yield element, transform, "", _UNREAD[kind]
+            continue
         # reversed, so that shapes come in the order of the file
-        stack += [(child, transform, rule) for child in reversed(element)]
+        stack += [(child, transform, properties) for child in reversed(element)]
+
+
+def _unfilled(properties: dict[str, str]) -> str | None:
+    """Why a shape with these properties has no filled area; None where it has."""
+    if properties.get("display") == "none":
+        return "is not displayed"
+    if properties["visibility"] in ("hidden", "collapse"):
+        return "is not visible"
+    return "has no fill" if properties["fill"] in ("none", "transparent") else None
 
 
 class _Flattener(BasePen):

@@ -20,8 +20,12 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.projection import system
 from scenes.names import suggestion
+from scenes.readers.cut_off import is_sequence, refused
 from scenes.readers.damage import reason
+from scenes.readers.gdal_messages import Failures
+from scenes.readers.opening import refuse_special
 from scenes.readers.reader import Raw, Source
+from scenes.readers.sequence import lost
 from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
 
@@ -29,8 +33,14 @@ from scenes.scene import Note, SceneError
 def read(source: Source, size: int) -> Iterator[Raw]:
     """Geometries of one layer, `size` features at a time.
 
-    The layer is the one asked for, else the first that can hold polygons.
+    The layer is the one asked for, else the first that can hold polygons. Raises SceneError where
+    GDAL reports more failures than there are features without geometry, which are named.
     """
+    if re.search(r"[\n\r\t]", str(source.path)):
+        raise SceneError(f"{source.path} has a tab or an end of line in its name: rename it")
+    refuse_special(_opened(source.path))
+    failures = Failures()
+    read = missing = 0
     with warnings.catch_warnings():
         # GDAL's remarks on single features come back as our own notes
         warnings.simplefilter("ignore")
@@ -41,8 +51,53 @@ def read(source: Source, size: int) -> Iterator[Raw]:
             raws = _streamed(source, layer, size)
         else:
             raws = _by_skipping(source, layer, None if whole else size)
-        for raw in raws:
+        by_line = is_sequence(source.path)
+        while True:
+            with failures.heard():
+                raw = next(raws, None)
+            read += 0 if raw is None else len(raw.labels) + len(raw.dropped)
+            missing += 0 if raw is None else int(shapely.is_missing(raw.geometries).sum())
+            if failures.count > missing and not by_line:
+                raise SceneError(
+                    f"{source.path} cannot be read whole, polygons would be missing: "
+                    f"{failures.texts[0]} (it is damaged: write or copy it again)"
+                )
+            if raw is None:
+                _refuse_fewer(source, layer, read)
+                break
             yield replace(raw, crs=_true_crs(source.path, raw.crs), notes=notes + raw.notes)
+    if by_line:
+        everything = source.where is None and source.rows is None
+        yield from lost(source.path, read, failures.count, all_wanted=everything, size=size)
+
+
+def _refuse_fewer(source: Source, layer: str, read: int) -> None:
+    """Raise SceneError where fewer features came than the file says it has, or than were asked for.
+
+    GDAL ends a FlatGeobuf file that was cut between two features without a word.
+    """
+    if source.rows is not None:
+        stated = source.rows[1] - source.rows[0]
+    elif source.path.suffix.lower() == ".fgb":
+        stated = pyogrio.read_info(source.path, layer=layer)["features"]
+        if source.where is not None:  # count those that do not meet it, too
+            options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
+            read = len(pyogrio.raw.read(source.path, **options)[1])
+    else:
+        return
+    if read < stated:
+        raise refused(source.path, f"it has {read} of {stated} features")
+
+
+def _opened(path: Path) -> Iterator[Path]:
+    """What GDAL opens with a file: what has its name and another suffix, or lies in it, or is named
+    by it."""
+    folder = path if path.is_dir() else path.parent
+    yield from (each for each in folder.iterdir() if folder == path or each.stem == path.stem)
+    if path.suffix.lower() == ".vrt":
+        text = path.read_text(encoding="utf-8", errors="replace")
+        for named in re.findall(r"<SrcDataSource[^>]*>([^<]*)<", text):
+            yield path.parent / ("/dev/stdin" if "/vsistdin" in named else named.strip())
 
 
 def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
@@ -164,7 +219,8 @@ def _true_crs(path: Path, crs: str | None) -> str | None:
     given = _crs_member(path)
     if given is _ABSENT:
         return crs
-    name = given.get("properties", {}).get("name") if isinstance(given, dict) else None
+    about = given.get("properties") if isinstance(given, dict) else None
+    name = about.get("name") if isinstance(about, dict) else None
     if isinstance(name, str):
         return crs if system(name) is not None else name
     return None if given is None else "named by a link"

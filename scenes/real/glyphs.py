@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from scenes.cleaning.clean import Cleaned, clean
 from scenes.cleaning.contours import filled
 from scenes.cleaning.layout import moved
+from scenes.readers.damage import noted, reason
+from scenes.readers.opening import existing
 from scenes.scene import Note, Scene, SceneError
 
 _LETTERS = [
@@ -49,13 +51,14 @@ def build(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> S
         if face.get_char_index(ord(character)) == 0:
             dropped.append((f"character {character!r}", f"has no glyph in {Path(path).name}"))
             continue
-        cleaned, advance = outline(face, character, steps)
-        repaired += cleaned.repaired
-        dropped += cleaned.dropped
-        row, column = divmod(number, _COLUMNS)
-        at = (x, 0.0) if text else (column * line, -row * line)
-        polygons += [moved(p, *at) for p in cleaned.polygons]
-        x += advance
+        with noted(dropped, f"character {character!r}", f"cannot be read from {Path(path).name}"):
+            cleaned, advance = outline(face, character, steps)
+            repaired += cleaned.repaired
+            dropped += cleaned.dropped
+            row, column = divmod(number, _COLUMNS)
+            at = (x, 0.0) if text else (column * line, -row * line)
+            polygons += [moved(p, *at) for p in cleaned.polygons]
+            x += advance
     if not polygons:
         raise SceneError(f"glyphs: text {text!r} has no outline in {path}: give other characters")
     return Scene(
@@ -73,11 +76,9 @@ def build(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> S
 
 def _face(path: str) -> ft2font.FT2Font:
     try:
-        return ft2font.FT2Font(path)
-    except FileNotFoundError as error:
-        raise SceneError(f"there is no font file {path}: check the path") from error
+        return ft2font.FT2Font(str(existing(path)))
     except (OSError, RuntimeError) as error:
-        raise SceneError(f"{path} is not a font that FreeType reads: {error}") from error
+        raise SceneError(f"{path} is not a font that FreeType reads: {reason(error)}") from error
 
 
 def outline(face: ft2font.FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:

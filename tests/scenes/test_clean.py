@@ -1,9 +1,11 @@
 import numpy as np
+import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes.cleaning.clean import clean
+from scenes.cleaning.contours import even_odd, filled
 
 number = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float)
 point = st.tuples(number, number)
@@ -72,3 +74,49 @@ def test_empty_holes_are_left_out():
     (out,) = clean([shapely.from_wkt("POLYGON ((0 0, 4 0, 4 4, 0 0), EMPTY)")]).polygons
     assert len(out.interiors) == 0
     assert out.area == 8
+
+
+class TestManyCrossings:
+    def test_faces_are_those_of_make_valid(self):
+        """Without edges that lie on each other, as here, both fill by parity."""
+        rng = np.random.default_rng(8)
+        for corners in (5, 12, 40):
+            ring = shapely.Polygon(rng.random((corners, 2)))
+            expected = shapely.make_valid(ring)
+            found = even_odd(shapely.get_rings(ring))
+            assert found.is_valid
+            assert shapely.symmetric_difference(found, expected).area < 1e-12
+            assert shapely.get_num_geometries(found) == shapely.get_num_geometries(expected)
+
+    def test_edges_that_lie_on_each_other_count_twice(self):
+        pair = [shapely.box(0, 0, 2, 2), shapely.box(1, 0, 3, 2), shapely.box(3, 0, 4, 2)]
+        found = even_odd(shapely.get_exterior_ring(pair))
+        assert found.equals(shapely.union_all([shapely.box(0, 0, 1, 2), shapely.box(2, 0, 4, 2)]))
+
+    def test_a_ring_of_many_is_repaired(self, monkeypatch):
+        monkeypatch.setattr(shapely, "make_valid", None)  # it would take a minute
+        ring = np.random.default_rng(8).random((250, 2))
+        cleaned = clean([shapely.Polygon(ring)])
+        assert len(cleaned.polygons) > 3000
+        assert "self-intersects" in cleaned.repaired[0][1]
+
+    def test_a_ring_of_too_many_is_named(self):
+        ring = np.random.default_rng(8).random((2500, 2))
+        cleaned = clean([shapely.Polygon(ring), shapely.box(0, 0, 1, 1)])
+        assert len(cleaned.polygons) == 1
+        assert "could not be repaired" in cleaned.dropped[0][1]
+
+
+@pytest.mark.parametrize("rule", ["nonzero", "evenodd"])
+def test_contours_with_many_holes_keep_their_vertices(rule):
+    """Islands in holes in one outline: nothing crosses, so nothing is added."""
+    k = 40
+    outline = shapely.box(0, 0, 10 * k, 10 * k)
+    corners = [(10 * x + 1, 10 * y + 1) for x in range(k) for y in range(k)]
+    holes = [shapely.box(x, y, x + 8, y + 8).exterior.reverse() for x, y in corners]
+    islands = [shapely.box(x + 2, y + 2, x + 4, y + 4).exterior for x, y in corners]
+    rings = [outline.exterior, *holes, *islands]
+    (area,) = filled([shapely.get_coordinates(ring)[:-1] for ring in rings], rule)
+    assert area.area == 100 * k * k - 64 * k * k + 4 * k * k
+    assert shapely.get_num_coordinates(area) == 5 * len(rings)
+    assert shapely.get_num_geometries(area) == 1 + k * k

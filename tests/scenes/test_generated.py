@@ -84,7 +84,10 @@ class TestGlyphs:
         scene = load("glyphs", font=serif, text="I")
         assert scene.polygons[0].exterior.length > load("glyphs", text="I").polygons[0].length
         (tmp_path / "bad.ttf").write_bytes(b"not a font at all")
-        for path, message in ((tmp_path / "bad.ttf", "not a font"), ("none.ttf", "no font file")):
+        for path, message in (
+            (tmp_path / "bad.ttf", "not a font"),
+            ("none.ttf", "there is no file"),
+        ):
             with pytest.raises(SceneError, match=message):
                 load("glyphs", font=str(path))
 

@@ -382,6 +382,24 @@ class TestModels:
         assert sorted(round(p.area, 3) for p in scene.polygons) == [6] * 4 + [30] * 4 + [96] * 2
         assert sum(len(p.interiors) for p in scene.polygons) == 2
 
+    @pytest.mark.parametrize("suffix", [".obj", ".ply"])
+    def test_triangles_are_joined_as_in_other_formats(self, tmp_path, suffix):
+        """A plate of n-gons that another program has triangulated, with a vertex set a face."""
+        triangles = [(1, 2, 6), (1, 6, 5), (3, 4, 8), (3, 8, 7), (5, 6, 10), (5, 10, 9)]
+        points = [line.split()[1:] for line in GABLE.splitlines()]
+        corners = [points[i - 1] for face in triangles for i in face]
+        path = tmp_path / f"a{suffix}"
+        if suffix == ".obj":
+            faces = "".join(f"f {i} {i + 1} {i + 2}\n" for i in range(1, len(corners), 3))
+            path.write_text("".join(f"v {' '.join(c)}\n" for c in corners) + faces)
+        else:
+            faces = np.arange(len(corners)).reshape(-1, 3)
+            trimesh.Trimesh(np.array(corners, float), faces, process=False).export(path)
+        scene = load(path)
+        assert_sound(scene.polygons)
+        assert sorted(round(p.area, 3) for p in scene.polygons) == [30, 30, 36.056]
+        assert [len(p.exterior.coords) for p in scene.polygons] == [5, 5, 5]
+
     def test_scene_meshes_takes_a_model(self, tmp_path):
         path = write(tmp_path / "house.obj", GABLE + "f 1 2 3 4\nf 1 2 6 5\n")
         scene = load("meshes", model=str(path))

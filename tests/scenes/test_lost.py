@@ -1,0 +1,363 @@
+"""No polygon is lost in silence: what a file does not give is named, or the file is refused."""
+
+import json
+import os
+import shutil
+import struct
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+
+from scenes import SceneError, load
+from scenes.files import read_chunks
+from scenes.readers import gdal_messages
+from tests.scenes.conftest import SQUARE, feature
+from tests.scenes.test_files import write as write_vector
+from tests.scenes.test_readers import cityjson_sequence
+
+BOXES = [shapely.box(20 * i, 0, 20 * i + 10, 9 + i / 8) for i in range(20)]
+
+
+def line(x: int) -> str:
+    return json.dumps(feature([[[px + x, py] for px, py in SQUARE]], name=str(x)))
+
+
+class TestSequences:
+    @pytest.mark.parametrize("size", [1, 3, 100])
+    @pytest.mark.parametrize("heard", [True, False])
+    def test_every_line_that_gives_no_feature_is_named(self, tmp_path, monkeypatch, size, heard):
+        if not heard:  # as where the library of pyogrio is not found
+            monkeypatch.setattr(gdal_messages, "_library", lambda: None)
+        path = tmp_path / "town.geojsonl"
+        rows = [line(0), line(20)[:40], "", "{broken", '{"type": "Town"}', "[1]", line(40)]
+        path.write_text("\n".join(rows) + "\n")
+        chunks = list(read_chunks(str(path), size=size, project=False))
+        assert sum(len(chunk.cleaned.polygons) for chunk in chunks) == 2
+        named = [which for chunk in chunks for which, _ in chunk.cleaned.dropped]
+        assert named == ["line 2", "line 4", "line 5", "line 6"]
+
+    def test_without_pyarrow_it_is_refused(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
+        path = tmp_path / "town.geojsonl"
+        path.write_text("\n".join([line(0), "{broken", line(40), ""]))
+        with pytest.raises(SceneError, match="JSON parsing error"):
+            load(path)
+
+    def test_a_condition_hides_no_broken_line(self, tmp_path):
+        path = tmp_path / "town.geojsonl"
+        path.write_text("\n".join([line(0), "{broken", line(40), ""]))
+        scene = load(path, where="name = '40'", project=False)
+        assert len(scene.polygons) == 1
+        assert [which for which, _ in scene.dropped] == ["line 2"]
+
+    @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson"])
+    def test_one_that_ends_within_a_line_is_refused(self, tmp_path, suffix):
+        path = tmp_path / f"town{suffix}"
+        whole = "\n".join(line(20 * k) for k in range(4))
+        path.write_text(whole)
+        assert len(load(path, project=False).polygons) == 4
+        path.write_text(whole[:-9])
+        with pytest.raises(SceneError, match="was cut off: its last line ends in the middle"):
+            load(path)
+
+    def test_cities_and_texts(self, tmp_path):
+        path = tmp_path / "town.city.jsonl"
+        path.write_text("\n".join(cityjson_sequence(3))[:-9])
+        with pytest.raises(SceneError, match="was cut off"):
+            load(path)
+        path = tmp_path / "a.wkt"
+        path.write_text("\n".join(box.wkt for box in BOXES)[:-9])
+        with pytest.raises(SceneError, match="was cut off"):
+            load(path)
+
+
+def vector(path, kind):
+    options = {
+        ".csv": {"driver": "CSV", "layer_options": {"GEOMETRY": "AS_WKT"}},
+        ".kml": {"driver": "KML", "crs": "EPSG:4326"},
+        ".geojsonl": {"crs": "EPSG:4326"},
+    }
+    if kind == ".dxf":
+        pyogrio.raw.write(
+            path, shapely.to_wkb(BOXES), [], [], geometry_type="Polygon", crs=None, driver="DXF"
+        )
+    else:
+        write_vector(path, BOXES, **options.get(kind, {}))
+
+
+@pytest.mark.parametrize("share", [0.35, 0.6, 0.8, 0.97])
+@pytest.mark.parametrize(
+    "kind", [".csv", ".dxf", ".gml", ".kml", ".fgb", ".gpkg", ".shp", ".dbf", ".shx", ".geojson"]
+)
+def test_a_file_that_shows_its_cut_is_refused(tmp_path, kind, share):
+    whole = tmp_path / ("whole" + {".dbf": ".shp", ".shx": ".shp"}.get(kind, kind))
+    vector(whole, kind)
+    assert len(load(whole, project=False).polygons) == 20
+    data = whole.with_suffix(kind).read_bytes()
+    whole.with_suffix(kind).write_bytes(data[: int(share * len(data))])
+    with pytest.raises(SceneError) as caught:
+        load(whole, project=False)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("where", [None, "height >= 0"])
+def test_features_that_end_too_early(tmp_path, where):
+    """FlatGeobuf that was cut between two features, for which GDAL has no word."""
+    path = tmp_path / "a.fgb"
+    write_vector(path, BOXES)
+    path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
+    with pytest.raises(SceneError, match=r"it has \d+ of 20 features"):
+        load(path, where=where)
+
+
+def test_slices_that_end_too_early(tmp_path):
+    path = tmp_path / "a.gpkg"
+    write_vector(path, BOXES)
+    with pytest.raises(SceneError, match="it has 5 of 15 features"):
+        list(read_chunks(str(path), rows=(15, 30)))
+
+
+def test_features_that_gdal_cannot_read_are_named(tmp_path):
+    """A Shapefile whose index points beyond its end: each feature comes without its geometry."""
+    path = tmp_path / "a.shp"
+    write_vector(path, BOXES)
+    index = bytearray(path.with_suffix(".shx").read_bytes())
+    for record in (3, 4):
+        struct.pack_into(">I", index, 100 + 8 * record, 10**6)
+    path.with_suffix(".shx").write_bytes(index)
+    scene = load(path)
+    assert len(scene.polygons) == 18
+    assert [which for which, _ in scene.dropped] == ["feature 3", "feature 4"]
+
+
+def test_failures_are_heard_once_the_library_is_found():
+    assert gdal_messages._library() is not None
+
+
+class TestModels:
+    def test_counts_in_headers(self, tmp_path):
+        corners = "".join(f"{x} {y} 0\n" for y in range(3) for x in range(4))
+        faces = [(a, a + 1, a + 5, a + 4) for a in (0, 1, 2, 4, 5, 6)]
+        text = f"OFF # a plate\n12 6 0\n{corners}" + "".join(
+            f"4 {a} {b} {c} {d}\n" for a, b, c, d in faces
+        )
+        path = tmp_path / "a.off"
+        path.write_text(text)
+        assert sum(p.area for p in load(path).polygons) == pytest.approx(6)
+        for cut, message in ((-12, "it has 5 of 6 faces"), (-3, "face 5 is not whole")):
+            path.write_text(text[:cut])
+            with pytest.raises(SceneError, match=message):
+                load(path)
+
+    @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "glb", "ply"])
+    @pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
+    def test_cut_short(self, tmp_path, kind, share):
+        trimesh = pytest.importorskip("trimesh")
+        path = tmp_path / f"a.{kind[:3]}"
+        data = trimesh.creation.icosphere(subdivisions=1).export(file_type=kind)
+        data = data.encode() if isinstance(data, str) else data
+        path.write_bytes(data)
+        assert len(load(path).polygons) == 80
+        path.write_bytes(data[: int(share * len(data))])
+        with pytest.raises(SceneError):
+            load(path)
+
+
+class TestDrawings:
+    def test_what_is_not_filled_or_not_read_is_named(self, tmp_path):
+        shape = '<rect id="%s" width="2" height="2" %s/>'
+        red, inline = shape % ("own", 'fill="red"'), shape % ("gone", 'display="inline"')
+        body = "".join(
+            [
+                shape % ("plain", ""),
+                shape % ("hollow", 'fill="none"'),
+                shape % ("styled", 'style="fill: none !important"'),
+                f'<g fill="none">{shape % ("inherits", "")}{red}</g>',
+                f'<g display="none">{inline}</g>',
+                f'<g visibility="hidden">{shape % ("unseen", "")}</g>',
+                '<use id="copy" href="#plain"/><text id="words">A<tspan>b</tspan></text>',
+                '<image id="photo" href="a.png"/>',
+            ]
+        )
+        path = tmp_path / "a.svg"
+        path.write_text(f"<svg>{body}</svg>")
+        scene = load(path)
+        assert list(scene.attributes["id"]) == ["plain", "own"]
+        assert {which.split()[1]: why.split(",")[0] for which, why in scene.dropped} == {
+            "hollow": "has no fill",
+            "styled": "has no fill",
+            "inherits": "has no fill",
+            "gone": "is not displayed",
+            "unseen": "is not visible",
+            "copy": "is a copy of another element",
+            "words": "is text",
+            "photo": "is an image",
+        }
+        assert scene.notes == ()
+        path.write_text(f"<svg><style>.a {{fill: none}}</style>{body}</svg>")
+        assert "rules of <style> are not read" in load(path).notes[0]
+
+
+class TestText:
+    def test_byte_order_mark(self, tmp_path):
+        path = tmp_path / "a.wkt"
+        for text in (BOXES[0].wkt, f"{BOXES[0].wkt}\n{BOXES[1].wkt}\n"):
+            path.write_text(text, encoding="utf-8-sig")
+            scene = load(path)
+            assert len(scene.polygons) == text.count("POLYGON")
+            assert scene.dropped == []
+
+    @pytest.mark.parametrize("size", [1, 100])
+    def test_another_reference_system_is_named(self, tmp_path, size):
+        path = tmp_path / "a.wkt"
+        systems = ["SRID=3067;", "", "SRID=3857;", "SRID=3067;"]
+        lines = [f"{srid}{box.wkt}\n" for srid, box in zip(systems, BOXES, strict=False)]
+        path.write_text("".join(lines))
+        chunks = list(read_chunks(str(path), size=size))
+        assert sum(len(chunk.cleaned.polygons) for chunk in chunks) == 3
+        dropped = [note for chunk in chunks for note in chunk.cleaned.dropped]
+        assert dropped == [("line 3", "is in EPSG:3857, lines before it in EPSG:3067")]
+
+    @pytest.mark.parametrize("properties", ["x", None, 3, {"name": 4}])
+    def test_a_reference_system_of_another_shape(self, geojson, properties):
+        path = Path(geojson(feature([SQUARE]), planar=False))
+        crs = {"type": "name", "properties": properties}
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"crs": crs}))
+        assert len(load(path, project=False).polygons) == 1
+
+    def test_lines_that_go_on(self, tmp_path):
+        path = tmp_path / "a.obj"
+        path.write_text("v 0 0 0\nv 1 0 \\\n 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\r\n 3 4\n")
+        assert [p.area for p in load(path).polygons] == [1.0]
+
+    @pytest.mark.parametrize("name", ["a[1].geojson", "a*?.geojson", "a\x1b[31m.geojson"])
+    def test_names_of_files(self, geojson, name):
+        path = geojson(feature([SQUARE]), name=name)
+        assert len(load(path).polygons) == 1
+        with pytest.raises(SceneError) as caught:
+            load(path, layer="none")
+        assert str(caught.value).isprintable()
+
+    def test_a_name_with_an_end_of_line(self, tmp_path, geojson):
+        (tmp_path / "a\nb.wkt").write_text(BOXES[0].wkt)
+        assert len(load(tmp_path / "a\nb.wkt").polygons) == 1
+        with pytest.raises(SceneError, match=r"a\\nb.geojson has a tab or an end of line"):
+            load(geojson(feature([SQUARE]), name="a\nb.geojson"))
+
+
+class TestNesting:
+    """GEOS reads nested collections by recursion, and ends the process where they are deep."""
+
+    DEEP = 60_000
+
+    def test_text(self, tmp_path):
+        path = tmp_path / "a.wkt"
+        text = "GEOMETRYCOLLECTION (" * self.DEEP + BOXES[0].wkt + ")" * self.DEEP
+        path.write_text(f"{BOXES[0].wkt}\n{text}\n{text[:900_000]}\n")
+        scene = load(path)
+        assert len(scene.polygons) == 1
+        assert [which for which, _ in scene.dropped] == ["line 2", "line 3"]
+        path.write_text(text.replace("(", "(\n"))
+        with pytest.raises(SceneError, match="holds no usable polygon"):
+            load(path)
+
+    @pytest.mark.parametrize("order", "<>")
+    @pytest.mark.parametrize("kind", [4, 5, 6, 7, 7 | 0x80000000, 1006, 3007])
+    def test_binary(self, tmp_path, order, kind):
+        level = struct.pack(f"{order}BII", order == "<", kind, 1)
+        deep = level * self.DEEP + BOXES[0].wkb
+        path = tmp_path / "a.wkb"
+        path.write_bytes(deep)
+        with pytest.raises(SceneError, match="nested more than 100 levels deep"):
+            load(path)
+        path = tmp_path / "a.wkt"
+        path.write_text(f"{deep.hex()}\n{BOXES[0].wkt}\n")
+        assert [which for which, _ in load(path).dropped] == ["line 1"]
+
+    def test_after_other_parts(self, tmp_path):
+        """What is deep may come after anything else, with an SRID in each header."""
+        parts = [shapely.Point(1, 2), BOXES[0].exterior, *BOXES[:2], shapely.MultiPolygon(BOXES)]
+        sound = [shapely.to_wkb(shapely.force_3d(part), flavor="extended") for part in parts]
+        head = struct.pack("<BIII", 1, 0x20000007, 3067, len(sound) + 1)
+        deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
+        (tmp_path / "a.wkb").write_bytes(head + b"".join(sound) + deep)
+        with pytest.raises(SceneError, match="levels deep"):
+            load(tmp_path / "a.wkb")
+        (tmp_path / "b.wkb").write_bytes(head + b"".join([*sound, sound[2]]))
+        assert len(load(tmp_path / "b.wkb").polygons) == 23
+
+    def test_parquet(self, tmp_path):
+        from tests.scenes.test_readers import PLANAR, geoparquet
+
+        class Deep:
+            wkb = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
+
+        real = shapely.to_wkb
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(shapely, "to_wkb", lambda g: g.wkb if g is Deep else real(g))
+            path = geoparquet(tmp_path / "a.parquet", [BOXES[0], Deep], crs=PLANAR)
+        scene = load(path)
+        assert len(scene.polygons) == 1
+        assert scene.dropped == [("row 1", "geometry cannot be parsed as WKB")]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on this system")
+class TestPipes:
+    """A pipe is refused at once: nobody may ever write to it."""
+
+    def refused(self, path, **parameters):
+        with pytest.raises(SceneError, match="is a pipe, socket or device, not a file"):
+            load(path, **parameters)
+
+    @pytest.mark.parametrize("suffix", [".geojson", ".wkt", ".svg", ".obj", ".parquet", ".gpkg"])
+    def test_as_a_file(self, tmp_path, suffix):
+        path = tmp_path / f"a{suffix}"
+        os.mkfifo(path)
+        self.refused(path)
+        self.refused("glyphs", font=str(path))
+
+    def test_devices(self):
+        self.refused("/dev/zero")
+
+    @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj", ".cpg", ".qix"])
+    def test_beside_a_shapefile(self, tmp_path, suffix):
+        path = tmp_path / "a.shp"
+        write_vector(path, BOXES)
+        path.with_suffix(suffix).unlink(missing_ok=True)
+        os.mkfifo(path.with_suffix(suffix))
+        self.refused(path)
+
+    def test_named_by_a_model(self, tmp_path):
+        path = tmp_path / "a.gltf"
+        buffers = [{"uri": "a.bin", "byteLength": 4}]
+        path.write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": buffers}))
+        os.mkfifo(tmp_path / "a.bin")
+        self.refused(path)
+
+    @pytest.mark.parametrize("named", ["a.geojson", "/vsistdin/"])
+    def test_named_by_a_virtual_file(self, tmp_path, named):
+        path = tmp_path / "town.vrt"
+        source = f'<SrcDataSource relativeToVRT="1">{named}</SrcDataSource>'
+        path.write_text(
+            f'<OGRVRTDataSource><OGRVRTLayer name="a">{source}</OGRVRTLayer></OGRVRTDataSource>'
+        )
+        os.mkfifo(tmp_path / "a.geojson")
+        self.refused(path)
+
+
+def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
+    from matplotlib import font_manager
+
+    data = shutil.copy(font_manager.findfont("DejaVu Sans Mono"), tmp_path / "a.ttf").read_bytes()
+    rng = np.random.default_rng(5)
+    for _ in range(12):
+        spoilt = np.frombuffer(data, dtype=np.uint8).copy()
+        places = rng.integers(0, len(spoilt), rng.choice([3, 300, 3000]))
+        spoilt[places] = rng.integers(0, 256, len(places))
+        (tmp_path / "a.ttf").write_bytes(spoilt.tobytes())
+        with suppress(SceneError):  # anything else is an error
+            load("glyphs", font=str(tmp_path / "a.ttf"), text="AgB&")
