@@ -48,6 +48,9 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
 }
 """Suffix of the output to its writer."""
 
+SOLID = (".glb", ".gltf", ".obj", ".ply", ".stl")
+"""Suffixes of 3D models."""
+
 
 @dataclass
 class Report:
@@ -130,7 +133,8 @@ def export_file(
     make = _format(target)
     name = chosen(triangulator, criterion)
     report = Report(certified=Certified.of(name) if certify or evidence else None)
-    parts = parts_of(str(source), layer, where, limit, project, chunk)
+    solid = target.suffix.lower() in SOLID
+    parts = parts_of(str(source), layer, where, limit, project, chunk, solid)
     try:
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:

@@ -54,8 +54,10 @@ class GltfWriter:
             # large map coordinates would make single-precision viewers shake
             self._origin = middle
         reach = np.abs(vertices - middle).max(axis=0)
-        # one step for the plan, so that angles stay, and one for heights
-        step = np.maximum([reach[:2].max(), reach[:2].max(), reach[2]], 1e-30) / _STEPS
+        # one step for the plan, so that angles stay, and one for heights; that of the plan where it
+        # is flat: single precision cannot invert a matrix with a far smaller one
+        plan = max(reach[:2].max(), 1e-30)
+        step = np.array([plan, plan, reach[2] or plan]) / _STEPS
         grid = np.rint((vertices - middle) / step)
         stretch = _stretch(vertices, grid * step, mesh.triangles)
         scale = step * [stretch, stretch, 1.0]

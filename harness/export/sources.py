@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from harness.errors import UsageError
 from scenes import load
 from scenes.cleaning.projection import Projection
 from scenes.files import read_chunks
+from scenes.readers.reader import is_model
 from scenes.registry import split
 
 
@@ -37,8 +39,12 @@ def parts_of(
     limit: int | None,
     project: bool | None,
     size: int,
+    solid: bool = False,
 ) -> Iterator[Part]:
-    """The source's polygons, a file's in chunks, cut off after `limit`."""
+    """The source's polygons, a file's in chunks, cut off after `limit`.
+
+    `solid`: they become a 3D model. Raises UsageError where the source is one, too.
+    """
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
     name, given, is_file = split(source)
@@ -47,6 +53,11 @@ def parts_of(
             raise UsageError(f"layer, where and project are for files; {name} is a scene")
         whole = _of_scene(source, size)
     else:
+        if solid and is_model(Path(name)):
+            raise UsageError(
+                f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
+                f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
+            )
         options = {"layer": layer, "where": where, "project": project}
         named = {k: v for k, v in options.items() if v is not None}
         known = {**given, **named}

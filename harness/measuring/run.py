@@ -9,6 +9,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import shapely
+
+from harness.errors import NothingMeasured
 from harness.machine import environment
 from harness.machine.processor import processor
 from harness.machine.state import default_path, state_of
@@ -28,6 +31,9 @@ from harness.stored.folder import Record, Store, read_counted
 from harness.triangulating.names import Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
+
+_CLOSED_TRIANGLE = 4
+"""Coordinates that shapely counts of a triangle, whose first vertex is there twice."""
 
 
 class Part(NamedTuple):
@@ -88,10 +94,15 @@ def run(
     Raises
     ------
     HarnessError
-        if nothing can be measured as asked, or the folder cannot be written
+        if nothing can be measured as asked, there is nothing to choose, or the folder cannot be
+        written
     """
     began = time.perf_counter()
     scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
+    if (shapely.get_num_coordinates(scene.polygons) == _CLOSED_TRIANGLE).all():
+        raise NothingMeasured(
+            f"nothing to choose: every polygon of {plan.scene} is a triangle already"
+        )
     bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
     try:
         return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside, base)

@@ -191,7 +191,10 @@ def read_result(file: Path) -> _Result:
         if it cannot be read, is damaged, or is not what a page saves
     """
     try:
-        if file.stat().st_size > MOST_BYTES:
+        size = file.stat().st_size
+        if not file.is_file():
+            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
+        if size > MOST_BYTES:
             raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
         outer = json.loads(file.read_bytes())
     except OSError as error:

@@ -100,7 +100,7 @@ def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices and triangles of a format that has triangles only."""
     import trimesh  # slow to import, and needed for these formats alone
 
-    class Beside(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+    class Beside(trimesh.resolvers.FilePathResolver):
         """The files that a model names; none that might never end."""
 
         def absolute(self, name: str) -> Path:
@@ -111,7 +111,7 @@ def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     with source.path.open("rb") as stream:
         kind = source.path.suffix[1:].lower()
         model = trimesh.load_mesh(
-            stream, file_type=kind, resolver=Beside(source.path), process=True
+            stream, file_type=kind, resolver=Beside(str(source.path)), process=True
         )
     triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
     if len(triangles) == 0:

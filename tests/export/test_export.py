@@ -328,6 +328,15 @@ def test_filters_and_limit(tmp_path, houses):
     assert export_file(CITY, out, limit=45, chunk=20).polygons == 45
 
 
+def test_a_flat_model_has_a_matrix_that_single_precision_inverts(tmp_path):
+    export_file("paper", tmp_path / "a.gltf")
+    matrix = np.array(json.loads((tmp_path / "a.gltf").read_text())["nodes"][1]["matrix"])
+    scales = matrix.reshape(4, 4).diagonal()[:3]
+    assert scales[2] == pytest.approx(scales[0])
+    inverse = np.linalg.inv(matrix.reshape(4, 4).astype(np.float32))
+    assert np.isfinite(inverse).all()
+
+
 class TestErrors:
     def refused(self, tmp_path, *args, error=UsageError, **kwargs) -> str:
         before = sorted(p.name for p in tmp_path.iterdir())
@@ -343,6 +352,15 @@ class TestErrors:
         assert "is a folder" in self.refused(tmp_path, "paper", tmp_path / "dir.obj")
         (tmp_path / "file").write_text("x")
         assert "cannot be written" in self.refused(tmp_path, "paper", tmp_path / "file" / "a.obj")
+
+    @pytest.mark.parametrize("suffix", MODELS)
+    def test_a_model_is_not_laid_flat_into_another(self, tmp_path, suffix):
+        model = tmp_path / "wall.obj"
+        model.write_text("v 0 0 0\nv 4 0 0\nv 4 3 0\nv 0 3 0\nf 1 2 3 4\n")
+        message = self.refused(tmp_path, model, tmp_path / f"b{suffix}")
+        assert "is a 3D model" in message
+        assert "run --scene" in message
+        assert export_file(model, tmp_path / "b.geojson").triangles == 2
 
     def test_source(self, tmp_path):
         out = tmp_path / "a.obj"

@@ -12,6 +12,7 @@ import threading
 import pytest
 
 from harness.errors import UsageError
+from harness.page.result import read_result
 from harness.stored import atomic
 from harness.webpages.single_file import write_whole
 
@@ -67,3 +68,10 @@ def test_standard_output_is_written_into(tmp_path, to_file):
             [sys.executable, "-c", code], stdout=file if to_file else subprocess.PIPE, check=True
         )
     assert (target.read_bytes() if to_file else done.stdout) == b"text"
+
+
+def test_a_pipe_is_no_result_of_a_page(tmp_path):
+    pipe = tmp_path / "result.json"
+    os.mkfifo(pipe)
+    with pytest.raises(UsageError, match="a folder, pipe or device, not a file"):
+        read_result(pipe)

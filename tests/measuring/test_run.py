@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 from shapely import Polygon, box
 
-from harness.errors import UsageError
+from harness.errors import NothingMeasured, UsageError
 from harness.frame import Frame
 from harness.machine.processor import processor
 from harness.measuring.plan import Plan
@@ -164,6 +164,19 @@ def test_coverage_is_unknown_where_no_polygon_was_drawn_by_both(tmp_path, monkey
     assert records["fan"]["status"] == "ok"
     assert records["fan"]["coverage_error"] is None
     assert records["delaunay"]["status"] == "failed"
+
+
+def test_triangles_leave_nothing_to_choose(tmp_path):
+    """A pyramid: no two faces lie in one plane, so each is a triangle."""
+    model = tmp_path / "roof.obj"
+    corners = [(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (2, 2, 3)]
+    faces = [(1, 2, 5), (2, 3, 5), (3, 4, 5), (4, 1, 5)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a} {b} {c}" for a, b, c in faces]
+    model.write_text("\n".join(lines))
+    plan = Plan(scene=str(model), triangulators=parse_all(["fan"]), rasterisers=("reference",))
+    with pytest.raises(NothingMeasured, match=r"nothing to choose: every polygon of .* triangle"):
+        run(plan, tmp_path / "out", Reporter(quiet=True), open_worker=lambda *_: Inline())
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_triangulator_that_can_do_none_is_skipped(tmp_path):
