@@ -26,7 +26,7 @@ helsinki:  ## measure real footprints of Helsinki, (c) OpenStreetMap contributor
 	$(PY) -m harness run --scene helsinki
 
 test: setup-test  ## run the test suite
-	$(PY) -m pytest $(PARALLEL)
+	$(PY) -m pytest $(PARALLEL) --durations 0 --durations-min 5
 
 FUZZ_SECONDS ?= 600
 

@@ -19,7 +19,10 @@ def report(
     ] = None,
     base: Base = None,
 ) -> None:
-    """Write the report of a run: one HTML file, which needs no network."""
+    """Write the report of a run: one HTML file, which needs no network.
+
+    Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
+    """
     from harness.compare.matching import latest
     from harness.figures.groups import with_base
     from harness.report import write_report
@@ -28,4 +31,8 @@ def report(
 
     found = latest(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
+    if out is None and "plan" in found.facts and not (found.path / "plots").exists():
+        from harness.report.plots import plot_run
+
+        plot_run(found)
     typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))

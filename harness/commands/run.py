@@ -194,7 +194,7 @@ def run(
     if as_json:
         typer.echo(json.dumps(told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
     # Standard output is the other program's then.
-    finish(outcome, Console(stderr=as_json, quiet=as_json), reporter)
+    finish(outcome, Console(stderr=as_json, quiet=as_json), reporter, plots=not quick)
     if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")

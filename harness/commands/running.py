@@ -114,8 +114,10 @@ def told(outcome: RunResult) -> dict[str, Any]:
     return {"results": place, "interrupted": outcome.interrupted, "cases": rows}
 
 
-def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
+def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: bool = True) -> None:
     """Show and store what came out; ends the process with the exit code of the design.
+
+    plots : draw them, too; `report` draws those that are missing
 
     Raises
     ------
@@ -140,7 +142,8 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter) -> None:
         with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
             polygon_ranking.write(stored)
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
-            plot_run(stored)
             write_report(stored)
+            if plots:
+                plot_run(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     require_finished(outcome, console, f"continue with: raster-harness run --resume {outcome.path}")

@@ -61,7 +61,10 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     assert "time vs ear-clipping" in out
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
     assert {"run.json", "cases.jsonl", "summary.csv"} <= files
-    assert "plots/predicted-vs-measured.png" in files
+    assert "report.html" in files
+    assert not Path("results/plots").exists()  # a quick run's are drawn when they are asked for
+    assert harness("report", "results")[0] == 0
+    assert Path("results/plots/predicted-vs-measured.png").stat().st_size > 5000
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
