@@ -18,19 +18,22 @@ from harness.compare.quantiles import Samples
 from harness.compare.settings import Settings
 from harness.figures.ratios import Ratio, paired_ratio
 
+Parts = tuple[Sequence[int] | None, Sequence[int] | None]
+"""Rounds of each epoch, and of each process."""
+
 Q_VALUE = 1e-3
 """An alarm needs this much evidence: one in a thousand such findings may be chance."""
 
 
 def judge_rounds(
-    base: Samples, head: Samples, settings: Settings, epochs: Sequence[int] | None = None
+    base: Samples, head: Samples, settings: Settings, parts: Parts = (None, None)
 ) -> TimeChange:
     """Judge one case by its rounds' ratios; element r of both is of round r.
 
-    epochs : rounds of each epoch, in order, where the run had any. The q-value is still to be
-    corrected for the number of cases.
+    parts : rounds of each epoch and of each process, in order, where the run had any. The
+    q-value is still to be corrected for the number of cases.
     """
-    ratio = paired_ratio(head, base, epochs)
+    ratio = paired_ratio(head, base, *parts)
     threshold = settings.time_threshold_of(paired=True)
     outcome, reason = decide(
         math.log(ratio.value),
@@ -62,11 +65,11 @@ def drift_of_rounds(
     where: str,
     pairs: Sequence[tuple[Samples, Samples]],
     settings: Settings,
-    epochs: Sequence[int] | None = None,
+    parts: Parts = (None, None),
 ) -> Drift:
     """Judge what all cases of a group did together: the median case of each round."""
     logs = np.median([np.log(head / base) for base, head in pairs], axis=0)
-    together: Ratio = paired_ratio(np.exp(logs), np.ones(len(logs)), epochs)
+    together: Ratio = paired_ratio(np.exp(logs), np.ones(len(logs)), *parts)
     value, low, high = (math.log(x) for x in (together.value, together.low, together.high))
     outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
     if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:

@@ -57,7 +57,7 @@ class Pair:
     reference : the same for the reference draw of the same rounds, None where a run has none
     same_work : the counters of both runs are equal, so the same was drawn
     same_rounds : both were timed in the same rounds
-    epochs : rounds of each of their epochs, where there were any
+    parts : rounds of each of their epochs, and of each process, where there were any
     """
 
     base: Samples
@@ -65,7 +65,7 @@ class Pair:
     reference: tuple[Samples, Samples] | None
     same_work: bool
     same_rounds: bool = False
-    epochs: tuple[int, ...] | None = None
+    parts: rounds.Parts = (None, None)
 
     @cached_property
     def log_ratio(self) -> float:
@@ -97,10 +97,8 @@ def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChan
     if not all(map(len, references)):
         return Pair(first, second, None, same_work)
     same_rounds = len(first) == len(second) and np.array_equal(*references)
-    epochs = after.get("epochs") if same_rounds else None
-    return Pair(
-        first, second, references, same_work, same_rounds, tuple(epochs) if epochs else None
-    )
+    parts = (after.get("epochs"), after.get("processes")) if same_rounds else (None, None)
+    return Pair(first, second, references, same_work, same_rounds, parts)
 
 
 def judge_group(
@@ -112,10 +110,10 @@ def judge_group(
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
-            rounds.judge_rounds(pair.base, pair.head, settings, pair.epochs) for pair in pairs
+            rounds.judge_rounds(pair.base, pair.head, settings, pair.parts) for pair in pairs
         ]
         together = [(pair.base, pair.head) for pair in pairs]
-        return changes, rounds.drift_of_rounds(where, together, settings, pairs[0].epochs)
+        return changes, rounds.drift_of_rounds(where, together, settings, pairs[0].parts)
     ratios = np.array([pair.log_ratio for pair in pairs])
     known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
     same = np.array([pair.same_work for pair in pairs])

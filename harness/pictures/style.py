@@ -6,7 +6,7 @@ fixed by name; others take what is left, in the order in which they appear.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -168,6 +168,20 @@ def plain_table(title: TextType, **options: Any) -> Table:
         header_style="bold",
         **options,
     )
+
+
+def draw(
+    folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
+) -> list[Path]:
+    """Make a figure in the house's style, and `save` it; [] where `make` returns None."""
+    import matplotlib
+
+    with matplotlib.rc_context(STYLE):
+        figure = make(*arguments)
+    if figure is None:
+        return []
+    folder.mkdir(parents=True, exist_ok=True)
+    return save(figure, folder, name)
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.pictures.style import COLOURS, STYLE, save
+from harness.pictures.style import COLOURS, draw
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.methods.pareto import pareto_front
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 
@@ -51,38 +55,39 @@ def _diagonals(triangles: np.ndarray, vertices_: int) -> list[tuple[int, int]]:
 
 def write(table: pd.DataFrame, polygon: Polygon, folder: Path) -> None:
     """Write triangulations.csv and plots/difference-vs-overdraw.png (and .svg)."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    plots = folder / "plots"
-    plots.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     table.to_csv(folder / "triangulations.csv", index=False)
     front = pareto_front(polygon, "overdraw", "shape").costs
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.5, 3.2))
-        axes = figure.subplots()
-        for conforming, label, marker in ((True, "conforming", "o"), (False, "T-junctions", "x")):
-            part = table[table["conforming"] == conforming]
-            if len(part):
-                axes.scatter(
-                    part["overdraw"],
-                    part["shape"],
-                    s=14,
-                    marker=marker,
-                    color=COLOURS[0 if conforming else 1],
-                    label=f"{label} ({len(part)})",
-                )
-        axes.step(
-            front[:, 0],
-            front[:, 1],
-            where="post",
-            color=COLOURS[2],
-            marker="o",
-            markersize=8,
-            fillstyle="none",
-            label=f"Pareto front ({len(front)})",
-        )
-        axes.set_xlabel("A, bounding-box overdraw (square units)")
-        axes.set_ylabel("D, shape deviation (degrees)")
-        axes.legend()
-    save(figure, plots, "difference-vs-overdraw")
+    draw(folder / "plots", "difference-vs-overdraw", _figure, table, front)
+
+
+def _figure(table: pd.DataFrame, front: NDArray[np.float64]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.5, 3.2))
+    axes = figure.subplots()
+    for conforming, label, marker in ((True, "conforming", "o"), (False, "T-junctions", "x")):
+        part = table[table["conforming"] == conforming]
+        if len(part):
+            axes.scatter(
+                part["overdraw"],
+                part["shape"],
+                s=14,
+                marker=marker,
+                color=COLOURS[0 if conforming else 1],
+                label=f"{label} ({len(part)})",
+            )
+    axes.step(
+        front[:, 0],
+        front[:, 1],
+        where="post",
+        color=COLOURS[2],
+        marker="o",
+        markersize=8,
+        fillstyle="none",
+        label=f"Pareto front ({len(front)})",
+    )
+    axes.set_xlabel("A, bounding-box overdraw (square units)")
+    axes.set_ylabel("D, shape deviation (degrees)")
+    axes.legend()
+    return figure

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from harness.figures.groups import groups, time_ratio
 from harness.figures.registry import find, measures, predictions
-from harness.pictures.style import COLOURS, STYLE, save
+from harness.pictures.style import COLOURS, draw
 from harness.stored.folder import Record
 from harness.study.analysis import label, without_twins
 
@@ -127,19 +127,13 @@ def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:
 
     Triangulations with T-junctions are marked: they leave cracks, and have fewer triangles.
     """
-    import matplotlib
-
     files: list[Path] = []
     for members in groups(records):
         good = [record for record in members if record["status"] == "ok" and record["polygons"]]
         if not good or good[0]["options"]["work"] != 0:
             continue
-        with matplotlib.rc_context(STYLE):
-            figure = _figure(without_twins(good))
-        if figure is not None:
-            first = good[0]
-            name = f"measured-over-a-{first['rasteriser']}-{first['device']}"
-            files += save(figure, folder, name)
+        name = f"measured-over-a-{good[0]['rasteriser']}-{good[0]['device']}"
+        files += draw(folder, name, _figure, without_twins(good))
     return files
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.ratios import FASTER
 from harness.figures.registry import find
-from harness.pictures.style import STYLE, looks, save
+from harness.pictures.style import draw, looks
 from harness.stored.folder import Record
 
 if TYPE_CHECKING:
@@ -117,19 +117,15 @@ def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
 
 def plot(table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the time ratios over whatever varies, one figure per scene, device and base."""
-    import matplotlib
-
-    folder.mkdir(parents=True, exist_ok=True)
     files = []
     for keys, part in table.groupby(["scene", "rasteriser", "device", "base"], sort=False):
         scene, rasteriser, device, base = (str(key) for key in keys)
         for axis in AXES:
             if part[axis].nunique() < 2:
                 continue
-            with matplotlib.rc_context(STYLE):
-                figure = _figure(part, axis, base, f"{scene}: {rasteriser} on {device}")
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
-            files += save(figure, folder, name)
+            title = f"{scene}: {rasteriser} on {device}"
+            files += draw(folder, name, _figure, part, axis, base, title)
     return files
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.pictures.style import STYLE, look_of, looks, plain_table, save, scatter
+from harness.pictures.style import draw, look_of, looks, plain_table, scatter
 from harness.study.analysis import TIME, column, label, predictors
 
 if TYPE_CHECKING:
@@ -48,21 +48,13 @@ def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
 
 def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw each device's matrix and scatter plots into `folder`/plots."""
-    import matplotlib
-
     plots = folder / "plots"
-    plots.mkdir(exist_ok=True)
     files = []
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
-        with matplotlib.rc_context(STYLE):
-            figures = {
-                "matrix": _heatmap(part, f"{rasteriser} on {device}"),
-                "predicted-vs-measured": _scatter(rows, part, f"{rasteriser} on {device}"),
-            }
-        for kind, figure in figures.items():
-            if figure is not None:
-                files += save(figure, plots, f"{kind}-{rasteriser}-{device}")
+        title, name = f"{rasteriser} on {device}", f"{rasteriser}-{device}"
+        files += draw(plots, f"matrix-{name}", _heatmap, part, title)
+        files += draw(plots, f"predicted-vs-measured-{name}", _scatter, rows, part, title)
     return files
 
 
@@ -71,18 +63,14 @@ def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
 
     sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
     """
-    import matplotlib
-
     files: list[Path] = []
     if sizes.empty:
         return files
     for (rasteriser, device), part in select(sizes, "spearman_within").items():
         wanted = _main(list(dict.fromkeys(part["measure"])))
-        with matplotlib.rc_context(STYLE):
-            figure = _lines(part, wanted, f"{rasteriser} on {device}")
-        if figure is not None:
-            name = f"criteria-over-resolution-{rasteriser}-{device}"
-            files += save(figure, folder / "plots", name)
+        name = f"criteria-over-resolution-{rasteriser}-{device}"
+        title = f"{rasteriser} on {device}"
+        files += draw(folder / "plots", name, _lines, part, wanted, title)
     return files
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.figures.ratios import FASTER
-from harness.pictures.style import STYLE, save
+from harness.pictures.style import draw
 from harness.study.pareto import NAMED, NORMALISED, WHOLE, MeasuredFront
 
 if TYPE_CHECKING:
@@ -41,9 +41,6 @@ def plot(
     table: pd.DataFrame, fronts: Mapping[str, MeasuredFront], scene: str, folder: Path
 ) -> list[Path]:
     """Draw one figure for each rasteriser and device, PNG and SVG, into `folder`."""
-    import matplotlib
-
-    folder.mkdir(parents=True, exist_ok=True)
     files = []
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
         size = part["resolution"].iloc[0]
@@ -53,9 +50,8 @@ def plot(
         if whole.any() and not whole.all():
             chosen["pareto-polygons"] = part[~whole]
         for kind, rows in chosen.items():
-            with matplotlib.rc_context(STYLE):
-                figure = _figure(rows, fronts, title)
-            files += save(figure, folder, f"{kind}-{scene}-{rasteriser}-{device}")
+            name = f"{kind}-{scene}-{rasteriser}-{device}"
+            files += draw(folder, name, _figure, rows, fronts, title)
     return files
 
 

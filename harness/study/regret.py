@@ -25,7 +25,7 @@ from harness.figures.groups import groups
 from harness.figures.intervals import FEWEST
 from harness.figures.ratios import blocks
 from harness.figures.registry import find, measures, predictions
-from harness.pictures.style import COLOURS, STYLE, family_of, plain_table, save
+from harness.pictures.style import COLOURS, draw, family_of, plain_table
 from harness.stored.folder import Record
 from harness.study.analysis import TIME, label
 from harness.study.design import LEAST
@@ -226,19 +226,15 @@ def written(row: Any) -> str:
 
 def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw regret.png for each device and view into `folder`/plots."""
-    import matplotlib
-
     files: list[Path] = []
     for key, part in summary.groupby(list(VIEW), sort=False):
         rasteriser, device, resolution, rotation, _ = key
         shown = main_measures(list(dict.fromkeys(part["measure"])))
         if not shown:
             continue
-        (folder / "plots").mkdir(exist_ok=True)
-        with matplotlib.rc_context(STYLE):
-            figure = _figure(part, shown, f"{rasteriser} on {device}, {resolution} px")
-        stem = f"regret-{rasteriser}-{device}-{resolution}-{rotation:g}"
-        files += save(figure, folder / "plots", stem)
+        name = f"regret-{rasteriser}-{device}-{resolution}-{rotation:g}"
+        title = f"{rasteriser} on {device}, {resolution} px"
+        files += draw(folder / "plots", name, _figure, part, shown, title)
     return files
 
 

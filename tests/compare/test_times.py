@@ -137,6 +137,28 @@ def test_an_alarm_of_rounds_needs_more_evidence_than_one_of_peers(against, q_val
     assert ("may be chance" in settled.reason) == (outcome == "inconclusive")
 
 
+def test_processes_that_differ_are_no_regression_of_their_rounds():
+    """Two fresh processes of one code, 3 % apart: sixty rounds are sure of it, two values not."""
+    level = np.repeat([0.0, 0.03], 30)
+    rng = np.random.default_rng(11)
+    base = np.exp(0.001 * rng.standard_normal(60))
+    times = {"timer": "wall", "reference_s": [1e-3] * 60, "epochs": [5] * 12, "processes": [30, 30]}
+    records = [
+        {"time": {**times, "samples_s": samples.tolist()}}
+        for samples in (base, base * np.exp(level))
+    ]
+    pair = read_pair(*records, same_work=True)
+    assert isinstance(pair, Pair)
+    (change,), drift = judge([pair])
+    assert (change.outcome, drift.outcome) == ("inconclusive", "inconclusive")
+    assert change.low < 1 < change.high
+    told = {"time": {**records[1]["time"], "processes": None}}
+    alone = read_pair(records[0], told, same_work=True)
+    assert isinstance(alone, Pair)
+    (change,), _ = judge([alone])
+    assert change.low > 1
+
+
 @pytest.mark.parametrize(("rounds", "outcome"), [(9, "inconclusive"), (12, "regressed")])
 def test_what_all_cases_did_needs_rounds_enough_to_be_an_alarm(rounds, outcome):
     """Nine rounds that are all slower happen by chance once in 256 times, twelve in 2048."""
