@@ -76,7 +76,8 @@ def _listed(edges: Edges, starts: np.ndarray) -> np.ndarray:
                 run = _run(edges, e, q, p)
                 if run != 0:
                     c = ends[p, 1]
-                    for value in (a, b if run > 0 else c, c if run > 0 else b, e, q, p):
+                    i, j, k = (a, b, c) if run > 0 else (a, c, b)
+                    for value in np.array((i, j, k, e, q, p)):
                         found.append(np.int64(value))
                 p += 1
                 q += 1

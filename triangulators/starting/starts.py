@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.checking.visibility import visible
 from triangulators.criteria.cost import Cost, evaluate
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.geometry.predicates import turns
@@ -14,6 +13,7 @@ from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
 from triangulators.starting.diagonals import shortest_first
 from triangulators.starting.repair import insert_dropped_vertices
+from triangulators.starting.segments import inner_segments
 from triangulators.verify import verify_boundary
 
 _EXACT = 1000  # vertices up to which all pairs of them are tried
@@ -82,9 +82,7 @@ def starts(outline: Boundary) -> list[np.ndarray]:
         if verify_boundary(outline, triangles).conforming:
             found.append(outline.site[triangles])
     if not found and len(outline.points) <= _EXACT:
-        # Which sites see each other is found from the boundary alone, as the checker does.
-        pairs = visible(outline.points, outline.edges, outline.site)
-        triangles = shortest_first(outline, pairs)
+        triangles = shortest_first(outline, inner_segments(outline))
         if verify_boundary(outline, triangles).conforming:
             found.append(triangles)
     if not found:

@@ -1,0 +1,174 @@
+"""Proofs that travel: two checkers that share no code accept the true ones and no others."""
+
+import ast
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from scripts.false_claims import (
+    NAMES,
+    PLAIN,
+    accepted_by_ours,
+    accepted_by_plain,
+    false_claim,
+    polygons,
+    true_claims,
+)
+from tests.paths import ROOT
+from tests.triangulators.cases import random_simple
+from tests.triangulators.touching import touching_polygons
+from triangulators import TriangulationError, certify, criteria, triangulate
+from triangulators.certificate.certify import certificate_of, check_certificate
+from triangulators.checking import checker
+from triangulators.checking.claims import as_claim, from_claim
+from triangulators.checking.evidence import Evidence, Leaf, Refused
+from triangulators.checking.units import units_for
+from triangulators.criteria.cost import cost_of
+from triangulators.polygon import boundary, boundary_area
+
+SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (4, 3)]])
+RING = shapely.from_wkt(
+    "POLYGON ((1995472 4346086,1995477 4346090,1995475 4346083,1995469 4346080,861703 9084428,"
+    "1995468 4346087,1995469 4346088,1995472 4346086))"
+)
+
+
+def about(polygon, triangles, name="half-perimeter"):
+    outline = boundary(polygon)
+    cost = cost_of(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+    return outline, np.ascontiguousarray(outline.site[triangles], np.int32), cost
+
+
+def test_units_that_are_too_coarse_are_refused():
+    worst = triangulate(SQUARE, "worst:half-perimeter")
+    true = certify(SQUARE, worst).evidence
+    zero = Leaf(np.zeros(len(true.edges), np.int64), 0)
+    forged = Evidence(1e-300, true.factor, true.bits, true.edges, true.excluded, zero)
+    with pytest.raises(Refused, match="the evidence has the units"):
+        certificate_of(*about(SQUARE, worst), forged)
+
+
+@pytest.mark.parametrize("lift", [2**60, -(2**60), 2**70, np.int64(2**60)])
+def test_a_lift_too_large_is_refused(lift):
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    true = certify(SQUARE, best).evidence
+    forged = replace(true, root=Leaf(true.root.potentials, lift))
+    with pytest.raises(Refused, match="too large"):
+        certificate_of(*about(SQUARE, best), forged)
+
+
+def test_a_bound_above_the_cost_is_refused(monkeypatch):
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    true = certify(SQUARE, best).evidence
+    monkeypatch.setattr(checker, "check_potentials", lambda *_: None)  # so that nothing else does
+    forged = replace(true, root=Leaf(true.root.potentials, true.root.lift + true.factor))
+    with pytest.raises(Refused, match="above what the triangulation costs"):
+        certificate_of(*about(SQUARE, best), forged)
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_a_pair_that_is_not_strictly_convex_blocks_an_exclusion(first):
+    # The only diagonal runs from the reflex corner up; the segment that would cross it is shorter.
+    corners = [(0, 1), (1, 0), (0, 10), (-1, 0)]
+    polygon = shapely.Polygon(corners[first:] + corners[:first])
+    triangles = triangulate(polygon, "ear-clipping")
+    outline, sites, cost = about(polygon, triangles)
+    true = certify(polygon, triangles).evidence
+    a, b = sorted((-first % 4, (2 - first) % 4))
+    number = [tuple(edge) for edge in true.edges.tolist()].index((a, b))
+    forged = replace(true, excluded=np.array([number]))
+    with pytest.raises(Refused, match=f"the edge {a}-{b} is excluded, but may be"):
+        checker.lower_bound(outline, sites, cost, forged)
+    claim = as_claim(polygon, triangles, "half-perimeter", certify(polygon, triangles))
+    assert accepted_by_plain(claim)
+    with pytest.raises(PLAIN.Refused, match="is excluded, but may be"):
+        PLAIN.check(claim | {"excluded": [number]})
+
+
+def test_four_units_in_five_million_million_are_seen():
+    greedy = certify(RING, triangulate(RING, "greedy"), "overdraw")
+    best = certify(RING, triangulate(RING, "optimal:overdraw"), "overdraw")
+    assert (greedy.cost, greedy.proven) == (5372176259625.0, False)
+    assert (best.cost, best.proven, best.error) == (5372176259621.0, True, 0.0)
+    assert greedy.lower_bound == best.cost
+    fast = certify(RING, triangulate(RING, "greedy"), "overdraw", evidence=False)
+    assert not fast.proven
+
+
+def test_where_64_bits_are_too_few_rings_are_counted_in_pythons_numbers():
+    rng = np.random.default_rng(2)
+    unequal = 0
+    for _ in range(8):
+        polygon = random_simple(rng, 9, 2**31)
+        for triangles in (triangulate(polygon, "optimal:overdraw"), triangulate(polygon, "greedy")):
+            found = certify(polygon, triangles, "overdraw")
+            outline, sites, cost = about(polygon, triangles, "overdraw")
+            assert units_for(outline, sites, cost).wide
+            check_certificate(polygon, triangles, "overdraw", found)
+            assert accepted_by_plain(as_claim(polygon, triangles, "overdraw", found))
+            more = found.evidence.root.potentials.copy()
+            a, b = outline.edges[0].tolist()
+            side = found.evidence.edges.tolist().index(sorted((a, b)))
+            more[side] += 1 if a < b else -1  # the bound of a table is the highest there is
+            forged = replace(found.evidence, root=Leaf(more, 0))
+            with pytest.raises(TriangulationError):
+                check_certificate(polygon, triangles, "overdraw", replace(found, evidence=forged))
+            unequal += not found.proven
+    assert unequal
+
+
+def test_where_holes_touch_off_the_grid_optima_are_proven():
+    for number, polygon in enumerate(touching_polygons(1, 24)):
+        name = ("expected-quads", *NAMES)[number % 4]
+        found = certify(polygon, triangulate(polygon, "optimal", criterion=name), name)
+        assert found.proven, (name, polygon.wkt)
+        assert found.error < 1e-8
+
+
+def test_a_thousand_claims():
+    rng = np.random.default_rng(7)
+    made = 0
+    for number, polygon in zip(range(18), polygons(rng), strict=False):
+        claims = true_claims(polygon, NAMES[number % 3])
+        assert all(map(accepted_by_ours, claims))
+        assert all(map(accepted_by_plain, claims))
+        for _ in range(60):
+            false = false_claim(rng, claims)
+            if false is not None:
+                made += 1
+                assert not accepted_by_ours(false), false
+                assert not accepted_by_plain(false), false
+    assert made > 500
+
+
+def test_other_criteria_are_refused_with_a_line_that_says_so():
+    triangles = triangulate(SQUARE, "optimal:shape")
+    claim = as_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
+    assert accepted_by_ours(claim)
+    with pytest.raises(PLAIN.Refused, match="shape: only half-perimeter, overdraw, edge-length"):
+        PLAIN.check(claim)
+
+
+def test_a_claim_survives_json():
+    triangles = triangulate(SQUARE, "optimal:half-perimeter")
+    claim = as_claim(SQUARE, triangles, "half-perimeter", certify(SQUARE, triangles))
+    polygon, corners, certificate = from_claim(json.loads(json.dumps(claim)))
+    assert polygon.equals(SQUARE)
+    assert np.array_equal(corners, triangles)
+    check_certificate(polygon, corners, "half-perimeter", certificate)
+
+
+def test_the_plain_checker_is_short_and_needs_python_alone():
+    source = Path(ROOT, "scripts", "check_evidence.py").read_text(encoding="utf-8")
+    assert len(source.splitlines()) <= 250
+    names = {
+        alias.name if isinstance(node, ast.Import) else node.module
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for alias in node.names
+    }
+    assert names <= {"json", "math", "sys", "fractions", "itertools", "pathlib"}
