@@ -17,6 +17,7 @@ from harness.errors import UsageError
 from harness.export import FORMATS, export_file, geo
 from harness.export.mesh import heights
 from scenes import SceneError, load
+from scripts.false_claims import PLAIN
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj", ".ply", ".stl")
@@ -428,3 +429,17 @@ def test_geometry_beyond_what_offsets_count_is_cut_into_chunks(monkeypatch):
     monkeypatch.setattr(geo, "_MOST_BYTES", 4)
     with pytest.raises(UsageError, match="2 GiB"):
         geo._binary(starts, data, pyarrow)
+
+
+def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
+    proofs = tmp_path / "proofs.jsonl"
+    report = export_file(houses, tmp_path / "houses.glb", certify=True, evidence=proofs)
+    claims = [json.loads(line) for line in proofs.read_text().splitlines()]
+    assert len(claims) == report.certified.polygons == 3
+    assert [len(claim["rings"]) for claim in claims] == [1, 2, 1]
+    for claim in claims:
+        assert claim["proven"]
+        assert "optimal" in PLAIN.check(claim)
+        with pytest.raises(PLAIN.Refused):
+            PLAIN.check(claim | {"cost": claim["cost"] / 2, "lower_bound": claim["cost"] / 2})
+    assert proofs in report.files
