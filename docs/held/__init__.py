@@ -1,8 +1,9 @@
 """Figures that the documents cite, each held against the file of results that it comes from.
 
 A `Sentence` is a piece of a document's text in which `{}` stands for a figure; a `Table` is a table
-of a document, named by its first line. Both say how their figures follow from the files under
-`results/`. `tests/docs/test_held.py` compares; `scripts/documents.py` writes the figures anew.
+of a document, named by its first line; a `Block` is the text of a file. All say how their figures
+follow from the files under `results/`. `tests/docs/test_held.py` compares; `scripts/documents.py`
+writes the figures anew.
 
     lookups    one figure, or one row, of a file
     findings, readme, others   the figures of each document
@@ -57,13 +58,33 @@ class Table:
         return start, len(document) - 1 if end < 0 else end
 
 
-Held = Sentence | Table
+@dataclass(frozen=True)
+class Block:
+    """A fenced block that holds a file of `results/reference`, by how it begins."""
+
+    start: str
+    file: str
+
+    def span(self, document: str) -> tuple[int, int]:
+        """Return where its text begins and ends; raises `ValueError` if it is not there once."""
+        if document.count(f"```text\n{self.start}") != 1:
+            raise ValueError(f"there is no such block, or several: {self.start}")
+        start = document.index(f"```text\n{self.start}") + len("```text\n")
+        return start, document.index("```", start)
+
+    def rows(self) -> list[str]:
+        """Return the file's lines, and what ends the last one."""
+        file = ROOT / "results" / "reference" / self.file
+        return file.read_text(encoding="utf-8").split("\n")
+
+
+Held = Sentence | Table | Block
 
 
 def differences(document: str, held: Sequence[Held]) -> Iterator[str]:
     """Yield a line for each figure that is not what its file says, and for each missing text."""
     for each in held:
-        if isinstance(each, Table):
+        if isinstance(each, Table | Block):
             start, end = each.span(document)
             there = document[start:end].split("\n")
             expected = list(each.rows())
@@ -80,7 +101,7 @@ def differences(document: str, held: Sequence[Held]) -> Iterator[str]:
 def written(document: str, held: Sequence[Held]) -> str:
     """Return the document with every figure as its file says."""
     for each in held:
-        if isinstance(each, Table):
+        if isinstance(each, Table | Block):
             start, end = each.span(document)
             document = document[:start] + "\n".join(each.rows()) + document[end:]
         elif found := each.find(document):
@@ -101,7 +122,7 @@ def not_held(document: str, held: Sequence[Held], definitions: Sequence[str]) ->
         anywhere = pattern.replace(" ", r"\s+")  # lines may break between any two words
         spans += [match.span() for match in re.finditer(anywhere, document)]
     for each in held:
-        if isinstance(each, Table):
+        if isinstance(each, Table | Block):
             spans.append(each.span(document))
         elif found := each.find(document):
             spans += [found.span(number) for number in range(1, len(found.groups()) + 1)]

@@ -352,7 +352,7 @@ _FILES = {"counties": "gains-counties-refined"}
 """Runs of scenes on the CPU that the others were drawn on, where it is not `gains-<scene>`."""
 
 
-def _xeon(scene: str, px: int, name: str) -> float:
+def drawn(scene: str, px: int, name: str) -> float:
     """Return the time in ratio to ear clipping's, on the CPU that most scenes were drawn on."""
     if scene == "counties":
         return float(one(run_of(scene), triangulator=name, resolution=px)["time_ratio"])
@@ -363,7 +363,7 @@ def _xeon_row(scene: str, px: int) -> list[float | None]:
     if scene != "counties":
         return [float(gain(scene, px, name)["time_ratio"]) for name in PEERS]
     has = {row["triangulator"] for row in some(run_of(scene))}
-    return [_xeon(scene, px, name) if name in has else None for name in PEERS]
+    return [drawn(scene, px, name) if name in has else None for name in PEERS]
 
 
 def choice() -> list[str]:
@@ -440,13 +440,14 @@ def _first(row: Row) -> float:
     return float(row["half_perimeter"]) + float(row["triangles"])
 
 
-def _error(column: int) -> str:
+def error_of_prediction(column: int) -> str:
+    """Return the root mean square error of predicted lanes, in per cent, of a column of theirs."""
     squares = [math.log(row[column] / row[3]) ** 2 for row in predicted_lanes()]
     return f"{100.0 * math.expm1(math.sqrt(sum(squares) / len(squares))):.1f}"
 
 
 def _slower(scene: str) -> float:
-    return _xeon(scene, 1024, REFINED) / _xeon(scene, 1024, BEST_FOR_H) - 1.0
+    return drawn(scene, 1024, REFINED) / drawn(scene, 1024, BEST_FOR_H) - 1.0
 
 
 def _rotated(name: str, column: str, base: str = "ear-clipping") -> list[float]:
@@ -593,7 +594,7 @@ HELD: list[Held] = [
     Sentence(
         "in {} of ear clipping's time for city footprints, in {} for Helsinki's, in {} for letters"
         " and in {} for counties. Delaunay's triangles take {}, {}, {} and {}.",
-        lambda: [two(_xeon(s, 1024, n)) for n in (BEST_FOR_H, "delaunay") for s in SCENES],
+        lambda: [two(drawn(s, 1024, n)) for n in (BEST_FOR_H, "delaunay") for s in SCENES],
     ),
     Sentence(
         "its drawings are between {} % faster and {} % slower than the best for H",
@@ -601,7 +602,7 @@ HELD: list[Held] = [
     ),
     Sentence(
         "its error is {} % (root mean square). H + T, the first order of it, is off by {} %",
-        lambda: [_error(1), _error(2)],
+        lambda: [error_of_prediction(1), error_of_prediction(2)],
     ),
     Sentence(
         "by helper lanes with a correlation of {}, H with {} and the paper's A with {}",

@@ -19,7 +19,9 @@ FENCE = re.compile(
     r"^```(?P<language>\w+)\n(?P<content>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
-COMMAND = re.compile(r"^(?:PYTHONPATH=\. )?\.venv/bin/python -m harness (?P<arguments>.*)$")
+COMMAND = re.compile(
+    r"^(?:PYTHONPATH=\. )?\.venv/bin/(?:python -m harness|raster-harness) (?P<arguments>.*)$"
+)
 
 
 @dataclass(frozen=True)
