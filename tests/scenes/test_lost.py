@@ -18,6 +18,7 @@ from scenes.readers import gdal_messages
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.test_files import write as write_vector
 from tests.scenes.test_readers import cityjson_sequence
+from tests.scenes.whole_files import KINDS, outcome, whole
 
 BOXES = [shapely.box(20 * i, 0, 20 * i + 10, 9 + i / 8) for i in range(20)]
 
@@ -361,3 +362,12 @@ def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
         (tmp_path / "a.ttf").write_bytes(spoilt.tobytes())
         with suppress(SceneError):  # anything else is an error
             load("glyphs", font=str(tmp_path / "a.ttf"), text="AgB&")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whole_files_are_read_and_cut_ones_hide_nothing(kind):
+    """Three cuts of each format; tests/fuzz and scripts/damaged_files.py try many more."""
+    data = whole(kind)[f"a.{kind}"]
+    assert outcome(kind, data) == "read"
+    for length in (len(data) // 3, 2 * len(data) // 3, len(data) - 3):
+        outcome(kind, data[:length], length)
