@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.estimates import estimated
 from harness.figures.registry import PREDICTED
 from harness.stored.folder import Record, Run, read_arrays
 
@@ -19,7 +20,8 @@ def columns_of(run: Run, record: Record) -> Columns | None:
     arrays = read_arrays(run, record["key"])
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
-    return {name: np.asarray(column, np.float64) for name, column in arrays.items()}
+    columns = {name: np.asarray(column, np.float64) for name, column in arrays.items()}
+    return columns | estimated(columns, PREDICTED)
 
 
 def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
@@ -48,9 +50,36 @@ def correlation_of_ratios(
 
     columns : triangulator -> its columns; those of `base` are what the others are divided by
     """
-    others = [each for name, each in columns.items() if name != base]
-    if not others or measure not in columns[base]:
+    pair = _both(columns, base, criterion, measure)
+    return None if pair is None else rank_correlation(*pair)
+
+
+def error_of_ratios(
+    columns: dict[str, Columns], base: str, criterion: str, measure: str
+) -> float | None:
+    """Return by how much a prediction's ratios are off a counter's, as a share: see `error_of`."""
+    pair = _both(columns, base, criterion, measure)
+    return None if pair is None else error_of(*pair)
+
+
+def error_of(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
+    """Return the root of the mean square of log(x / y), which is the share that x is off by."""
+    fits = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
+    if not fits.any():
         return None
-    x = np.concatenate([ratios(each, columns[base], PREDICTED + criterion) for each in others])
+    return float(np.sqrt(np.mean(np.log(x[fits] / y[fits]) ** 2)))
+
+
+def _both(
+    columns: dict[str, Columns], base: str, criterion: str, measure: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the ratios of predictions and of counters, one a polygon and triangulator."""
+    others = [each for name, each in columns.items() if name != base]
+    name = PREDICTED + criterion
+    if not others or measure not in columns[base] or any(name not in each for each in others):
+        return None
+    if name not in columns[base]:
+        return None
+    x = np.concatenate([ratios(each, columns[base], name) for each in others])
     y = np.concatenate([ratios(each, columns[base], measure) for each in others])
-    return rank_correlation(x, y)
+    return x, y

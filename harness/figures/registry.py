@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
+from harness.figures.estimates import ESTIMATES
 from harness.rasterisers import counters
 from harness.stored.folder import Record
 from triangulators import criteria
@@ -321,6 +322,15 @@ def _of_criterion(criterion: criteria.Criterion) -> Figure:
 
 
 @cache
+def _of_estimate(name: str) -> Figure:
+    each = ESTIMATES[name]
+    counted = _of_counter(counters.describe(each.measure))
+    read = _field("predicted", name)
+    label = f"{counted.label} by {each.formula}"
+    return replace(counted, name=name, label=label, kind="prediction", function=read, heading="")
+
+
+@cache
 def _of_feature(column: str) -> Figure:
     """Return a prediction that is no criterion: a term of fits, or of a criterion since removed."""
     read = _field("predicted", column)
@@ -342,6 +352,8 @@ def find(name: str) -> Figure:
     if name in METRICS:
         return METRICS[name]
     column = name.removeprefix(PREDICTED).replace("-", "_")
+    if column in ESTIMATES:
+        return _of_estimate(column)
     known = predictions()
     if column in known:
         return known[column]

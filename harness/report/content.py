@@ -9,9 +9,10 @@ from typing import Any
 
 from harness.figures.advice import advice
 from harness.figures.decision import Standing, decide, explained
+from harness.figures.estimates import ESTIMATES, estimated
 from harness.figures.groups import base_of, groups
-from harness.figures.polygons import Columns, columns_of, correlation_of_ratios
-from harness.figures.registry import PREDICTED, Figure, figures_of, measures, predictions
+from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, error_of_ratios
+from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.machine import state
 from harness.pictures.style import looks
 from harness.report import facts, matrix, packing
@@ -48,8 +49,12 @@ def content_of(run: Run) -> Content:
     shown = figures_of(run.records)
     content: Content = {
         "name": run.facts.get("scene", {}).get("name") or _scene(run.records) or run.path.name,
-        "figures": {name: _described(figure) for name, figure in shown.items()},
+        "figures": {
+            name: _described(figure)
+            for name, figure in (shown | {name: find(name) for name in ESTIMATES}).items()
+        },
         "criteria": [name for name, figure in shown.items() if figure.kind == "prediction"],
+        "estimates": {name: each.measure for name, each in ESTIMATES.items()},
         "measures": measures(shown),
         "triangulators": names,
         "looks": {name: asdict(each) for name, each in looks(names).items()},
@@ -176,6 +181,14 @@ def _group(
         "measures": counted,
         "main": main,
         "correlations": correlations,
+        "estimated": {
+            name: {
+                "rank": _rounded(correlation_of_ratios(columns, base_name, name, each.measure)),
+                "error": _rounded(error_of_ratios(columns, base_name, name, each.measure)),
+            }
+            for name, each in ESTIMATES.items()
+            if each.measure in counted and base_name
+        },
         "answer": advice(members),
         "judged": criteria_of(main, correlations, polygons.within(first, main)),
         "explained": explained(decision) if decision else None,
@@ -190,7 +203,9 @@ def _case(
     polygons: _Polygons,
 ) -> Content:
     row = row_of(record, base_of(members))
-    predicted = {PREDICTED + name: value for name, value in (record.get("predicted") or {}).items()}
+    told = record.get("predicted") or {}
+    predicted = {PREDICTED + name: value for name, value in told.items()}
+    predicted |= estimated(predicted, PREDICTED)
     columns = polygons.read(record)
     return {
         "group": number,

@@ -7,10 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.figures.decision import decide
+from harness.figures.estimates import estimated, of_measure
 from harness.figures.groups import base_of, groups
-from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, ratios
+from harness.figures.polygons import (
+    Columns,
+    columns_of,
+    correlation_of_ratios,
+    error_of,
+    rank_correlation,
+    ratios,
+)
 from harness.figures.registry import PREDICTED, find, limit_of, measures, predictions
 from harness.pictures.style import (
     COLOURS,
@@ -31,6 +40,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Marks = NDArray[np.float64]
 
 LANES = "overshading"
 PAPER = "overdraw"
@@ -100,6 +111,7 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
         ranks,
         measure,
         lambda panel, criterion: _scatter(panel, columns, base, criterion, measure),
+        [name for name in of_measure(measure) if f"{PREDICTED}{name}" in columns[base]],
         base,
         f"Which criterion predicts {find(measure).label}? {where['scene']}, "
         f"{where['resolution']} px,\n{where['rasteriser']} on {where['device']}; "
@@ -111,23 +123,29 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
 def _judged(
     ranks: Mapping[str, float],
     measure: str,
-    draw: Callable[[Axes, str], None],
+    draw: Callable[[Axes, str], tuple[Marks, Marks]],
+    estimates: Sequence[str],
     against: str,
     title: str,
     height: float,
 ) -> Figure:
-    """Return the paper's criterion and the best one against a measure, and how well each ranks.
+    """Return predictions in the unit of a measure against it, and how well each criterion ranks.
 
-    draw : draws the marks of a criterion into a panel; against : what marks are in ratio to
+    draw : draws the marks of a prediction into a panel and returns them; estimates : names of
+    predictions in that unit; where there are none or one, the paper's criterion and the best one
+    fill up; against : what marks are in ratio to
     """
     from matplotlib.figure import Figure
 
-    panels = _panels(ranks)
+    panels = [*estimates, *(name for name in _panels(ranks) if name not in estimates)][:2]
     figure = Figure(figsize=(TWO_COLUMNS, height))
     axes = figure.subplots(1, len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
-        draw(panel, criterion)
-        panel.set_xlabel(f"predicted by\n{find(criterion).title},\nratio to {against}")
+        x, y = draw(panel, criterion)
+        in_unit = criterion in estimates
+        panel.set_title(_fit(x, y, in_unit=in_unit), fontsize=7)
+        words = "predicted" if in_unit else "predicted by"
+        panel.set_xlabel(f"{words}\n{find(criterion).title},\nratio to {against}")
     axes[0].set_ylabel(f"counted {find(measure).label},\nratio to {against}")
     _share_axes(axes[: len(panels)])
     _rank_bars(axes[-1], ranks, measure)
@@ -135,6 +153,13 @@ def _judged(
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
     return figure
+
+
+def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
+    """Say how well marks are ranked and, in one unit, by how many per cent they are off."""
+    rank, error = rank_correlation(x, y), error_of(x, y)
+    words = "" if rank is None else f"rank correlation {rank:.2f}"
+    return words if not in_unit or error is None else f"{words}, off by {100 * error:.1f} %"
 
 
 def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
@@ -149,10 +174,12 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     if not estimates:
         return None
     ranks = {name: each.value for name, each in estimates.items()}
+    table = table.assign(**estimated({str(name): table[name] for name in table}))
     return _judged(
         ranks,
         measure,
         lambda panel, criterion: _spread_marks(panel, table, criterion, measure),
+        [name for name in of_measure(measure) if name in table],
         "the polygon's median",
         f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
         f"{where['resolution']} px,\n{table['polygon'].nunique()} of its polygons, each "
@@ -161,7 +188,9 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     )
 
 
-def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str) -> None:
+def _spread_marks(
+    panel: Axes, table: pd.DataFrame, criterion: str, measure: str
+) -> tuple[Marks, Marks]:
     by_polygon = table.groupby("polygon")
     x = table[criterion] / by_polygon[criterion].transform("median")
     y = table[measure] / by_polygon[measure].transform("median")
@@ -171,6 +200,7 @@ def _spread_marks(panel: Axes, table: pd.DataFrame, criterion: str, measure: str
         own = (families == name) & (x > 0) & (y > 0)
         many = len(table) > MOST_VECTOR_MARKS
         scatter(panel, x[own], y[own], shown[name], name, alpha=0.6, rasterized=many)
+    return x.to_numpy(np.float64), y.to_numpy(np.float64)
 
 
 def _panels(ranks: Mapping[str, float]) -> list[str]:
@@ -182,8 +212,9 @@ def _panels(ranks: Mapping[str, float]) -> list[str]:
 
 def _scatter(
     panel: Axes, columns: dict[str, Columns], base: str, criterion: str, measure: str
-) -> None:
+) -> tuple[Marks, Marks]:
     others = [name for name in columns if name != base]
+    marks = []
     shown = looks(list(columns))
     for name in others:
         x = ratios(columns[name], columns[base], PREDICTED + criterion)
@@ -191,6 +222,8 @@ def _scatter(
         fits = np.isfinite(x) & np.isfinite(y)
         many = len(others) * len(x) > MOST_VECTOR_MARKS
         scatter(panel, x[fits], y[fits], shown[name], name, rasterized=many)
+        marks.append((x[fits], y[fits]))
+    return np.concatenate([x for x, _ in marks]), np.concatenate([y for _, y in marks])
 
 
 def _share_axes(panels: Sequence[Axes]) -> None:

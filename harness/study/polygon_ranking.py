@@ -102,7 +102,7 @@ def _table(kept: drawings.Geometry, view: View) -> pd.DataFrame:
                     "rotation": view.rotation,
                     "fit": view.fit,
                     "triangulator": name,
-                    **{name: predicted[name] for name in predictions()},
+                    **{name: predicted[name] for name in (*predictions(), "area", "triangles")},
                     **{name: int(counts[name].sum()) for name in MEASURES},
                 }
             )

@@ -101,7 +101,7 @@ def test_marks_are_polygons_or_cases_in_ratio_or_absolute(page, level, scale):
     select(page, "scale", scale)
     assert page.evaluate("chart.marks.length") > 0
     titles = page.evaluate("chart.plot.getOption().xAxis.map((axis) => axis.name)")
-    wanted = ("ratio to ear-clipping",) if scale == "ratio" else ("[px", "[quads]")
+    wanted = ("ratio to ear-clipping",) if scale == "ratio" else ("[px", "[lanes]", "[quads]")
     assert all(any(word in title for word in wanted) for title in titles)
     assert page.errors == []
 

@@ -18,8 +18,10 @@ from triangulators import criteria
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": TWO_COLUMNS}
 LABELS = {
     "predicted-vs-measured": [
-        "predicted by",
-        "the paper&#x27;s overdraw A,",
+        "helper lanes by 4Q - S,",
+        "helper lanes by H + T,",
+        "off by ",
+        "the paper&#x27;s overdraw A",
         "counted helper lanes,",
     ],
     "ranking": ["draw time, ratio to", "optimal:half-perimeter"],

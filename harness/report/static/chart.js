@@ -83,7 +83,8 @@ function drawChart() {
 function noteOn(marks) {
   const view = state.report.views[group().view];
   const base = isRatio() ? `, in ratio to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
-  const line = isRatio() ? " On the dashed line both ratios are equal." : "";
+  const unit = [chosen("criterion-a"), chosen("criterion-b")].some(isInUnit);
+  const line = isRatio() ? " On the dashed line both ratios are equal." : unit ? " On the dashed line both are equal." : "";
   const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
     ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
   const same = chart.same ? ` ${number(chart.same)} marks on 1, where nothing differs from ${group().base}, are left out.` : "";
@@ -120,7 +121,7 @@ function chartOption(marks, stacked) {
       series.push({ name, type: "scatter", xAxisIndex: i, yAxisIndex: i, data, symbol: shapeOf(name), symbolSize: 7,
         itemStyle: { color: colourOf(name), opacity: 0.55 }, emphasis: { scale: 2, itemStyle: { opacity: 1, borderColor: ink, borderWidth: 1.5 } } });
     }
-    if (isRatio()) series.push(diagonal(marks, i, soft));
+    if (isRatio() || isInUnit(criteria[i])) series.push(diagonal(marks, i, soft));
   }
   return {
     animation: false,
@@ -137,16 +138,21 @@ function chartOption(marks, stacked) {
   };
 }
 
+/* Whether a prediction is in the unit of what is measured: then the dashed line is where both are equal. */
+const isInUnit = (criterion) => state.report.estimates[criterion] === chosen("measure");
+
 function correlationText(criterion) {
-  const value = group().correlations[chosen("measure")]?.[criterion];
+  const fit = isInUnit(criterion) ? group().estimated[criterion] : null;
+  const value = fit ? fit.rank : group().correlations[chosen("measure")]?.[criterion];
   const title = words(criterion);
   if (chosen("level") === "cases" || value === null || value === undefined) return title;
-  return `${title}: rank correlation ${value.toFixed(2)}`;
+  const error = fit && fit.error !== null ? `, off by ${(100 * fit.error).toFixed(1)} %` : "";
+  return `${title}: rank correlation ${value.toFixed(2)}${error}`;
 }
 
 function diagonal(marks, i, colour) {
-  const values = marks.flatMap((m) => [m.y, ...m.x]).filter(positive);
-  const low = Math.min(1, ...sampleEnds(values)), high = Math.max(1, ...sampleEnds(values));
+  const values = marks.flatMap((m) => (isRatio() ? [1, m.y, ...m.x] : [m.y, m.x[i]])).filter(positive);
+  const [low, high] = sampleEnds(values);
   return { type: "line", xAxisIndex: i, yAxisIndex: i, data: [[low, low], [high, high]], symbol: "none", silent: true,
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
 }
@@ -245,14 +251,22 @@ function bestOther() {
   return others.reduce((best, name) => ((ranks[name] ?? -1) > (ranks[best] ?? -1) ? name : best), others[0]);
 }
 
+/* Predictions in the unit of a counter, of those that the chosen polygons or cases have. */
+function estimatesHere() {
+  const kept = Object.values(state.report.views[group().view]?.predicted ?? {})[0];
+  return Object.keys(state.report.estimates).filter((name) => (kept ? name in kept : casesOf(state.group).some((each) => positive(each.row[`predicted_${name}`]))));
+}
+
 /* Called when another group is chosen. */
 function fillChart() {
   const view = state.report.views[group().view];
   $("level").options[0].disabled = !view || !group().measures.length;
   if ($("level").options[0].disabled) $("level").value = "cases";
-  const entries = state.report.criteria.map((name) => [name, words(name)]);
-  options($("criterion-a"), entries, chosen("criterion-a") || PAPER);
-  options($("criterion-b"), entries, chosen("criterion-b") || bestOther());
+  const inUnit = estimatesHere();
+  const entries = [...inUnit, ...state.report.criteria].map((name) => [name, words(name)]);
+  const defaults = [...inUnit.filter((name) => state.report.estimates[name] === group().main), PAPER, bestOther()];
+  options($("criterion-a"), entries, chosen("criterion-a") || defaults[0]);
+  options($("criterion-b"), entries, chosen("criterion-b") || defaults[1]);
   fillMeasures();
   drawChart();
   if (chart.plot && !chart.listening) {

@@ -44,7 +44,8 @@ function intervalPicture(ratio, low, high, colour) {
   return picture;
 }
 
-/* [heading, meaning, row -> text]: the time, the main counter, then every ratio, time and count. */
+/* [heading, meaning, row -> text]: the time, the main counter, what diagonals cost, and the time to triangulate.
+   All other figures are in the table of cases. */
 function rankingColumns(at, rows) {
   const { figures } = state.report;
   const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
@@ -52,9 +53,8 @@ function rankingColumns(at, rows) {
     const { unit, kind } = figures[name];
     return [kind === "time" ? `${words(name)} [${unit}]` : words(name), meaning(name), (row) => figureText(name, row[name], kind === "time" ? 3 : 4)];
   };
-  const others = Object.keys(figures).filter((name) => ["ratio", "time", "count"].includes(figures[name].kind)
-    && !["draw_ms", "draw_of_reference"].includes(name) && new Set(rows.map((each) => each.row[name])).size > 1);
-  const columns = [["draw [ms], median (95\u00a0%)", meaning("draw_ms"), interval], ...(at.main ? [plain(at.main)] : []), ...others.map(plain)];
+  const others = [at.main, "regret" in figures ? "regret" : "overshading", "triangulate_ms"].filter((name) => name && name in figures);
+  const columns = [["draw [ms], median (95\u00a0%)", meaning("draw_ms"), interval], ...others.map(plain)];
   return columns.filter(([, , show]) => rows.some((each) => show(each.row)));
 }
 
@@ -83,7 +83,7 @@ function rankingTable(at, index) {
       element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? interval : ""}`) : ""),
       element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
       element("td", { class: "picture" }, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
-      ...(paid ? [element("td", { class: `verdict ${row.verdict ?? ""}` }, each.complete ? row.break_even ?? "" : "")] : []),
+      ...(paid ? [element("td", { class: "pays" }, each.complete ? row.break_even ?? "" : "")] : []),
       ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
   });
   return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
