@@ -111,19 +111,24 @@ def _case(run: Run, record: Record, kept: Geometry) -> Content:
     rows = kept.triangles[record["triangulator"]]
     counted = _counts(run, record)
     if counted is None:
-        predicted = predict(kept.points, rows)
-        owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
-        size = len(kept.offsets) - 1
-        counted = tuple(
-            np.bincount(owner, predicted[name], size).astype(np.int64)
-            for name in ("fragments", "quads")
-        )
+        counted = counted_exactly(kept, rows)
     return {
         "rows": encoded(rows.astype("<u4")),
         "fragments": encoded(counted[0].astype("<u4")),
         "quads": encoded(counted[1].astype("<u4")),
         "record": {name: record[name] for name in KEPT if name in record},
     }
+
+
+def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
+    """Return fragments and quads of each polygon, as the CPU reference counts (m, 3) `rows`."""
+    predicted = predict(kept.points, rows)
+    owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
+    size = len(kept.offsets) - 1
+    return tuple(
+        np.bincount(owner, predicted[name], size).astype(np.int64)
+        for name in ("fragments", "quads")
+    )
 
 
 def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:

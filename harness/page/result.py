@@ -24,6 +24,7 @@ from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
 from harness.measuring.timing import TimerTest as Timer
+from harness.page.content import KEPT, counted_exactly
 from harness.page.devices import browser
 from harness.rasterisers import Options
 from harness.stored import drawings
@@ -123,6 +124,23 @@ class _Times(_Part):
     samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
 
 
+def _contradiction(record: _Record, counted: _Counters) -> str | None:
+    """Say what in a case cannot be true, whatever the polygons are; None if nothing."""
+    fragments, quads = np.array(counted.fragments), np.array(counted.quads)
+    left_out = record.polygons_skipped + record.polygons_failed
+    if record.polygons + left_out != len(quads):
+        return f"{record.polygons + left_out} polygons and counters of {len(quads)}"
+    if ((quads > fragments) | (4 * quads < fragments)).any():
+        return "quads of fewer than one pixel, or more than four"
+    if len(quads) and not fragments.any():
+        return "nothing was drawn: all counters are zero"
+    if record.proven is not None and record.proven > record.polygons:
+        return f"{record.proven} of {record.polygons} polygons proven"
+    if record.triangles < record.polygons or record.vertices < 3 * record.polygons:
+        return f"{record.triangles} triangles, {record.vertices} vertices: too few for its polygons"
+    return None
+
+
 class _View(_Part):
     resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
     rotation: Finite
@@ -149,9 +167,8 @@ class _View(_Part):
                 raise ValueError(f"the record of {name} is of another case")
             if len(counted.fragments) != len(counted.quads):
                 raise ValueError(f"{name} has different numbers of polygons")
-            fragments, quads = np.array(counted.fragments), np.array(counted.quads)
-            if ((quads > fragments) | (4 * quads + 2 < fragments)).any():
-                raise ValueError(f"{name} has quads of fewer than one pixel, or more than four")
+            if (wrong := _contradiction(record, counted)) is not None:
+                raise ValueError(f"{name}: {wrong}")
         if len(sizes) > 1:
             raise ValueError("its cases have different numbers of polygons")
         if len({case.record.scene_hash for case in self.cases.values()}) > 1:
@@ -180,6 +197,14 @@ class _Result(_Part):
     problem: Annotated[str, StringConstraints(max_length=10_000)] | None
     hidden: bool
     views: Annotated[list[_View], Field(min_length=1, max_length=1000)]
+
+    @validator(mode="after")
+    def _once(self) -> Self:
+        """Whether each view is there once."""
+        places = [(each.scene, each.resolution, each.rotation, each.fit) for each in self.views]
+        if len(set(places)) < len(places):
+            raise ValueError("one view is there twice")
+        return self
 
 
 def read_result(file: Path) -> _Result:
@@ -239,7 +264,7 @@ def import_result(result: _Result, folder: Path, device: str, run: Run | None = 
     Raises
     ------
     UsageError
-        if the folder holds a run already, or `run` is of other polygons
+        if the folder holds a run already, or `run` is of other polygons or says otherwise of them
     """
     facts = _facts(result, device)
     made = [
@@ -247,6 +272,9 @@ def import_result(result: _Result, folder: Path, device: str, run: Run | None = 
     ]
     if run is not None:
         _refuse_other_scene(run, made)
+        for view in result.views:
+            for case in view.cases.values():
+                _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
     with Store.create(folder) as store:
         store.write_facts(facts)
         for record, counters in made:
@@ -367,6 +395,43 @@ def _refuse_other_scene(run: Run, made: Sequence[tuple[Record, Any]]) -> None:
     for record, _ in made:
         if record["scene_hash"] not in known:
             raise UsageError(f"{run.path} is of other polygons than the page's {record['scene']}")
+
+
+def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
+    """What the run's polygons and triangles say of a case, the page's file must say, too.
+
+    exact_grid : the device draws polygons where they are, so that the reference counts the same
+    """
+    own = case.record
+    view = View(own.resolution, own.rotation, own.fit)
+    known = next(
+        (
+            record
+            for record in run.records
+            if record["triangulator"] == own.triangulator
+            and record["status"] == "ok"
+            and view_of(record) == view
+            and record.get("scene_hash") == own.scene_hash
+        ),
+        None,
+    )
+    if known is None:
+        raise UsageError(f"{run.path} has no {own.triangulator} at {own.resolution} px")
+    told = own.model_dump(exclude_unset=True)
+    wrong = [name for name in KEPT if name in known and name in told and known[name] != told[name]]
+    if wrong:
+        raise UsageError(f"{own.triangulator}: {', '.join(wrong)} contradict {run.path}")
+    kept = drawings.read(run, view)
+    if not exact_grid or kept is None or own.triangulator not in kept.triangles:
+        return
+    counted = np.array([case.counters.fragments, case.counters.quads])
+    exact = np.array(counted_exactly(kept, kept.triangles[own.triangulator]))
+    differing = -1 if counted.shape != exact.shape else int((counted != exact).any(axis=0).sum())
+    if differing != case.differing:
+        raise UsageError(
+            f"{own.triangulator}: its counters do not differ from the exact reference in "
+            f"{case.differing} polygons, as the file says"
+        )
 
 
 def _add_polygons(

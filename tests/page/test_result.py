@@ -222,3 +222,77 @@ def allowed(path: tuple[Any, ...], value: Any) -> bool:
     if value in ([], {}):
         return name in ("predicted", "cases", "times")
     return name == "predicted"
+
+
+def first_case(result):
+    return next(iter(result["views"][0]["cases"].values()))
+
+
+def all_zero(result):
+    for case in result["views"][0]["cases"].values():
+        case["counters"] = {name: [0] * len(each) for name, each in case["counters"].items()}
+
+
+def one_more_fragment_than_lanes(result):
+    counters = first_case(result)["counters"]
+    counters["fragments"][0] = 4 * counters["quads"][0] + 1
+
+
+def a_second_view(result):
+    result["views"].append(result["views"][0])
+
+
+CONTRADICTIONS = {
+    "zero": all_zero,
+    "polygons": lambda result: first_case(result)["record"].update(polygons=1000),
+    "lanes": one_more_fragment_than_lanes,
+    "proven": lambda result: first_case(result)["record"].update(proven=1_000_000),
+    "one triangle": lambda result: first_case(result)["record"].update(triangles=1),
+    "view": a_second_view,
+}
+
+
+@pytest.mark.parametrize("change", CONTRADICTIONS.values(), ids=CONTRADICTIONS)
+def test_what_contradicts_itself_is_refused(saved, change):
+    with pytest.raises(UsageError):
+        read_result(saved(change))
+
+
+OF_THE_RUN = {
+    "predicted": lambda r: first_case(r)["record"].update(
+        predicted={**first_case(r)["record"]["predicted"], "half_perimeter": 1.0}
+    ),
+    "triangles": lambda r: first_case(r)["record"].update(triangles=400),
+    "conforming": lambda r: first_case(r)["record"].update(t_junctions=3),
+    "counters": lambda r: first_case(r)["counters"]["quads"].reverse(),
+    "differing": lambda r: first_case(r).update(differing=2),
+}
+
+
+@pytest.mark.parametrize("change", OF_THE_RUN.values(), ids=OF_THE_RUN)
+def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change):
+    """It passes by itself; what the run's polygons and triangles say is another thing."""
+
+    def fitting(result):
+        change(result)
+        counters = first_case(result)["counters"]
+        counters["fragments"] = [
+            min(4 * q, max(q, f))
+            for f, q in zip(counters["fragments"], counters["quads"], strict=True)
+        ]
+
+    result = read_result(saved(fitting))
+    with pytest.raises(UsageError, match=r"contradict|do not differ"):
+        import_result(result, tmp_path / "run", "phone", small_run)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_single_round_is_no_time(saved, tmp_path):
+    def one_round(result):
+        for view in result["views"]:
+            view["epochs"] = [1]
+            for times in view["times"].values():
+                times["samples_s"] = times["samples_s"][:1]
+
+    folder = import_result(read_result(saved(one_round)), tmp_path / "run", "phone")
+    assert all("time" not in record for record in read_run(folder).records)
