@@ -1,0 +1,103 @@
+"""Names that are markup, in every field of a run and of an imported result: no script runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from harness.page import write_page
+from harness.page.result import import_result, read_result
+from harness.report import write_report
+from harness.stored.folder import read_run
+from tests.chromium import MEASURED, Chromium
+
+MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
+PLAIN = {"key", "status", "scene_hash", "fit", "timer", "verdict", "created", "order", "hash"}
+"""Fields that hold one of few words, or digits: other text there is refused."""
+
+HOVER = """(() => {
+  const count = PLOT.getOption().series.length;
+  for (let seriesIndex = 0; seriesIndex < count; seriesIndex++)
+    PLOT.dispatchAction({ type: "showTip", seriesIndex, dataIndex: 0 });
+})()"""
+
+
+def hostile(value: Any, field: str = "") -> Any:
+    """Put markup behind every text, and behind every name of a field that is nobody's."""
+    if isinstance(value, dict):
+        return {name: hostile(each, name) for name, each in value.items()}
+    if isinstance(value, list):
+        return [hostile(each, field) for each in value]
+    return value + MARKUP if isinstance(value, str) and field not in PLAIN else value
+
+
+def opened_safely(browser: Chromium, file: Path, ready: str | None = None) -> None:
+    browser.open(file, **({"ready": ready} if ready else {}))
+    assert MARKUP in browser.evaluate("document.body.textContent")
+    assert not browser.evaluate("'hacked' in window")
+    # whatever was made of names is text: none of their elements is there
+    assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
+
+
+def write_hostile(run: Any, folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps(hostile(run.facts)))
+    lines = [json.dumps(hostile(record)) + "\n" for record in run.records]
+    (folder / "cases.jsonl").write_text("".join(lines))
+    (folder / "polygons").symlink_to(run.path / "polygons")
+    return folder
+
+
+def test_the_report_of_a_run(browser, small_run, tmp_path):
+    folder = write_hostile(small_run, tmp_path / "run")
+    file = write_report(read_run(folder))
+    opened_safely(browser, file)
+    browser.evaluate(HOVER.replace("PLOT", "chart.plot"))
+    browser.evaluate("new Promise((done) => setTimeout(done, 50))")
+    assert not browser.evaluate("'hacked' in window")
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+
+
+def test_the_report_of_an_imported_result(browser, saved, tmp_path):
+    def change(result: dict[str, Any]) -> None:
+        for view in result["views"]:
+            for part in ("cases", "times"):
+                view[part] = {
+                    name if name.startswith("(") else name + MARKUP: each
+                    for name, each in view[part].items()
+                }
+            for case in view["cases"].values():
+                case["record"] = hostile(case["record"])
+            view["scene"] += MARKUP
+        for part in ("page", "browser", "device"):
+            result[part] = hostile(result[part])
+
+    folder = import_result(read_result(saved(change)), tmp_path / "run", f"phone{MARKUP}")
+    opened_safely(browser, write_report(read_run(folder)))
+
+
+def test_the_measuring_page_and_its_tooltips(browser, small_run, tmp_path, saved):
+    page = write_page(small_run, tmp_path / "page.html")
+    browser.open(page, MEASURED)
+    content = json.loads(saved().read_text())["result"]
+    name = json.dumps(f"delaunay{MARKUP}")
+    browser.evaluate(f"""(() => {{
+      const renamed = (each) => Object.fromEntries(Object.entries(each)
+        .map(([key, value]) => [key === "delaunay" ? {name} : key, value]));
+      const result = {content};
+      for (const view of result.views) {{
+        view.cases = renamed(view.cases); view.times = renamed(view.times);
+      }}
+      state.page.looks = renamed(state.page.looks);
+      state.result = result;
+      show();
+    }})()""")
+    assert browser.evaluate("state.plot.getOption().series.length") > 3
+    browser.evaluate(HOVER.replace("PLOT", "state.plot"))
+    browser.evaluate("new Promise((done) => setTimeout(done, 50))")
+    shown = browser.evaluate("document.body.textContent")
+    assert MARKUP in shown
+    assert "predicted" in shown
+    assert not browser.evaluate("'hacked' in window")
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
