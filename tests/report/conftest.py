@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import random
@@ -128,7 +129,9 @@ def _record(
     cost = 1.0 - 0.05 * place
     helpers = int(1e5 * cost * values.uniform(0.95, 1.05))
     return {
-        "key": f"{rasteriser}-{device}-{resolution}-{rotation}-{name}",
+        "key": hashlib.sha256(
+            f"{rasteriser}-{device}-{resolution}-{rotation}-{name}".encode()
+        ).hexdigest()[:16],
         "scene": "city",
         "triangulator": name,
         "rasteriser": rasteriser,

@@ -50,8 +50,7 @@ def test_an_estimate_is_nearer_than_its_criterion(folder):
         name: error_of_ratios(columns, "ear-clipping", name, "helper_lanes")
         for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
     }
-    assert error["helper_lanes_by_quads"] < 0.7 * error["expected_quads"]
-    assert error["expected_quads"] < error["overdraw"]
+    assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]
     for record, own in zip(records, columns.values(), strict=True):
         if record["triangulator"] == "fan":
             continue
