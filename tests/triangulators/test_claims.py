@@ -2,6 +2,7 @@
 
 import ast
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from scripts.false_claims import (
     polygons,
     true_claims,
 )
+from scripts.whole_numbers import judged, polygon_of
 from tests.paths import ROOT
 from tests.triangulators.cases import random_simple
 from tests.triangulators.touching import touching_polygons
@@ -143,6 +145,17 @@ def test_a_thousand_claims():
                 assert not accepted_by_ours(false), false
                 assert not accepted_by_plain(false), false
     assert made > 500
+
+
+def test_nothing_is_proven_where_whole_numbers_find_less():
+    rng = np.random.default_rng(11)
+    counts = Counter()
+    for number in range(4):
+        counts += judged(polygon_of(rng, holes=number % 2 == 1), NAMES[number // 2 % 2])
+    assert counts["proven"] > 4
+    assert counts["proven"] < counts["certificates"]
+    assert not counts["proven, though something costs less"]
+    assert not counts["bounds above the optimum"]
 
 
 def test_other_criteria_are_refused_with_a_line_that_says_so():

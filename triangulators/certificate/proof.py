@@ -22,9 +22,10 @@ from triangulators.criteria.cost import Cost
 from triangulators.optimum.local_search import search_cuts
 from triangulators.polygon import Boundary
 
+# How much is tried. Where a limit is no time, the same is proven on any machine.
 SECONDS = 60.0  # for the linear programs of one polygon
-_WHOLE = 1e-4  # share of a triangle that is as good as none or all of it
-_DEEPEST = 40  # branches
+_WHOLE = 1e-4  # share of a triangle that is as good as none or all: programs are solved to 1e-9
+_DEEPEST = 40  # branches below each other
 _MOST_WORK = 10**8  # triangles in all tables of one polygon: a minute
 _QUICK_WORK, _QUICK_ROWS = 10**7, 100_000  # the same, and rows of a program: some seconds
 _QUICK = 1_500_000  # candidates of one polygon: excluding takes some seconds
@@ -32,8 +33,8 @@ _MOST = 10**9  # the same: looking at each takes some minutes
 _LISTED = 8_000_000  # the same: beyond, edges are thinned before triangles are listed
 _LEFT = 64_000_000  # the same, after thinning: they are 6 GB
 _WORTH = 0.1  # share of edges to be excluded for thinning to be tried
-_HEAVIEST = 2.0**59  # potential
-_ENDLESS = 2**60 - 1  # weight that no triangulation reaches
+_HEAVIEST = 2.0**59  # potential: the checker adds three of less than 2^60 in 64 bits
+_ENDLESS = 2**60 - 1  # weight that no triangulation reaches, and the largest the checker takes
 
 
 class Proof(NamedTuple):

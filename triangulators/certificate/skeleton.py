@@ -239,6 +239,13 @@ def _fill(
     Half-edge 2 e runs edge e from its lower end to its higher, 2 e + 1 the other way; what is
     beyond is on its left. state: 1 while what is beyond is worked out, 2 where it is known; seen:
     triangles that were tried. False if half-edges lead round in a circle.
+
+    A search in depth, with a stack in place of recursion. Each half-edge is looked at twice: once
+    (state 0) to put what its triangles lead out to on the stack, and again, when it is on top once
+    more and all of that is known, to take the least. Invariant: all in state 2 have their final
+    `far`; those in state 1 are on the stack, each put there by one below it. To meet a half-edge in
+    state 1 would be a circle, which a polygon without holes does not have. Every triangle is tried
+    from each of its sides at most, so the time goes by their number.
     """
     waiting = np.empty(len(far), dtype=np.int64)
     waiting[0] = root
@@ -255,6 +262,8 @@ def _fill(
             if not alive[t]:
                 continue
             seen[t] = True
+            # Of a triangle some of whose sides are not known yet, the total is not used: `height`
+            # has grown then, and the half-edge is looked at again.
             total = weights[t]
             for k in range(3):
                 out = _way_out(triangles, sides, side, cut, t, k, h)
@@ -379,7 +388,19 @@ def _fill_rest(
 ) -> bool:
     """Fill the table for triangles that the root does not lead to, which need potentials, too.
 
-    Of their sides, that one leads away from the root whose first end is later in the ring.
+    The inequality is asked for each triangle that is left, also for one that no triangulation of
+    what is left has: `_fill` from the root may never come to it. It holds once `far` is known for
+    the half-edges out of two sides, and is the least over the triangles beyond the third.
+
+    Which side is the third, the one that the root is behind? The ring is walked counter-clockwise
+    from the root, and beyond a half-edge from p to q is the ring from q to p. Counter-clockwise
+    a triangle has two sides that go on in the ring, from an earlier place to a later, and one that
+    goes back: between the ends of that one the ring passes the root. So its first end is the later
+    one, and the half-edge into the triangle over it, `out ^ 1`, is where `_fill` begins. A site at
+    which cuts end is in the ring several times; `_place` says which place sees the other end. The
+    chosen triangles lay the ring out; any triangulation would do.
+
+    Invariant: all triangles before t that are left were tried, so that their inequality holds.
     """
     begin, at = _corners_at(len(points), triangles, chosen)
     for t in range(len(triangles)):
@@ -389,7 +410,7 @@ def _fill_rest(
             out = _way_out(triangles, sides, side, cut, t, k, -2)
             if out < 0 or state[out] == 2:
                 continue  # nothing is beyond this side, or it leads out of the triangle
-            a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+            a, b = triangles[t, k], triangles[t, (k + 1) % 3]  # `out` runs b to a
             first = _place(points, triangles, chosen, places, begin, at, a, b)
             last = _place(points, triangles, chosen, places, begin, at, b, a)
             if first > last >= 0:
