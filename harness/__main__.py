@@ -6,6 +6,8 @@ line is being loaded, which takes a second or two, is to end like Ctrl-C at any 
 
 import os
 import signal
+import sys
+from pathlib import Path
 
 INTERRUPTED = 130  # harness.errors has it too, but may not be loaded yet
 
@@ -16,6 +18,9 @@ def main() -> None:
     if before is signal.default_int_handler:
         # Not an exception: libraries that are being imported catch those.
         signal.signal(signal.SIGINT, _stop)
+    # As with -m: a user's own module lies where the program is called.
+    if not {"", here := str(Path.cwd())} & set(sys.path):
+        sys.path.insert(0, here)
     from harness.cli import main as run
 
     signal.signal(signal.SIGINT, before)

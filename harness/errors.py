@@ -12,6 +12,7 @@ BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
+"""Too noisy to say, or a part of what was asked for failed: what was measured is kept."""
 DEFECT = 70
 """A defect of the harness itself, as sysexits.h has it: 1 means a regression, and nothing else."""
 INTERRUPTED = 130

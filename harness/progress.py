@@ -236,15 +236,21 @@ class Reporter:
     def _lines(self, title: str, total: float) -> Iterator[Stage]:
         self.say(f"{title} ...")
         start = last = self._clock()
+        first: tuple[float, float] | None = None  # what came before, such as compiling, is over
 
         def show(steps: float) -> None:
-            nonlocal last
+            nonlocal last, first
             now = self._clock()
+            if first is None and steps > 0:
+                first = now, steps
             if now - last < LINE_EVERY_S or not total:
                 return
             last = now
             share = min(1.0, steps / total)
-            left = f", about {(now - start) * (1 / share - 1):.0f} s left" if share else ""
+            left = ""
+            if first is not None and steps > first[1]:
+                a_step = (now - first[0]) / (steps - first[1])
+                left = f", about {a_step * max(0.0, total - steps):.0f} s left"
             self.say(f"{title}: {share:.0%} after {now - start:.0f} s{left}")
 
         yield Stage(show)

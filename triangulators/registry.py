@@ -185,6 +185,10 @@ BUILTIN = {
 }
 
 
+ALIASES = {"earcut": "ear-clipping"}
+"""Other names that people know triangulators by."""
+
+
 class Choice(NamedTuple):
     """A triangulator as written on the command line: an entry and, if it takes one, a criterion."""
 
@@ -230,6 +234,7 @@ def find(name: str) -> Entry:
     >>> find("fan").handles_holes
     False
     """
+    name = ALIASES.get(name, name)
     if name in BUILTIN:
         return BUILTIN[name]
     if name in _third_party():
@@ -263,6 +268,7 @@ def parse(text: str) -> Choice:
     'overdraw'
     """
     name, _, criterion = text.partition(":")
+    name = ALIASES.get(name, name)
     if name not in BUILTIN:
         return Choice(find(text), None)
     entry = BUILTIN[name]

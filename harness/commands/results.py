@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from harness.errors import INTERRUPTED, NothingMeasured, UsageError
+from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
 from harness.measuring.run import RunResult
 from harness.stored.folder import file_stem
 from scenes.spec import label
@@ -52,4 +52,15 @@ def require_finished(outcome: RunResult, console: Console, how: str) -> None:
         where = os.path.relpath(outcome.path)
         raise NothingMeasured(
             f"nothing was measured: every case was skipped or failed (reasons: {where}/cases.jsonl)"
+        )
+
+
+def require_all(outcome: RunResult) -> None:
+    """Raise `Inconclusive` if a case failed; what is skipped for a stated reason is no failure."""
+    failed = [record for record in outcome.records if record["status"] == "failed"]
+    if failed:
+        named = ", ".join(dict.fromkeys(str(record["triangulator"]) for record in failed))
+        raise Inconclusive(
+            f"{len(failed)} of {len(outcome.records)} cases failed ({named}); what was measured is "
+            f"in {os.path.relpath(outcome.path)}"
         )

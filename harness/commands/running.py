@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from harness.commands.options import CALIBRATIONS
-from harness.commands.results import require_finished
+from harness.commands.results import require_all, require_finished
 from harness.errors import Inconclusive, UsageError
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
@@ -147,3 +147,4 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
                 plot_run(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     require_finished(outcome, console, f"continue with: raster-harness run --resume {outcome.path}")
+    require_all(outcome)

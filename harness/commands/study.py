@@ -23,7 +23,7 @@ from harness.commands.options import (
 )
 from harness.commands.run import run
 from harness.commands.validate import validate
-from harness.errors import NothingMeasured, UsageError
+from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.study.design import Design
 
 ANGLES = Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
@@ -95,7 +95,7 @@ def study(
             console.print(f"  {part.name} ...", markup=False)
             try:
                 _carry_out(scene, folder / part.name, part)
-            except (UsageError, NothingMeasured) as error:
+            except (UsageError, NothingMeasured, Inconclusive) as error:
                 # What one study cannot do, the others may.
                 console.print(f"  {part.name}: {error}", markup=False, soft_wrap=True)
         found.append((name, replication.read(folder)))

@@ -72,6 +72,7 @@ def _prepare(
     except TaskFailed as error:
         reporter.detail(error.detail)
         return "failed", str(error)
+    reporter.detail(result.trace)
     for note in result.notes:
         reporter.warn_once(note)
     triangles = frame.join(result.parts)
@@ -92,6 +93,8 @@ def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:
         if waited > SAID_AFTER_S:
             reporter.once(
                 f"compiling {recipe.base}, which only the first run on a machine does ..."
+                if recipe.builtin
+                else f"still waiting for {recipe.base}, on its first polygons ..."
             )
 
     bench.compile(recipe, tell)

@@ -98,13 +98,14 @@ def run(
         written
     """
     began = time.perf_counter()
-    scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-    if (shapely.get_num_coordinates(scene.polygons) == _CLOSED_TRIANGLE).all():
-        raise NothingMeasured(
-            f"nothing to choose: every polygon of {plan.scene} is a triangle already"
-        )
     bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
     try:
+        find_broken(plan.triangulators, bench)  # names first: a scene may take long
+        scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
+        if (shapely.get_num_coordinates(scene.polygons) == _CLOSED_TRIANGLE).all():
+            raise NothingMeasured(
+                f"nothing to choose: every polygon of {plan.scene} is a triangle already"
+            )
         return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside, base)
     finally:
         bench.close(at_once=bench.stopping)

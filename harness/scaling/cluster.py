@@ -220,6 +220,7 @@ class DaskCrew:
             return self._distributed.LocalCluster(
                 n_workers=number,
                 threads_per_worker=1,
+                dashboard_address="127.0.0.1:8787",  # which nobody else can look at
                 memory_limit=0,  # the tasks' memory is that of other processes
                 silence_logs=logging.CRITICAL,
             )

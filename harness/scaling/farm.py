@@ -7,6 +7,7 @@ the usual resuming; the folders are merged.
 
 from __future__ import annotations
 
+import getpass
 import hashlib
 import io
 import json
@@ -176,7 +177,9 @@ class _alone:  # noqa: N801 - used as a function
     def __init__(self, device: str) -> None:
         # a GPU has its own clock; what software draws shares the cores
         name = device if device.startswith("gpu") else CPU
-        self._path = Path(tempfile.gettempdir()) / f"raster-harness-{file_stem(name)}.lock"
+        # Of this user: another one's file cannot be opened.
+        stem = f"raster-harness-{file_stem(getpass.getuser())}-{file_stem(name)}"
+        self._path = Path(tempfile.gettempdir()) / f"{stem}.lock"
 
     def __enter__(self) -> None:
         self._stream = self._path.open("a")

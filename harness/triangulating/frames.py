@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,6 +21,9 @@ from triangulators import Skipped, vertices
 from triangulators.batch.many import ragged
 from triangulators.verify import verify
 
+MOST_SAID = 300
+"""Characters of an error that are kept."""
+
 
 @dataclass
 class FrameTriangulation:
@@ -36,6 +40,7 @@ class FrameTriangulation:
     gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
         least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
     notes : what the user should know of the model database
+    trace : the traceback of the first error of a triangulator's code, "" where there was none
     """
 
     parts: list[NDArray[np.int32] | None] = field(default_factory=list)
@@ -47,6 +52,7 @@ class FrameTriangulation:
     cached: int = 0
     gaps: list[float] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    trace: str = ""
 
     @property
     def conforming(self) -> bool:
@@ -175,6 +181,15 @@ def _batch(
     return {place: found[place] for place in np.flatnonzero(done).tolist()}
 
 
+def told_of(error: BaseException) -> str:
+    """Return in one line, and not a long one, what was raised and where."""
+    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if len(text) > MOST_SAID:
+        text = f"{text[:MOST_SAID]} ... ({len(str(error)):,} characters)"
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
+
+
 class _Computed(NamedTuple):
     """One polygon's triangles, T-junctions, seconds and gap."""
 
@@ -195,7 +210,8 @@ def _compute(
     except Skipped as reason:
         result.skipped.append((number, str(reason)))
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
-        result.failed.append((number, f"{type(error).__name__}: {error}"))
+        result.failed.append((number, told_of(error)))
+        result.trace = result.trace or "".join(traceback.format_exception(error))
     seconds = time.perf_counter() - start
     if part is not None:
         part, junctions, problem = check(polygon, part)

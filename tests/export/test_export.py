@@ -16,6 +16,7 @@ from pyarrow import parquet
 from harness.errors import UsageError
 from harness.export import FORMATS, export_file, geo
 from harness.export.mesh import heights
+from harness.export.triangulation import triangulate_batch
 from scenes import SceneError, load
 from scripts.false_claims import PLAIN
 
@@ -443,3 +444,20 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
         with pytest.raises(PLAIN.Refused):
             PLAIN.check(claim | {"cost": claim["cost"] / 2, "lower_bound": claim["cost"] / 2})
     assert proofs in report.files
+
+
+def test_a_forged_entry_of_the_model_database_is_not_used(tmp_path):
+    """Its checksum is right, since whoever can write the file can compute it."""
+    from harness.triangulating.database import ModelDatabase
+
+    square = shapely.Polygon([(0, 0), (8, 0), (8, 8), (0, 8)], [[(2, 2), (2, 5), (5, 5), (5, 2)]])
+    polygons = np.array([square, shapely.transform(square, lambda xy: xy * 2)])
+    with ModelDatabase(tmp_path / "models.sqlite") as database:
+        whole = triangulate_batch(polygons, "optimal:half-perimeter", {}, database)
+        assert triangulate_batch(polygons, "optimal:half-perimeter", {}, database).read == 2
+        (key, _), *_ = database._database.execute("SELECT key, value FROM model").fetchall()
+        for forged in ([[0, 1, 2]], [[0, 1, 99]] * 8, [[0, 1, 2]] * 8, [[0, 2, 1]] * 8):
+            database.put_many("optimal", [(key, np.array(forged, np.int32))])
+            again = triangulate_batch(polygons, "optimal:half-perimeter", {}, database)
+            assert again.read == 1
+            assert np.array_equal(again.triangles, whole.triangles)

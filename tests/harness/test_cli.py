@@ -332,3 +332,65 @@ def test_a_file_that_is_no_run_is_bad_input(harness):
     code, _, err = harness("compare", "README.md", "README.md")
     assert code == 2
     assert_one_line(err, "README.md", "no record of a run")
+
+
+@pytest.mark.usefixtures("no_plots", "in_process")
+def test_a_triangulator_that_fails_is_told_by_exit_code_and_place(harness, block, monkeypatch):
+    write("mine.py", "def cut(polygon):\n    table = {}\n    return table['x' * 100_000]\n")
+    monkeypatch.syspath_prepend(Path.cwd())
+    run = (
+        "run",
+        "--scene",
+        str(block),
+        *MOCK,
+        "--triangulators",
+        "delaunay,mine:cut",
+        "--out",
+        "o",
+    )
+    code, out, err = harness(*run, "--verbose")
+    assert code == 5
+    assert "delaunay" in out
+    errors = [line for line in err.splitlines() if line.startswith("error:")]
+    assert len(errors) == 1
+    assert "1 of 2 cases failed (mine:cut); what was measured is in o" in errors[0]
+    assert "mine.py:3" in err
+    assert "return table['x' * 100_000]" in err
+    (reason,) = [
+        json.loads(line)["reason"]
+        for line in Path("o/cases.jsonl").read_text().splitlines()
+        if "mine:cut" in line
+    ]
+    assert "KeyError" in reason
+    assert "mine.py:3" in reason
+    assert len(reason) < 1000
+
+
+@pytest.mark.usefixtures("no_plots", "in_process")
+def test_earcut_is_another_name_of_ear_clipping(harness, block):
+    run = ("run", "--scene", str(block), *MOCK, "--triangulators", "earcut", "--out", "o")
+    assert harness(*run)[0] == 0
+    assert '"triangulator": "ear-clipping"' in Path("o/cases.jsonl").read_text()
+
+
+def test_the_installed_program_finds_modules_beside_it(tmp_path):
+    (tmp_path / "mine.py").write_text("")
+    program = "import sys; sys.path.pop(0); sys.path.append(sys.argv.pop()); sys.argv.append('-h')"
+    program += "\nfrom harness.__main__ import main\ntry: main()\nexcept SystemExit: import mine"
+    command = [sys.executable, "-c", program, str(ROOT)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "raster-harness [OPTIONS] COMMAND" in done.stdout
+
+
+def test_files_have_the_permissions_that_the_user_gives(tmp_path):
+    import os
+
+    from harness.stored import atomic
+
+    before = os.umask(0o077)
+    try:
+        atomic.write(tmp_path / "file", b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o600
