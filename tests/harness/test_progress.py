@@ -36,7 +36,7 @@ def test_without_a_terminal_there_are_lines_now_and_then():
             stage.advance()
     assert said.lines == [
         "counting ...",
-        "counting: 33% after 20 s",
+        "counting: 33% after 20 s, about 40 s left",
         "counting: 67% after 40 s, about 20 s left",
         "counting: 100% after 60 s, about 0 s left",
     ]
