@@ -34,7 +34,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import TriangulationError, triangulate, triangulate_many, vertices
 from triangulators.criteria import find
 from triangulators.dropin import triangulate_float64
-from triangulators.optimum.full_table import box_optimum
+from triangulators.optimum.small_ring import ring_optimum
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
@@ -196,7 +196,9 @@ def _table() -> Found:
             ring = np.ascontiguousarray(vertices(shapely.orient_polygons(polygon)))
             for criterion, box in zip(CRITERIA, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
                 total = find(criterion).total
-                whole = total(ring, box_optimum(ring, np.array(box), 0.0))
+                table = np.empty((len(ring) - 2, 3), dtype=np.int32)
+                ring_optimum(ring, np.array(box), table)
+                whole = total(ring, table)
                 triangles = triangulate(polygon, f"optimal:{criterion}", limit=10_000)
                 cost = total(vertices(polygon), triangles)
                 agrees = abs(cost - whole) <= CLOSE * abs(whole)

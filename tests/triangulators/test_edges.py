@@ -5,14 +5,13 @@ import pytest
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.triangulators.cases import convex, random_simple, shared, smooth, star
+from tests.triangulators.cases import convex, random_simple, shared, smooth, snapped, star
 from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum import edge_table
-from triangulators.optimum.full_table import box_optimum
-from triangulators.optimum.small_ring import grid_unit
+from triangulators.optimum.small_ring import grid_unit, ring_optimum
 from triangulators.optimum.visible_table import sparse_optimum
 from triangulators.polygon import boundary
 from triangulators.starting.starts import cycle_of
@@ -27,6 +26,22 @@ def by_triangles(ring, criterion, sign=1.0):
     cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
     best = sparse_optimum(ring.points, ring.start, ring.target, with_fields(cost, is_box=False))
     return criteria.find(criterion).total(ring.points, best)
+
+
+def by_ring(ring, box):
+    """The table of a ring, which needs no visibility."""
+    triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
+    assert ring_optimum(ring, box, triangles) < np.inf
+    return triangles
+
+
+@pytest.mark.parametrize("n", [130, 300])
+def test_where_most_corners_see_each_other_the_ring_is_as_good_as_visible_pairs(n):
+    area = np.array([0.0, 1.0, 0.0])
+    for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
+        ring = cycle_of(boundary(polygon), "test")
+        cost = criteria.find("overdraw").total(ring.points, by_ring(ring.points, area))
+        assert cost == pytest.approx(by_triangles(ring, "overdraw"), rel=1e-12)
 
 
 @pytest.mark.parametrize(("criterion", "box"), [("half-perimeter", H), ("edge-length", E)])
@@ -92,18 +107,17 @@ def test_on_frames_the_optimum_is_that_of_the_table_of_triangles_exactly():
         if polygon.interiors or len(vertices(polygon)) > 250:
             continue
         outline = boundary(polygon)
-        ring = outline.points[outline.edges[:, 0]]
-        assert on_grid(ring)
-        for name, box in (("half-perimeter", H), ("overdraw", np.array([0.0, 1.0, 0.0]))):
-            before = box_optimum(ring, box, 0.0)
-            now = triangulate(polygon, f"optimal:{name}")
-            criterion = criteria.find(name)
-            assert criterion.total(outline.points, now) == criterion.total(ring, before)
+        ring = cycle_of(outline, "test")
+        assert on_grid(ring.points)
+        for name in ("half-perimeter", "overdraw"):
+            found = triangulate(polygon, f"optimal:{name}")
+            expected = by_triangles(ring, name)
+            assert criteria.find(name).total(outline.points, found) == expected
             compared += 1
     assert compared > 100
 
 
-def test_a_mixture_of_boxes_and_edges_is_exact_in_the_dense_table():
+def test_a_mixture_of_boxes_and_edges_is_exact_in_the_table_of_a_ring():
     """A diagonal is an edge of two triangles, a side of the boundary of one."""
     weights = np.zeros(len(FEATURES))
     weights[FEATURES.index("bbox_area")], weights[FEATURES.index("edge_length")] = 1.0, 30.0
@@ -113,10 +127,10 @@ def test_a_mixture_of_boxes_and_edges_is_exact_in_the_dense_table():
     for _ in range(60):
         polygon = random_simple(random, 9, 30)
         ring = (outline := boundary(polygon)).points[outline.edges[:, 0]]
-        found = mixture.total(ring, box_optimum(ring, np.array([0.0, 1.0, 30.0]), 0.0))
+        found = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 30.0])))
         every = triangulate(polygon, "exhaustive", criterion=mixture)
         assert found == pytest.approx(mixture.total(vertices(polygon), every), rel=1e-12)
-        single = mixture.total(ring, box_optimum(ring, np.array([0.0, 1.0, 15.0]), 0.0))
+        single = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 15.0])))
         differ += found < single * (1 - 1e-9)
     assert differ > 5
 

@@ -204,7 +204,7 @@ def prepared(polygons):
     arrays = ragged(polygons)
     begins = np.r_[0, arrays.ring_ends]
     rings = Rings.of(begins)
-    prepare(0, len(polygons), arrays.coordinates, np.ones(len(polygons), bool), MOST, *rings)
+    prepare(0, len(polygons), arrays.coordinates, np.ones(len(polygons), bool), MOST, rings)
     return rings
 
 

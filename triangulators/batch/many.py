@@ -22,8 +22,8 @@ from triangulators.gpu.rings import MOST, SIZES
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
-from triangulators.optimum.batch_kernels import do_holes, do_rings
-from triangulators.optimum.small_holes import MOST_HOLES
+from triangulators.optimum.batch_kernels import Batch, do_rings
+from triangulators.optimum.small_holes import MOST_HOLES, holes_optimum
 from triangulators.optimum.small_ring import SMALL
 from triangulators.registry import parse
 
@@ -59,7 +59,7 @@ def attempt_many(
     On the CPU, whatever was measured to be faster. Raises `UnknownName`.
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    work = _Work.of(arrays)
+    work = _batch_of(arrays)
     _attempt(polygons, name, check, threads or cores(), CPU, parameters, work)
     return Attempt(Triangulations(work.triangles, work.starts), work.done)
 
@@ -95,40 +95,24 @@ def triangulate_many(
         ((2, 3), {1: 'the polygon is empty'})
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
-    work = _Work.of(arrays)
+    work = _batch_of(arrays)
     _attempt(polygons, name, check, threads or cores(), device, parameters, work)
     if work.done.all():
         return Triangulations(work.triangles, work.starts, compiled=work.done)
     return _finish(arrays, polygons, name, parameters, work)
 
 
-class _Work(NamedTuple):
-    """Arrays of a batch of p polygons.
-
-    coordinates (n, 2); rings (r + 1,): bounds of rings in it; owners (p + 1,): bounds of polygons
-    in `rings`; begins (p + 1,): bounds of polygons in `coordinates`; starts (p + 1,): bounds of
-    polygons in `triangles` (m, 3), where there is room for each one's; done (p,).
-    """
-
-    coordinates: np.ndarray
-    rings: np.ndarray
-    owners: np.ndarray
-    begins: np.ndarray
-    starts: np.ndarray
-    triangles: np.ndarray
-    done: np.ndarray
-
-    @classmethod
-    def of(cls, arrays: Ragged) -> "_Work":
-        coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
-        rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-        owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
-        begins = rings[owners]
-        room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
-        starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
-        triangles = np.empty((starts[-1], 3), dtype=np.int32)
-        done = np.zeros(len(owners) - 1, dtype=np.bool_)
-        return cls(coordinates, rings, owners, begins, starts, triangles, done)
+def _batch_of(arrays: Ragged) -> Batch:
+    """Return polygons with room for their triangles; none is done."""
+    coordinates = np.ascontiguousarray(arrays.coordinates, dtype=np.float64)
+    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
+    owners = np.r_[0, arrays.polygon_ends].astype(np.int64)
+    begins = rings[owners]
+    room = np.diff(begins) - 2 + 2 * (np.diff(owners) - 1)
+    starts = np.r_[0, np.cumsum(np.maximum(room, 0))]
+    triangles = np.empty((starts[-1], 3), dtype=np.int32)
+    done = np.zeros(len(owners) - 1, dtype=np.bool_)
+    return Batch(coordinates, rings, owners, begins, starts, triangles, done)
 
 
 def _attempt(
@@ -138,7 +122,7 @@ def _attempt(
     threads: int,
     device: str | None,
     parameters: dict[str, Any],
-    work: _Work,
+    work: Batch,
 ) -> None:
     """Do what a device and compiled code can; marks it in `work.done`."""
     choice = parse(name)
@@ -172,7 +156,7 @@ def _on_device(
     threads: int,
     device: str | None,
     limit: int,
-    work: _Work,
+    work: Batch,
 ) -> None:
     """Do what a device can; marks it in `work.done`.
 
@@ -200,23 +184,36 @@ def _on_device(
     engine.attempt(device, engine.Task(*arrays, work.starts, work.triangles, work.done), threads)
 
 
-def _compiled(work: _Work, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
+def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
     """Do what compiled code can; marks it in `work.done`."""
     lengths, rings = np.diff(work.begins), np.diff(work.owners)
     sound &= (lengths >= 3) & (lengths <= min(limit, SMALL))
     by_table = sound & (rings == 1) & ~work.done
     with_holes = np.flatnonzero(sound & (rings > 1) & (rings <= MOST_HOLES + 1))
-    out = (cost["box"], work.starts, work.triangles, work.done)
     with ThreadPoolExecutor(threads) as pool:
-        holes = (work.coordinates, work.rings[1:], work.owners, with_holes, *out)
-        running = _share(pool, threads, len(with_holes), do_holes, *holes)
-        simple = (work.coordinates, work.begins, by_table, *out)
+        holes = (work, with_holes, cost["box"])
+        running = _share(pool, threads, len(with_holes), _do_holes, *holes)
+        simple = (work, by_table, cost["box"])
         running += _share(pool, threads, len(work.done), do_rings, *simple)
         _wait(running)
 
 
+def _do_holes(first: int, last: int, work: Batch, which: np.ndarray, box: np.ndarray) -> None:
+    """Triangulate the polygons which[first:last], which have holes; marks `work.done`.
+
+    Called one by one: each takes some fifty microseconds, a call two or three, and a loop in
+    compiled code would compile all of `small_holes` a second time.
+    """
+    for index in which[first:last].tolist():
+        ring, end = work.owners[index : index + 2].tolist()
+        begin, close = work.begins[index : index + 2].tolist()
+        own = work.triangles[work.starts[index] : work.starts[index + 1]]
+        ends = work.rings[ring + 1 : end + 1] - begin
+        work.done[index] = holes_optimum(work.coordinates[begin:close], ends, box, own)
+
+
 def _clipped(
-    work: _Work, sound: np.ndarray, threads: int, finish: Callable[..., None], *how: Any
+    work: Batch, sound: np.ndarray, threads: int, finish: Callable[..., None], *how: Any
 ) -> None:
     """Clip ears in this thread, and let others `finish` them; marks `work.done`."""
     counts = np.diff(work.owners)
@@ -279,7 +276,7 @@ def _finish(
     polygons: Sequence[shapely.Polygon] | np.ndarray | Ragged,
     name: str,
     parameters: dict[str, Any],
-    work: _Work,
+    work: Batch,
 ) -> Triangulations:
     """Do what compiled code left, one polygon at a time, and put all in order."""
     starts, triangles = work.starts, work.triangles

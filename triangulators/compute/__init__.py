@@ -1,1 +1,1 @@
-"""What compiled code rests on: SIMD, threads, union-find. Nothing here knows a polygon."""
+"""What compiled code rests on: kernels, copies, SIMD, threads, union-find; it knows no polygon."""

@@ -39,27 +39,17 @@ LANES = 8
 
 
 @intrinsic
-def _push(
-    _typing: Any,
-    rows: Any,
-    _to: Any,
-    _x: Any,
-    _y: Any,
-    _weight: Any,
-    _beyond: Any,
-    _lane: Any,
-    _a: Any,
-    _b: Any,
-    _cost: Any,
-    _none: Any,
-) -> Any:
+def _push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
     """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x."""
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word, vector = ir.IntType(32), ir.VectorType(ir.IntType(32), LANES)
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         columns = builder.extract_value(array.shape, 1)
-        lane = arguments[6]
+        numbers, lane, values = arguments[1:]
+        to, x_row, y_row, weight_row, beyond_row = (
+            builder.extract_value(numbers, k) for k in range(5)
+        )
 
         def pointer(row: Any) -> Any:
             at = builder.add(builder.mul(row, columns), lane)
@@ -74,20 +64,21 @@ def _push(
             everywhere = ir.Constant(ir.VectorType(word, LANES), [0] * LANES)
             return builder.shuffle_vector(one, nothing, everywhere)
 
-        place = pointer(arguments[1])
+        place = pointer(to)
         before = load(place)
-        x, y, weight, beyond = (load(pointer(row)) for row in arguments[2:6])
-        a, b, cost, none = (spread(value) for value in arguments[7:])
+        x, y = load(pointer(x_row)), load(pointer(y_row))
+        weight, beyond = load(pointer(weight_row)), load(pointer(beyond_row))
+        a, b, cost, none = (spread(builder.extract_value(values, k)) for k in range(4))
         left = builder.icmp_signed(">", builder.mul(a, y), builder.mul(b, x))
         total = builder.select(left, builder.add(builder.add(beyond, weight), cost), none)
         lower = builder.select(builder.icmp_signed("<", total, before), total, before)
         builder.store(lower, place, align=4)
         return context.get_dummy_value()
 
-    row, value = types.intp, types.int32
-    return types.void(rows, row, row, row, row, row, row, value, value, value, value), emit
+    numbers, values = types.UniTuple(types.intp, 5), types.UniTuple(types.int32, 4)
+    return types.void(rows, numbers, types.intp, values), emit
 
 
 push: Any = _push
-"""push(rows, to, x, y, weight, beyond, lane, a, b, cost, none): LANES columns of `rows` (C-ordered
-int32) from `lane` on; all but `rows` and the int32 a, b, cost and none are numbers of rows."""
+"""push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): LANES columns of `rows`
+(C-ordered int32) from `lane` on. The first tuple is of numbers of rows, the second of int32."""

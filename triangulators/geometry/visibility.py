@@ -82,9 +82,8 @@ def visible_pairs(
             found += 1
             beyond = across[row, (e + 1) % 3]
             if beyond >= 0:
-                found = _look(
-                    points, triangles, across, v, v, beyond, right, left, stack, target, found
-                )
+                stack[0, 0], stack[0, 1], stack[0, 2] = beyond, right, left
+                found = _look(points, triangles, across, v, v, stack, target, found)
             following = across[row, (e + 2) % 3]
             if following < 0 and left > v:
                 target[found] = left
@@ -105,16 +104,16 @@ def _look(
     across: np.ndarray,
     v: int,
     floor: int,
-    row: int,
-    right: int,
-    left: int,
     stack: np.ndarray,
     target: np.ndarray,
     found: int,
 ) -> int:
-    """Append the corners > floor seen from v through the edge right-left to `target`, in order."""
+    """Append the corners > floor seen from v through a window to `target`, in order.
+
+    The window is on the stack: (row beyond it, right end, left end).
+    """
     height = 1
-    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = row, right, left, right, left
+    stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
     while height > 0:
         height -= 1
         row, right, left = stack[height, 0], stack[height, 1], stack[height, 2]
@@ -171,9 +170,8 @@ def visible_sites(points: np.ndarray, triangles: np.ndarray, across: np.ndarray)
                 count = 2
             beyond = across[row, (e + 1) % 3]
             if beyond >= 0:
-                count = _look(
-                    points, triangles, across, v, -1, beyond, right, left, stack, seen, count
-                )
+                stack[0, 0], stack[0, 1], stack[0, 2] = beyond, right, left
+                count = _look(points, triangles, across, v, -1, stack, seen, count)
             if found + count > len(pairs):
                 grown = np.empty((2 * (found + count), 2), dtype=np.int32)
                 grown[:found] = pairs[:found]

@@ -201,7 +201,7 @@ class _Run:
     def _prepare(self, first: int, last: int) -> None:
         task = self.task
         most = min(task.most, MOST)
-        prepare(first, last, task.coordinates, task.wanted, most, *self.rings)
+        prepare(first, last, task.coordinates, task.wanted, most, self.rings)
 
     def _take_down(self, turn: int, first: int, last: int) -> None:
         begins, kind = self.rings.begins, self.rings.kind
@@ -211,10 +211,9 @@ class _Run:
 
     def _place(self, which: np.ndarray) -> None:
         task, rings = self.task, self.rings
-        given = (rings.begins, rings.corners, rings.longest, rings.turned)
         out = (task.starts, task.triangles, task.done)
         for part in np.array_split(which, -(-len(which) // 4096)):
-            self.placing.append(self.pool.submit(place, part, self.bases, task.worst, *given, *out))
+            self.placing.append(self.pool.submit(place, part, self.bases, task.worst, rings, *out))
 
 
 def chunk_bounds(begins: np.ndarray, corners: int = CHUNK) -> list[int]:

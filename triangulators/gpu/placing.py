@@ -12,9 +12,10 @@ came with them. A ring of which one of these does not hold is left to the CPU.
 
 import numpy as np
 
+from triangulators.compute.copies import copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.geometry.order import walk_of
-from triangulators.gpu.rings import MOST
+from triangulators.gpu.rings import MOST, Rings
 from triangulators.optimum.small_ring import SMALL
 
 
@@ -23,10 +24,7 @@ def place(
     which: np.ndarray,
     bases: np.ndarray,
     worst: bool,
-    begins: np.ndarray,
-    corners: np.ndarray,
-    longest: np.ndarray,
-    turned: np.ndarray,
+    rings: Rings,
     starts: np.ndarray,
     triangles: np.ndarray,
     done: np.ndarray,
@@ -34,9 +32,9 @@ def place(
     """Write the triangles of the rings `which`; mark those in `done` that are as they should be.
 
     bases: (n,) uint32, as many as corners: the cost of the ring at its first, i | j << 16 at apex
-    k; worst: whether the longest diagonals were looked for. For the others see `rings.Rings` and
-    `batch.many`.
+    k; worst: whether the longest diagonals were looked for. For the others see `engine.Task`.
     """
+    begins, corners, longest, turned = rings.begins, rings.corners, rings.longest, rings.turned
     below = np.empty((MOST, 2), dtype=np.int32)
     stack = np.empty(MOST, dtype=np.int32)
     for task in range(len(which)):
@@ -53,7 +51,7 @@ def place(
                 for e in range(3):
                     own[row, e] = n - 1 - own[row, e]
         if n > SMALL:
-            own[:] = walk_of(own.copy(), n)
+            copy_rows(walk_of(own, n), own)
         done[index] = True
 
 

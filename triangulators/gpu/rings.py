@@ -60,17 +60,14 @@ def prepare(
     coordinates: np.ndarray,
     wanted: np.ndarray,
     most: int,
-    begins: np.ndarray,
-    corners: np.ndarray,
-    kind: np.ndarray,
-    longest: np.ndarray,
-    turned: np.ndarray,
+    rings: Rings,
 ) -> None:
-    """Prepare each wanted ring of first..last - 1, if it is for a device; see `Rings`.
+    """Prepare each wanted ring of first..last - 1, if it is for a device.
 
     coordinates: (n, 2) float64. Left out are rings off the grid, with sums beyond int32, of fewer
     than 3 or more than `most` corners (at most MOST), and with a corner twice in a row.
     """
+    begins, corners, kind, longest, turned = rings
     for index in range(first, last):
         points = coordinates[begins[index] : begins[index + 1]]
         n = len(points)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
+from triangulators.compute.copies import copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_of, plain_cost, total_cost
 from triangulators.geometry.flips import by_delaunay, link
@@ -96,7 +97,7 @@ def refine_many(
         twin = link(corner)
         if is_triangulation(points, ends, corner, twin):
             room = triangles[starts[index] : starts[index + 1]]
-            room[:] = refine(points, corner, twin, test, cost)
+            copy_rows(refine(points, corner, twin, test, cost), room)
             done[index] = True
 
 

@@ -1,22 +1,28 @@
-"""The optimum of one simple polygon, by the table or by visible pairs, whichever is faster."""
+"""The optimum of one simple polygon, by whichever table is the fastest there.
+
+small_ring     boxes and edges, without visibility: small rings, and those where most corners
+               see each other
+edge_table     edges alone
+visible_table  any cost, over the pairs of corners that see each other
+"""
 
 import numpy as np
 
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.errors import TriangulationError
-from triangulators.geometry.predicates import on_grid, turns
+from triangulators.geometry.predicates import on_grid
 from triangulators.geometry.unfold import neighbours
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.optimum.edge_table import edge_optimum
-from triangulators.optimum.full_table import box_optimum
 from triangulators.optimum.small_holes import holes_optimum
 from triangulators.optimum.small_ring import SMALL, ring_optimum
 from triangulators.optimum.visible_table import sparse_optimum
 from triangulators.polygon import Boundary
 
 TABLE_ONLY = 128  # corners; up to here looking for visible pairs costs more than it saves
-_SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by table
+_SPARSE_TO_DENSE = 2.0  # measured: time of one apex tried, by visible pairs against by ring
+_ANY = np.array([1.0, 0.0, 0.0])  # what is quickest to optimise, where any triangulation will do
 
 
 def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.ndarray:
@@ -24,18 +30,19 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
 
     points: (n, 2), a counter-clockwise cycle, in which a point may be met several times;
     triangles: (n - 2, 3), some triangulation of it, positions in the cycle; if None, one is found
-    first by the table. Raises `TriangulationError` if there is none.
+    first. Raises `TriangulationError` if there is none.
 
-    Exact for all doubles: the table is used where float64 determinants are exact or no triple
-    fails to turn left, visibility is decided by exact predicates.
+    Exact for all doubles: orientations and visibility are decided by exact predicates.
     """
     n = len(points)
     if cost["is_box"] and n <= TABLE_ONLY:
-        small = np.empty((n - 2, 3), dtype=np.int32)
-        if ring_optimum(points, cost["box"], small) < np.inf:
-            return small
+        found = _by_ring(points, cost["box"])
+        if found is not None:
+            return found
     if triangles is None:
-        triangles = _by_table(points, cost, _flat(points))
+        triangles = _by_ring(points, _ANY)
+        if triangles is None:
+            raise TriangulationError(f"no triangulation of {n} corners found")
     start, target = visible_pairs(points, triangles, neighbours(triangles, n), n * n)
     if cost["is_box"] and cost["box"][1] == 0.0:
         found = edge_optimum(points, start, target, cost["box"])
@@ -47,7 +54,9 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
         tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
         everything = len(target) == n * (n - 1) // 2
         if tried * _SPARSE_TO_DENSE > n**3 / 6.0 and (everything or on_grid(points)):
-            return _by_table(points, cost, -np.inf if everything else 0.0)
+            found = _by_ring(points, cost["box"])
+            if found is not None:
+                return found
     return sparse_optimum(points, start, target, cost)
 
 
@@ -73,15 +82,6 @@ def small_optimum(
     return triangles if found else None
 
 
-def _flat(points: np.ndarray) -> float:
-    """Doubled area below which the sign of a plain float64 determinant is not to be trusted."""
-    if on_grid(points):
-        return 0.0
-    return 16.0 * 2.0**-53 * float(np.ptp(points, axis=0).max()) ** 2
-
-
-def _by_table(points: np.ndarray, cost: Cost, flat: float) -> np.ndarray:
-    best = box_optimum(points, cost["box"], flat)
-    if best is None or (flat != 0.0 and (turns(points, best) <= 0.0).any()):
-        raise TriangulationError(f"no triangulation of {len(points)} corners found")
-    return best
+def _by_ring(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
+    triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
+    return triangles if ring_optimum(points, box, triangles) < np.inf else None

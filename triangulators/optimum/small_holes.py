@@ -16,6 +16,7 @@ corners around it. A ring's table takes less than what is left to be filled for 
 
 import numpy as np
 
+from triangulators.compute.copies import copy_row, copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, fmin
 from triangulators.geometry.order import walk_of
@@ -47,7 +48,7 @@ def holes_optimum(
     doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
     ring = _wound(points, ends)
     cycle = np.empty((holes + 1, most), dtype=np.int32)  # at each depth, that around what is left
-    cycle[0, : ends[0]] = ring[: ends[0]]
+    copy_row(ring[: ends[0]], cycle[0])
     size = np.empty(holes + 1, dtype=np.int64)
     size[0] = ends[0]
     merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, which holes
@@ -73,7 +74,7 @@ def holes_optimum(
         hole = _merge(ends, ring, around, place, tip[depth], cycle[depth + 1])
         if depth + 1 < holes:
             size[depth + 1] = size[depth] + ends[hole] - ends[hole - 1] + 2
-            merged[depth + 1] = merged[depth]
+            copy_row(merged[depth], merged[depth + 1])
             merged[depth + 1, hole] = True
             depth += 1
             continue
@@ -90,7 +91,7 @@ def holes_optimum(
                 for e in range(3):
                     triangles[row, e] = cycle[holes, found[row, e]]
     if least < np.inf:
-        triangles[:] = walk_of(triangles, n)
+        copy_rows(walk_of(triangles, n), triangles)
     return least < np.inf
 
 
@@ -174,7 +175,7 @@ def _bridges(
         if 0 < count < fewest:
             fewest = count
             tip[0] = best
-            bridges[:count] = places[:count]
+            copy_row(places[:count], bridges)
     return fewest if fewest <= len(cycle) else 0
 
 

@@ -1,13 +1,20 @@
-"""The optimum of one small ring: a whole table, filled in a few microseconds.
+"""The optimum of one ring over boxes and edges: a whole table, for small rings in microseconds.
 
 Single calls, batches and the drop-in all come here, so one name gives one cost wherever it is
-asked for.
+asked for; and rings of any size where most corners see each other (see `simple_polygon`). Time
+grows with the cube of the corners, n^3 / 6 apexes tried; memory is n^2 numbers.
 
-The recurrence is Klincsek's (see `full_table`). What differs is the order of its three loops. For
-small polygons the usual innermost loop, over the apex k of a pair (i, j), has a few rounds only,
-and it ends in a reduction. Here corner i is taken in descending order, then k in ascending order,
-and the innermost loop runs over j: once cost(i, k) is final, it is pushed into every cost(i, j)
-beyond it,
+Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
+the interior on the left, let cost(i, j) be the least cost of the sub-polygon of corners i, i + 1,
+..., j. Its side i-j belongs to exactly one triangle, whose third corner is some k between them, so
+
+    cost(i, j) = diagonal(i, j) + min over k of cost(i, k) + cost(k, j) + box(i, k, j)
+
+over the k for which i, k, j turn left; cost(i, i + 1) = 0. What differs here is the order of the
+three loops. For small polygons the usual innermost loop, over the apex k of a pair (i, j), has a
+few rounds only, and it ends in a reduction. Here corner i is taken in descending order, then k in
+ascending order, and the innermost loop runs over j: once cost(i, k) is final, it is pushed into
+every cost(i, j) beyond it,
     row[j] = min(row[j], cost(i, k) + table[k, j])
 
 for each j > k for which i, k, j turn left. That is an addition and a minimum in each SIMD lane,
@@ -30,7 +37,7 @@ of zero; then the exact predicate does.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +45,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, LANES, fmin, push
 from triangulators.geometry.predicates import FILTER, orient
 
-SMALL = 192  # corners up to which a ring is done here
+SMALL = 192  # corners up to which batches and polygons with holes are done by these tables
 SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
 _NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
 # Rows in the space of a ring, before those of its table.
@@ -94,9 +101,10 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
         while True:
             if cost < _NO_INT:
                 space[_TABLE + i, k] = cost
-                a, b, first = space[_FROM_X, k], space[_FROM_Y, k], (k + 1) & ~(LANES - 1)
-                for j in range(first, lanes, LANES):
-                    push(space, _ROW, _FROM_X, _FROM_Y, _WEIGHT, _TABLE + k, j, a, b, cost, _NO_INT)
+                numbers = (_ROW, _FROM_X, _FROM_Y, _WEIGHT, _TABLE + k)
+                values = (space[_FROM_X, k], space[_FROM_Y, k], cost, _NO_INT)
+                for j in range((k + 1) & ~(LANES - 1), lanes, LANES):
+                    push(space, numbers, j, values)
             k += 1
             if k == n:
                 break
@@ -197,24 +205,31 @@ def weight(dx: float, dy: float, box: np.ndarray) -> float:
     return cost
 
 
+class _Sums(NamedTuple):
+    """What the sums of a table are made of.
+
+    by_box: the coefficient of bounding-box areas; exact: whether float64 determinants are; none:
+    the sum of what has no triangulation; sign, base: of what a diagonal costs (see `_fill_int`),
+    and sign is 0 where sums are floats.
+    """
+
+    by_box: float
+    exact: bool
+    none: float
+    sign: int
+    base: int
+
+
 @njit(nogil=True)
 def _trace(
-    table: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    n: int,
-    by_box: float,
-    exact: bool,
-    none: float,
-    sign: int,
-    base: int,
-    triangles: np.ndarray,
+    table: np.ndarray, x: np.ndarray, y: np.ndarray, sums: _Sums, triangles: np.ndarray
 ) -> bool:
     """Write the n - 2 triangles behind a table into `triangles`; False if there are none.
 
     No apex was kept: the n - 2 that are needed are found again, from the same sums. Where those are
     integers (sign is not 0) the sum is known, and the first apex that has it will do.
     """
+    n, (by_box, exact, none, sign, base) = len(triangles) + 2, sums
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
     height, found = 1, 0
@@ -283,7 +298,8 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
         base = 0 if sign > 0 else int((w + h) / unit)
         _fill_int(space, n, sign, base)
         whole, x, y = space[_TABLE:], space[_X], space[_Y]
-        if not _trace(whole, x, y, n, 0.0, True, float(_NO_INT), sign, base, triangles):
+        sums = _Sums(0.0, True, float(_NO_INT), sign, base)
+        if not _trace(whole, x, y, sums, triangles):
             return np.inf
         total = abs(box[0]) * unit * float(whole[0, n - 1])
     else:
@@ -294,7 +310,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
         # The filter's bound is a multiple of two products, each below the span's square.
         doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
         table = _fill_float(u, v, n, box, doubt)
-        if not _trace(table, u, v, n, box[1], unit > 0.0, _NONE, 0, 0, triangles):
+        if not _trace(table, u, v, _Sums(box[1], unit > 0.0, _NONE, 0, 0), triangles):
             return np.inf
         total = table[0, n - 1]
     if area <= 0.0:

@@ -1,6 +1,6 @@
 """Minimum-cost triangulation by dynamic programming over visible pairs only.
 
-The same recurrence as `full_table`, for any cost, with memory proportional to the visible pairs: in
+The same recurrence as `small_ring`, for any cost, with memory proportional to the visible pairs: in
 a noisy outline a corner sees a few per cent of the others, and n^3 / 6 apexes shrink to as many as
 three corners that see each other.
 
@@ -25,7 +25,8 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.compute.simd import fmin
 from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, triangle_cost, with_fields
-from triangulators.optimum.full_table import NONE
+
+NONE = 1e300  # cost of what has no triangulation; a sum of two still is finite
 
 
 @njit(fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
