@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
+from triangulators.compute.copies import copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost
@@ -116,7 +117,7 @@ def flip_many(
         twin = link(corner)
         flip_by(points, corner, twin, test, cost)
         if is_triangulation(points, ends, corner, twin):
-            room[:] = own
+            copy_rows(own, room)
             done[index] = True
 
 
