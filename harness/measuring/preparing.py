@@ -51,6 +51,9 @@ def prepare(
     broken : recipes that cannot be run, and why
     """
     wanted = list(dict.fromkeys([BASELINE, *recipes]))
+    bench.compile_ahead(
+        [recipe for recipe in wanted if recipe not in broken and type(recipe) is Recipe]
+    )
     with reporter.stage("triangulating", len(wanted)) as stage:
         for recipe in wanted:
             if recipe in broken:

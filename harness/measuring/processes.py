@@ -24,8 +24,11 @@ from harness.triangulating.frames import (
     time_in_rounds,
     triangulate_polygons,
     warm_up,
+    warm_up_all,
 )
 from harness.triangulating.names import Recipe
+from triangulators.compute import kernels
+from triangulators.compute.threads import cores
 
 T = TypeVar("T")
 
@@ -40,6 +43,13 @@ FEWEST_ROUNDS, MOST_ROUNDS = 5, 12
 
 COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
+
+
+AHEAD = "compiling ahead"
+"""Name of the process that compiles beside the one that triangulates."""
+
+COMPILED_LATE = "triangulators.geometry.order"
+"""A module whose kernels are compiled once the optimum's are."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,7 @@ class Bench:
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
         self._background = ThreadPoolExecutor(max_workers=1)
+        self._ahead = ThreadPoolExecutor(max_workers=1)
         self._opening: dict[str, Future[tasks.Opened]] = {}
         self._compiled: set[str] = set()
 
@@ -112,6 +123,17 @@ class Bench:
                     "and --resume"
                 ) from error
             self._compiled.add(recipe.base)
+
+    def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
+        """Begin to compile in a second process, if nothing is compiled yet; from the last on.
+
+        `compile` begins with the first, and finds on disk what the second process has done.
+        """
+        ours = [recipe for recipe in reversed(recipes) if recipe.builtin]
+        if AHEAD in self._workers or len(ours) < 2 or cores() < 2 or kernels.is_kept(COMPILED_LATE):
+            return
+        worker = self._worker(AHEAD, {}, None)
+        self._ahead.submit(worker.call, warm_up_all, ours, timeout_s=COMPILE_S)
 
     def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
         """Run a triangulator over polygons in px, compiled first if that was not done.
@@ -280,6 +302,9 @@ class Bench:
     def close(self, *, at_once: bool = False) -> None:
         """End all processes; `at_once`: whatever they are doing."""
         self._background.shutdown(wait=not at_once, cancel_futures=True)
+        if ahead := self._workers.pop(AHEAD, None):
+            ahead.close(at_once=True)
+        self._ahead.shutdown(wait=False, cancel_futures=True)
         for worker in self._workers.values():
             worker.close(at_once=at_once)
         self._workers.clear()

@@ -236,6 +236,12 @@ def warm_up(recipe: Recipe) -> None:
     _warm.add(recipe.base)
 
 
+def warm_up_all(recipes: Sequence[Recipe]) -> None:
+    """Do `warm_up` for each, in this order."""
+    for recipe in recipes:
+        warm_up(recipe)
+
+
 _warm: set[str] = set()
 """What this process has loaded."""
 

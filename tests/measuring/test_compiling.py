@@ -7,12 +7,17 @@ from collections.abc import Callable
 from typing import Any
 
 from rich.console import Console
+from shapely import box
 
+from harness.measuring import processes
 from harness.measuring.processes import COMPILE_S
 from harness.measuring.run import run
 from harness.measuring.worker import Inline, TaskTimedOut
 from harness.progress import Reporter
+from harness.triangulating.names import parse_all
 from tests.measuring.test_run import plan_for
+from triangulators import triangulate
+from triangulators.compute import kernels
 
 
 class Slow(Inline):
@@ -65,3 +70,41 @@ def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(bl
     assert {record["status"] for record in compiling} == {"skipped"}
     assert f"compiling it took more than {COMPILE_S:g} s" in compiling[0]["reason"]
     assert "smaller scene" not in compiling[0]["reason"]
+
+
+class Recorded(Inline):
+    """An executor that notes who was asked to load what, and whether it was ended."""
+
+    def __init__(self, name: str, log: list[tuple[str, list[str]]]) -> None:
+        self.name, self._log = name, log
+
+    def call(self, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
+        self._log.append((self.name, [str(recipe) for recipe in arguments[0]]))
+
+    def close(self, *, at_once: bool = False) -> None:
+        self._log.append((f"{self.name} closed", [str(at_once)]))
+
+
+def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(monkeypatch):
+    recipes = parse_all(["fan", "refined", "optimal", "tests.broken:right"])
+    for kept, cores, expected in (
+        (False, 2, [("compiling ahead", ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
+        (True, 2, []),
+        (False, 1, []),
+    ):
+        log: list[tuple[str, list[str]]] = []
+        monkeypatch.setattr(processes.kernels, "is_kept", lambda _, kept=kept: kept)
+        monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
+        bench = processes.Bench(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
+        bench.compile_ahead(recipes)
+        bench.compile_ahead(recipes)
+        bench._ahead.shutdown(wait=True)
+        bench.close()
+        assert log == [*expected, *[("compiling ahead closed", ["True"])] * len(expected)]
+
+
+def test_what_is_compiled_late_is_a_module_with_kernels():
+    triangulate(box(0, 0, 2, 1), "optimal:half-perimeter")
+    assert kernels.is_kept(processes.COMPILED_LATE)
+    assert not kernels.is_kept("triangulators.errors")
+    assert not kernels.is_kept("triangulators.not_there")

@@ -37,7 +37,7 @@ RIGHT = ("delaunay", "tests.broken:right", "tests.broken:forks")
 def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.measuring.processes.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
-    plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=6.0)
+    plan = plan_for(block, triangulators=(*names, *RIGHT), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
     records = {record["triangulator"]: record for record in outcome.records}
     for name, reason in REASONS.items():

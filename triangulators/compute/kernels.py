@@ -237,6 +237,12 @@ def _dotted(file: Path) -> str:
     return ".".join(inside.with_suffix("").parts)
 
 
+def is_kept(module: str) -> bool:
+    """Whether there is compiled code of a module's kernels as they are now."""
+    file = _file_of(module)
+    return file is not None and (place() / f"{module}-{digest(file)}").is_dir()
+
+
 class Kept(NamedTuple):
     """What compiled code takes on disk.
 
