@@ -43,11 +43,13 @@ class Cases(NamedTuple):
         bounds[1:] = np.cumsum(np.array(sizes).reshape(-1, 2), axis=0)
         return cls(np.concatenate(points), np.concatenate(corners).astype(np.int32), bounds)
 
-    def write(self, folder: Path) -> None:
-        """Write what the programs of the other languages read."""
+    def write(self, folder: Path, ends: Sequence[np.ndarray] = ()) -> None:
+        """Write what the programs of the other languages read; ends: of rings, for times alone."""
         self.points.tofile(folder / "points.f64")
         self.corners.tofile(folder / "triangles.i32")
         self.bounds.tofile(folder / "bounds.i32")
+        rings = [np.r_[len(own), own].astype(np.int32) for own in ends]
+        np.concatenate([np.empty(0, np.int32), *rings]).tofile(folder / "rings.i32")
 
     def polygon(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the points and the corners of one polygon."""
@@ -58,12 +60,13 @@ class Cases(NamedTuple):
 def in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
     """Return all corners after flips, and how many flips each polygon had."""
     result, counts = cases.corners.copy(), []
+    test = flips.as_earcut if by == "earcut-refine" else getattr(flips, f"by_{by}")
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
     ):
         points, own = cases.polygon(index)
         corner = own.copy()
-        counts.append(getattr(flips, by)(points, corner, flips.link(corner)))
+        counts.append(test(points, corner, flips.link(corner)))
         result[begin:end] = corner
     return result, np.array(counts, dtype=np.int32)
 

@@ -47,7 +47,7 @@ def folder(cases, tmp_path_factory):
 
 @pytest.mark.parametrize("by", FLIP_TESTS)
 def test_the_same_triangles_in_all_languages(cases, folder, by):
-    ours = in_python(cases, f"by_{by}")
+    ours = in_python(cases, by)
     assert is_as_before(cases, ours[0])
     assert ours[1].sum() > 1000
     variants = [by, "l1-typed"] if by == "l1" else [by]
@@ -62,7 +62,7 @@ def test_the_same_triangles_in_all_languages(cases, folder, by):
 def test_earcut_refine_is_npm_earcuts(cases, folder):
     if languages.earcut() is None:
         pytest.skip("npm's earcut is not here; with network: cd tests/ports; npm ci")
-    ours, counts = in_python(cases, "as_earcut")
+    ours, counts = in_python(cases, "earcut-refine")
     assert counts.sum() > 1000
     assert np.array_equal(ours, read(folder, "javascript", "earcut-refine")[0])
 

@@ -1,0 +1,100 @@
+"""Time flips beside the ear clipping that they follow, in Python, JavaScript and C++.
+
+    PYTHONPATH=. python scripts/flips_times.py --earcut-hpp FOLDER
+
+FOLDER holds mapbox/earcut.hpp, which mapbox_earcut's source package brings; without it, C++ is not
+timed. Prints the least of several rounds, in which candidates follow each other, in ms for all
+polygons of a scene at 1024 px, and ratios: Python's calls and batches to calls of mapbox_earcut,
+JavaScript's flips to npm earcut's `refine`, C++'s to earcut.hpp. Needs a quiet machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mapbox_earcut
+
+from harness.frame import View, make_frame
+from scenes import load
+from tests.ports import languages
+from tests.ports.languages import HERE, Cases
+from triangulators import triangulate_many
+from triangulators.batch.ragged import ragged
+from triangulators.dropin import triangulate_float64
+from triangulators.polygon import rings_of
+
+SCENES = ("city", "glyphs", "counties:level=state", "counties")
+ROUNDS = 9
+
+
+def least(*candidates: Callable[[], Any]) -> list[float]:
+    """Return the least time of each candidate, in ms, over rounds of all."""
+    best = [float("inf")] * len(candidates)
+    for _ in range(ROUNDS):
+        for number, candidate in enumerate(candidates):
+            start = time.perf_counter()
+            candidate()
+            best[number] = min(best[number], (time.perf_counter() - start) * 1e3)
+    return best
+
+
+def in_python(scene: str, polygons: list[Any]) -> list[Any]:
+    """Print the row of Python; return the polygons as (points, ring ends)."""
+    rings = [rings_of(polygon) for polygon in polygons]
+    arrays = ragged(polygons)
+    ears, flips, batch = least(
+        lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
+        lambda: [triangulate_float64(*each) for each in rings],
+        lambda: triangulate_many(arrays, "flips:l1"),
+    )
+    print(
+        f"{scene:22} Python      earcut {ears:8.2f}  with flips {flips:8.2f} ({flips / ears:.2f})  "
+        f"batch {batch:8.2f} ({batch / ears:.2f})",
+        flush=True,
+    )
+    return rings
+
+
+def in_another(scene: str, language: str, command: list[str]) -> None:
+    """Print the row of a program that prints its times in ms as one JSON object."""
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    base = found["refine" if language == "JavaScript" else "earcut"]
+    ratios = "  ".join(f"{name} {ms:8.2f} ({ms / base:.2f})" for name, ms in found.items())
+    print(f"{scene:22} {language:10}  {ratios}", flush=True)
+
+
+def main() -> None:
+    """Time every scene."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--earcut-hpp", type=Path, help="folder that holds mapbox/earcut.hpp")
+    parser.add_argument("--scenes", default=",".join(SCENES))
+    given = parser.parse_args()
+    node, compiler, earcut = languages.node(), languages.compiler(), languages.earcut()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        program = folder / "times"
+        if given.earcut_hpp and compiler:
+            flags = ["-std=c++17", "-O2", f"-I{given.earcut_hpp}"]
+            source = str(HERE / "times.cpp")
+            subprocess.run([*compiler, *flags, source, "-o", str(program)], check=True)
+        for scene in given.scenes.split(","):
+            polygons = make_frame(load(scene).polygons, View(1024)).polygons
+            rings = in_python(scene, polygons)
+            Cases.of(rings).write(folder, [ends for _, ends in rings])
+            if node and earcut:
+                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(ROUNDS)]
+                in_another(scene, "JavaScript", script)
+            if program.exists():
+                in_another(scene, "C++", [str(program), name, str(ROUNDS)])
+
+
+if __name__ == "__main__":
+    main()

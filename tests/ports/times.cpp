@@ -1,0 +1,76 @@
+// Time flips beside earcut.hpp; see scripts/flips_times.py.
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <mapbox/earcut.hpp>
+#include <string>
+#include <vector>
+
+#include "../../ports/cpp/flip_triangles.hpp"
+
+namespace {
+
+using Polygon = std::vector<std::vector<std::array<double, 2>>>;
+using Indices = std::vector<std::uint32_t>;
+
+template <class T>
+std::vector<T> read(const std::string& path) {
+    std::ifstream file(path, std::ios::binary | std::ios::ate);
+    std::vector<T> found(static_cast<std::size_t>(file.tellg()) / sizeof(T));
+    file.seekg(0);
+    file.read(reinterpret_cast<char*>(found.data()), static_cast<std::streamsize>(found.size() * sizeof(T)));
+    return found;
+}
+
+template <class Work>
+double milliseconds(Work work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+}  // namespace
+
+int main(int, char** arguments) {
+    using flip_triangles::By;
+    const std::string folder = std::string(arguments[1]) + "/";
+    const int rounds = std::atoi(arguments[2]);
+    const auto points = read<double>(folder + "points.f64");
+    const auto bounds = read<std::int32_t>(folder + "bounds.i32"), rings = read<std::int32_t>(folder + "rings.i32");
+    std::vector<Polygon> polygons;
+    for (std::size_t i = 2, at = 0; i < bounds.size(); i += 2) {
+        Polygon polygon;
+        const auto first = static_cast<std::size_t>(bounds[i - 2]);
+        std::size_t begin = first;
+        const auto count = static_cast<std::size_t>(rings[at++]);
+        for (std::size_t ring = 0; ring < count; ring++) {
+            const std::size_t end = first + static_cast<std::size_t>(rings[at++]);
+            polygon.emplace_back();
+            for (; begin < end; begin++) polygon.back().push_back({points[2 * begin], points[2 * begin + 1]});
+        }
+        polygons.push_back(polygon);
+    }
+    std::vector<Indices> raw(polygons.size());
+    std::array<double, 4> best;
+    best.fill(1e300);
+    flip_triangles::Flipper flipper;
+    for (int round = 0; round < rounds; round++) {
+        best[0] = std::min(best[0], milliseconds([&] {
+            for (std::size_t i = 0; i < raw.size(); i++) raw[i] = mapbox::earcut<std::uint32_t>(polygons[i]);
+        }));
+        for (std::size_t test = 0; test < 3; test++) {
+            auto copies = raw;
+            best[test + 1] = std::min(best[test + 1], milliseconds([&] {
+                for (std::size_t i = 0; i < raw.size(); i++)
+                    flipper(copies[i], polygons[i], static_cast<By>(test));
+            }));
+        }
+    }
+    std::printf("{\"earcut\": %.4f, \"l1\": %.4f, \"euclidean\": %.4f, \"delaunay\": %.4f}\n", best[0], best[1],
+                best[2], best[3]);
+}
