@@ -75,6 +75,7 @@ lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	$(LOCKED) -c .constraints.txt pyproject.toml --extra docs -o requirements-docs.lock
 	rm .constraints.txt
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-data.in -o requirements-data.lock
+	uv pip compile $(LOCK) --upgrade --no-deps requirements-ports.in -o requirements-ports.lock
 	echo uv | uv pip compile $(LOCK) --upgrade - -o requirements-setup.lock
 
 clean:  ## remove what set-up and tests made

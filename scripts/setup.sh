@@ -16,7 +16,7 @@ case $what in
     run) locks=(requirements.lock) ;;
     data) locks=(requirements.lock requirements-data.lock) ;;
     docs) locks=(requirements-docs.lock) ;;
-    test) locks=(requirements-test.lock requirements-data.lock) ;;
+    test) locks=(requirements-test.lock requirements-data.lock requirements-ports.lock) ;;
     *) echo "setup: $what: give run, data, docs or test" >&2; exit 2 ;;
 esac
 

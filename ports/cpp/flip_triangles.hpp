@@ -51,9 +51,9 @@ public:
     std::size_t operator()(Index* triangles, std::size_t length, const Number* coordinates,
                            std::size_t points, By by = By::l1, std::size_t stride = 2) {
         static_assert(std::is_integral_v<Index> && std::is_arithmetic_v<Number>);
-        xy.clear();
+        xy.resize(2 * points);
         for (std::size_t i = 0; i < points; i++)
-            add(coordinates[i * stride], coordinates[i * stride + 1]);
+            put(i, coordinates[i * stride], coordinates[i * stride + 1]);
         return flip(triangles, length, by);
     }
 
@@ -61,9 +61,12 @@ public:
      *  points, each of them something that std::get knows (std::array, std::pair, std::tuple). */
     template <class Triangles, class Rings>
     std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1) {
-        xy.clear();
+        std::size_t points = 0;
+        for (const auto& ring : polygon) points += ring.size();
+        xy.resize(2 * points);
+        points = 0;
         for (const auto& ring : polygon)
-            for (const auto& point : ring) add(std::get<0>(point), std::get<1>(point));
+            for (const auto& point : ring) put(points++, std::get<0>(point), std::get<1>(point));
         return flip(triangles.data(), triangles.size(), by);
     }
 
@@ -79,8 +82,8 @@ private:
         double x, y;
     };
 
-    static std::size_t next(std::size_t e) { return e % 3 == 2 ? e - 2 : e + 1; }
-    static std::size_t previous(std::size_t e) { return e % 3 == 0 ? e + 2 : e - 1; }
+    static std::uint32_t next(std::uint32_t e) { return e % 3 == 2 ? e - 2 : e + 1; }
+    static std::uint32_t previous(std::uint32_t e) { return e % 3 == 0 ? e + 2 : e - 1; }
     Point at(std::uint32_t point) const { return {xy[2 * std::size_t(point)], xy[2 * std::size_t(point) + 1]}; }
 
     template <class Number>
@@ -95,9 +98,9 @@ private:
     }
 
     template <class Number>
-    void add(Number x, Number y) {
-        xy.push_back(as_double(x));
-        xy.push_back(as_double(y));
+    void put(std::size_t point, Number x, Number y) {
+        xy[2 * point] = as_double(x);
+        xy[2 * point + 1] = as_double(y);
     }
 
     template <class Index>
@@ -120,7 +123,7 @@ private:
         return flips;
     }
 
-    void push(std::size_t e, std::size_t& size) {
+    void push(std::uint32_t e, std::size_t& size) {
         if (twin[e] >= 0 && !waiting[e]) {
             waiting[e] = 1;
             stack[size++] = static_cast<std::int32_t>(e);
@@ -131,13 +134,13 @@ private:
         std::size_t size = link(), flips = 0;
         const double winding = by == By::delaunay ? first_turn() : 0.0;
         while (size) {
-            const auto e = static_cast<std::size_t>(stack[--size]);
+            const auto e = static_cast<std::uint32_t>(stack[--size]);
             waiting[e] = 0;
             if (twin[e] < 0) continue;
-            const auto f = static_cast<std::size_t>(twin[e]);
+            const auto f = static_cast<std::uint32_t>(twin[e]);
 
             // The diagonal b-c lies between the triangles a, b, c of e and d, c, b of f.
-            const std::size_t e1 = next(e), e2 = previous(e), f1 = next(f), f2 = previous(f);
+            const std::uint32_t e1 = next(e), e2 = previous(e), f1 = next(f), f2 = previous(f);
             const Point a = at(corner[e2]), b = at(corner[e]), c = at(corner[f]), d = at(corner[f2]);
             if (!gains(by, winding, a, b, c, d) || !convex(a, b, c, d)) continue;
 
@@ -161,22 +164,22 @@ private:
 
     // Find the twins of all half-edges, put one of each pair on the stack; return its size.
     std::size_t link() {
-        const std::size_t count = corner.size();
+        const auto count = static_cast<std::uint32_t>(corner.size());
         unsigned bits = 4;
-        while ((std::size_t(1) << bits) < count + count / 2) bits++;
+        while ((std::size_t(1) << bits) < std::size_t(count) + count / 2) bits++;
         const std::size_t mask = (std::size_t(1) << bits) - 1;
         slots.assign(mask + 1, -1);
         twin.assign(count, -1);
         waiting.assign(count, 0);
         stack.resize(count);
         std::size_t size = 0;
-        for (std::size_t e = 0; e < count; e++) {
+        for (std::uint32_t e = 0; e < count; e++) {
             const std::uint32_t tail = corner[e], head = corner[next(e)];
             const std::uint32_t low = tail < head ? tail : head, high = tail < head ? head : tail;
             std::size_t slot = ((low + high * 0x9e3779b1u) * 0x85ebca6bu) >> (32 - bits);
             std::int32_t found;
             while ((found = slots[slot]) >= 0) {
-                const auto other = static_cast<std::size_t>(found);
+                const auto other = static_cast<std::uint32_t>(found);
                 if (corner[other] == head && twin[other] < 0 && corner[next(other)] == tail) break;
                 slot = (slot + 1) & mask;
             }
