@@ -17,8 +17,8 @@ from scenes.readers.reader import Raw, Source
 from scenes.scene import Note
 
 _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
-_BEGUN = re.compile(r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10})", re.IGNORECASE)
-"""How a line begins that is meant as a geometry."""
+_BEGUN = re.compile(r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*$)", re.IGNORECASE)
+"""How a line begins that is meant as a geometry, of whose first word some letters may be there."""
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:

@@ -74,6 +74,10 @@ class TestSequences:
         path.write_text("\n".join(box.wkt for box in BOXES)[:-9])
         with pytest.raises(SceneError, match="was cut off"):
             load(path)
+        for start in ("P", "POLYG", "POLYGON", "POLYGON ("):
+            path.write_text(f"{BOXES[0].wkt}\n{start}")
+            with pytest.raises(SceneError, match="was cut off"):
+                load(path)
 
 
 def vector(path, kind):
