@@ -147,7 +147,7 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
         for size in range(40):
             for line in lines:
                 entry = json.loads(line)
-                entry |= {"resolution": 100 + size, "key": f"{size:016x}"}
+                entry |= {"resolution": 100 + size, "key": f"{len(many):016x}"}
                 many.append(json.dumps(entry))
         (folder / "cases.jsonl").write_text("\n".join(many) + "\n")
         runs.append(read_run(folder))

@@ -66,11 +66,8 @@ def project(folder: Path) -> Iterator[Path]:
 
 def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = False) -> None:
     """Measure HEAD's code, imported anew, beside another version, all in this process."""
-    from triangulators import registry
-
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
-    registry._load.cache_clear()
     with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         running.run(
             plan,

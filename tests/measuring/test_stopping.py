@@ -106,6 +106,6 @@ def test_the_command_says_how_to_go_on(block, harness, monkeypatch):
     names = ("--triangulators", "ear-clipping,delaunay", "--rasterisers", MOCK, "--quick", "-q")
     code, out, err = harness("run", "--scene", str(block), "--out", "out", *names)
     assert code == 130
-    assert "stopped early; continue with: harness run --resume out" in out
+    assert "stopped early; continue with: raster-harness run --resume out" in out
     assert "Traceback" not in err
     assert Path("out/cases.jsonl").read_text().count("\n") == 1

@@ -143,7 +143,12 @@ def _record(
         "polygons": 600,
         "conforming": True,
         "triangles": 8000,
-        "predicted": {"overdraw": 3e5 * cost, "half_perimeter": 1e5 * cost},
+        "predicted": {
+            "overdraw": 3e5 * cost,
+            "half_perimeter": 1e5 * cost,
+            "expected_quads": 7e4 * cost,
+            "area": 180000.0,
+        },
         "counters": {"fragments": 180000, "quads": 70000, "helper_lanes": helpers},
         "triangulate_s": 0.1,
         "coverage_error": 0,

@@ -161,7 +161,7 @@ def test_names_of_the_sweep_are_full_names():
     ("arguments", "parts"),
     [
         (["--scene", "citty"], ["citty", "city"]),
-        (["--scene", "paper", "--resolution", "3"], ["resolution 3"]),
+        (["--scene", "paper", "--resolution", "3"], ["--resolution", "8"]),
         (["--scene", "paper", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
         (["--scene", "paper", "--rasterisers", "opngl"], ["opngl", "opengl"]),
         (["--scene", "square.geojson"], ["no polygon without holes of 8 to 100 vertices"]),

@@ -76,7 +76,7 @@ def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
         database.put_many("delaunay", [(key(2), SOME)])
         assert list(database.get_many([key(1), key(2)])) == [key(1)]
     assert [
-        line.endswith("is full (0 GiB), keeps no more: harness cache clear") for line in said
+        line.endswith("is full (0 GiB), keeps no more: raster-harness cache clear") for line in said
     ] == [True]
 
 
