@@ -1,8 +1,9 @@
 """Which document cites which figures."""
 
-from docs.held import Held, findings, others
+from docs.held import Held, findings, others, readme
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
+    "README.md": (readme.HELD, readme.DEFINITIONS),
     "docs/ci/README.md": (others.GATE, others.GATE_RULES),
     "docs/findings.md": (findings.HELD, findings.DEFINITIONS),
     "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),

@@ -77,10 +77,8 @@ def try_lock(descriptor: int) -> bool:
     try:
         import fcntl
     except ImportError:  # Windows: what is locked cannot be read, so lock what is never written
-        try:
-            import msvcrt
-        except ImportError:  # a system that has neither has no locks
-            return True
+        import msvcrt
+
         place = os.lseek(descriptor, 0, os.SEEK_CUR)
         os.lseek(descriptor, 2**40, os.SEEK_SET)
         try:

@@ -20,7 +20,7 @@ del signal.SIGHUP
 
 # What Windows has instead of fcntl; here it locks nothing.
 _msvcrt = ModuleType("msvcrt")
-_msvcrt.LK_LOCK = 1  # type: ignore[attr-defined]
+_msvcrt.LK_LOCK, _msvcrt.LK_NBLCK = 1, 2  # type: ignore[attr-defined]
 _msvcrt.locking = lambda descriptor, mode, size: None  # type: ignore[attr-defined]
 sys.modules["msvcrt"] = _msvcrt
 

@@ -33,6 +33,7 @@ from tests.harness.test_cli import assert_one_line
 from tests.harness.test_environment import git
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
+from triangulators import registry
 
 MODULE = (
     "from triangulators import triangulate\ndef cut(polygon): return triangulate(polygon, {!r})"
@@ -68,6 +69,7 @@ def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = Fal
     """Measure HEAD's code, imported anew, beside another version, all in this process."""
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
+    registry.load.cache_clear()
     with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         running.run(
             plan,

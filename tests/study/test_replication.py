@@ -177,14 +177,14 @@ def test_a_small_study_is_measured_once(harness):
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
 def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
-    source = tmp_path / "triangles.wkt"
-    source.write_text("POLYGON ((0 0, 4 0, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 5 4, 5 0))\n")
+    source = tmp_path / "squares.wkt"
+    source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
     arguments = ("study", str(source), "--out", "study", "--quick")
     code, out, _ = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
     assert code == 0
-    assert "validate: triangles" in out
+    assert "validate: squares" in out
     assert "no polygon without holes" in out
-    assert Path("study/triangles/choice/gains.csv").is_file()
+    assert Path("study/squares/choice/gains.csv").is_file()
 
 
 def test_what_is_set_against_another_is_judged_by_differences():

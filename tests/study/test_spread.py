@@ -29,6 +29,7 @@ def run_folder(tmp_path_factory):
     arguments = ["run", "--scene", SCENE, "--rasterisers", "reference", "--resolution", "1024"]
     arguments += ["--triangulators", "ear-clipping,delaunay", "--quick", "--quiet"]
     assert exit_code(*arguments, "--out", str(folder)) == 0
+    assert exit_code("report", str(folder)) == 0  # draws the plots that a quick run leaves out
     return folder
 
 
