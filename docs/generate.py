@@ -112,7 +112,7 @@ def metrics() -> str:
 
 def devices() -> str:
     """Return a table of the devices whose summaries people brought."""
-    from harness.page.devices import table
+    from harness.page.device_summaries import table
 
     return table(ROOT / "results" / "devices")
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from scenes.cleaning.clean import Cleaned, clean
 from scenes.cleaning.projection import Projection
+from scenes.readers.map_placement import Placing
 from scenes.readers.opening import existing
-from scenes.readers.placing import Placing
 from scenes.readers.reader import GDAL, Raw, Source, reader_of
 from scenes.readers.where import matching
 from scenes.scene import Note, Scene, SceneError

@@ -15,10 +15,10 @@ import numpy as np
 import shapely
 
 from scenes.cleaning.clean import clean
-from scenes.names import suggestion
 from scenes.readers.damage import debugging, reason
 from scenes.scene import Scene, SceneError, UnknownScene
 from scenes.spec import arguments_for, converted, exists, is_function, is_path, parsed
+from scenes.suggestions import suggestion
 
 GROUP = "raster_harness.scenes"
 """Entry-point group by which other packages add scenes."""

@@ -15,7 +15,7 @@ from harness.frame import Frame, View, make_frame
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, find_device, get
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import ROOT
 from triangulators import names, triangulate_many, warm_up

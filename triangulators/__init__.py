@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from triangulators import criteria
     from triangulators.batch.device_times import measure_device
-    from triangulators.batch.many import Ragged, Triangulations, triangulate_many
+    from triangulators.batch.triangulate_many import Ragged, Triangulations, triangulate_many
     from triangulators.calling import triangulate, triangulate_with_gap
     from triangulators.certificate.certify import certify
     from triangulators.checking.evidence import Certificate
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "triangulators.batch.device_times": ("measure_device",),
-    "triangulators.batch.many": (
+    "triangulators.batch.triangulate_many": (
         "Ragged",
         "Triangulations",
         "triangulate_many",

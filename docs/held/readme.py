@@ -18,7 +18,7 @@ def _picture() -> list[str]:
     from harness.frame import View, make_frame
     from harness.rasterisers import Options, find_device, get
     from harness.triangulating.frames import triangulate_polygons
-    from harness.triangulating.names import parse
+    from harness.triangulating.recipes import parse
     from scenes import load
 
     reference = get("reference")(find_device("reference"))

@@ -98,7 +98,7 @@ def compare(
 
         twice(base, head)
     from harness.compare import compare_runs, no_baseline
-    from harness.compare.settings import from_project, parse_gates, parse_threshold
+    from harness.compare.gate_settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
 
     settings = from_project(Path.cwd())

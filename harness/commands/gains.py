@@ -35,7 +35,7 @@ def gains(
     from harness.figures import processors
     from harness.stored.folder import read_run
     from harness.study import gains as study
-    from harness.triangulating.names import parse_all
+    from harness.triangulating.recipes import parse_all
 
     wanted = [str(recipe) for recipe in parse_all(bases)]
     read = [read_run(path) for path in runs]
@@ -93,7 +93,7 @@ def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
 def _say_orders(found: pd.DataFrame, console: Console) -> None:
     """Print the times in ratio to the first base's, in own orders and both in a common one."""
     from harness.pictures.style import plain_table
-    from harness.rasterisers.order import ORDERS
+    from harness.rasterisers.submission_order import ORDERS
 
     orders = [name for name in found.columns if name in ORDERS]
     for (scene, _, device, resolution), part in found.groupby(

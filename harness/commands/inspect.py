@@ -51,7 +51,7 @@ def inspect(
     from harness.measuring.loading import load_scene
     from harness.pictures.heatmaps import draw_heatmaps
     from harness.triangulating.frames import triangulate_polygons
-    from harness.triangulating.names import parse_all
+    from harness.triangulating.recipes import parse_all
 
     if every is not None:
         from harness.commands.enumeration import enumerate_

@@ -68,7 +68,7 @@ def import_(
     """
     from harness.commands.results import folder_for
     from harness.compare.matching import latest
-    from harness.page.devices import write_summary
+    from harness.page.device_summaries import write_summary
     from harness.page.result import device_name, import_result, read_result
     from harness.report import write_report
     from harness.stored import atomic

@@ -65,7 +65,7 @@ def pareto(
     from harness.stored.folder import read_run
     from harness.study import pareto as study
     from harness.study import pareto_answer, pareto_plot
-    from harness.triangulating.names import parse_all
+    from harness.triangulating.recipes import parse_all
     from scenes.spec import label
 
     view = View(resolution)

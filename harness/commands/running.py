@@ -23,7 +23,7 @@ from harness.measuring.two_versions import Beside, version
 from harness.progress import Reporter
 from harness.stored.folder import clear_errors, read_run
 from harness.summary import print_summary, row_of, write_csv
-from harness.triangulating.names import CALIBRATED, Recipe, parse, parse_all
+from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 
 
 def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:

@@ -76,7 +76,7 @@ def validate(
     from harness.stored.folder import read_run
     from harness.study import analysis, extremes, matrix, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
-    from harness.triangulating.names import parse_all
+    from harness.triangulating.recipes import parse_all
 
     design = QUICK if quick else Design(polygons=polygons, random=random)
     named = dict.fromkeys([*named_rasterisers(rasterisers, "bounding-box"), *COUNTED_ON_THE_CPU])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from harness.compare import lookup
-from harness.compare.counters import exact_figures
+from harness.compare import deciding_figures
+from harness.compare.exact_figures import exact_figures
 from harness.compare.matching import case_name
 from harness.figures.registry import find
 from harness.stored.folder import Record, Run
@@ -29,7 +29,7 @@ def _entries(case: str, record: Record) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = [
         {"name": f"{case}: {metric}", "unit": find(metric).unit, "value": value}
         for metric, value in exact_figures(record).items()
-        if lookup.is_cost(metric) and find(metric).better == "lower"
+        if deciding_figures.is_cost(metric) and find(metric).better == "lower"
     ]
     milliseconds = find("draw_ms")(record)
     if milliseconds is not None:

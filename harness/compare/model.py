@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from harness import errors
-from harness.compare.settings import Settings
+from harness.compare.gate_settings import Settings
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""

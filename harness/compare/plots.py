@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from harness.compare import lookup
+from harness.compare import deciding_figures
 from harness.compare.model import CaseChange, Comparison
 from harness.compare.rows import ORDER, kind
 from harness.compare.wording import NOT_GATED, in_order
@@ -69,7 +69,7 @@ def time_figure(comparison: Comparison) -> Figure | None:
 def counter_figure(comparison: Comparison) -> Figure | None:
     """Draw how much each case's main counters grew; None where none differs."""
     cases = [c for c in _chosen(comparison) if any(x.exact != "equal" for x in c.counters)]
-    counted = (x.metric for c in cases for x in c.counters if lookup.is_cost(x.metric))
+    counted = (x.metric for c in cases for x in c.counters if deciding_figures.is_cost(x.metric))
     names = [n for n in in_order(counted) if any(_growth(c, n) for c in cases)][: len(MARKERS)]
     if not names:
         return None

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from harness.compare.gate_settings import Settings
 from harness.compare.model import Drift, TimeChange
 from harness.compare.outcomes import decide
 from harness.compare.quantiles import Samples
-from harness.compare.settings import Settings
 from harness.figures.ratios import Ratio, paired_ratio
 
 Parts = tuple[Sequence[int] | None, Sequence[int] | None]

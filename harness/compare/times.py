@@ -28,10 +28,10 @@ import numpy as np
 from scipy import stats
 
 from harness.compare import rounds
+from harness.compare.gate_settings import Settings
 from harness.compare.model import Against, Drift, TimeChange
 from harness.compare.outcomes import decide
 from harness.compare.quantiles import Samples, log_ratio, margins, positive
-from harness.compare.settings import Settings
 from harness.stored.folder import Record
 
 MIN_ROUNDS = 8

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.export.mesh import Mesh, with_z
+from harness.export.indexed_mesh import Mesh, with_z
 from harness.export.writer import About, AttributeTable, Output, append
 
 _PLY_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3), ("feature", "<i4")])

@@ -15,14 +15,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.export import mesh as meshes
+from harness.export import indexed_mesh as meshes
 from harness.export.binary import PlyWriter, StlWriter
 from harness.export.certified import Certified
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
 from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
-from harness.export.sources import Part, parts_of
+from harness.export.polygon_sources import Part, parts_of
 from harness.export.triangulation import Batch, triangulate_batch
 from harness.export.writer import About, Output, Writer
 from harness.triangulating.database import ModelDatabase

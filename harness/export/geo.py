@@ -16,7 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.mesh import Mesh
+from harness.export.indexed_mesh import Mesh
 from harness.export.writer import About, Output, plain
 from scenes.cleaning.projection import system
 

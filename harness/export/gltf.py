@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.mesh import Mesh, plan_area, with_z
+from harness.export.indexed_mesh import Mesh, plan_area, with_z
 from harness.export.writer import About, Output, append, plain
 
 _FLOAT, _UNSIGNED = 5126, 5125

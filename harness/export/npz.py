@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.export.mesh import Mesh
+from harness.export.indexed_mesh import Mesh
 from harness.export.writer import About, Output, append
 
 

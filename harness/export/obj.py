@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from harness.export.mesh import Mesh, with_z
+from harness.export.indexed_mesh import Mesh, with_z
 from harness.export.single import fits, in_single
 from harness.export.writer import About, AttributeTable, Output
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.export.mesh import Mesh, plan_area
+from harness.export.indexed_mesh import Mesh, plan_area
 
 STEPS = 2**18
 """Fewest steps of single precision across a mesh: four millimetres in a kilometre, finer than

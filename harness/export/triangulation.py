@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.triangulating import database as model
 from triangulators import full_name, parse, triangulate_many
-from triangulators.batch.many import Ragged, ragged
+from triangulators.batch.triangulate_many import Ragged, ragged
 from triangulators.verify import verify
 
 COMPILED = 64

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.mesh import Mesh
+from harness.export.indexed_mesh import Mesh
 from harness.stored import atomic
 
 BEGUN = ".raster-harness-"

@@ -14,7 +14,7 @@ from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
 from harness.measuring import records
 from harness.measuring.backends import Usable
-from harness.measuring.counting import count_cases
+from harness.measuring.count_cases import count_cases
 from harness.measuring.findings import Finding, Finished, Framed, Triangulated
 from harness.measuring.plan import Case, Plan
 from harness.measuring.preparing import Prepared, prepare
@@ -22,7 +22,7 @@ from harness.measuring.processes import Backend, Bench
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored.folder import Record
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 from scenes import Scene
 
 DONE = ("ok", "skipped")

@@ -24,7 +24,7 @@ from shapely import Polygon
 
 from harness.measuring.worker import TaskFailed
 from harness.triangulating.frames import FrameTriangulation, check, small_polygons
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 

@@ -12,7 +12,7 @@ from harness.errors import UsageError
 from harness.frame import View
 from harness.measuring.settings import DEFAULT_TRIANGULATORS, MOST_S, TIMEOUT_S, TimingSettings
 from harness.rasterisers.base import Options
-from harness.triangulating.names import Recipe, parse_all
+from harness.triangulating.recipes import Recipe, parse_all
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from harness.measuring import tasks  # noqa: F401 - for the workers
 from harness.measuring.server import MARK
 from harness.measuring.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating.frames import warm_up
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from triangulators.compute.kernels import NotKept, only_kept
 
 

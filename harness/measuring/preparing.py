@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, make_frame
-from harness.measuring import limits, records
+from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
 from harness.triangulating.frames import FrameTriangulation, carry_over
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 from scenes import Scene
 
 BASELINE = Recipe("delaunay")
@@ -29,7 +29,7 @@ SAID_AFTER_S = 2.0
 class Prepared:
     """A triangulator's result for one view, ready to be measured on every device.
 
-    limits : see `limits.limits_of`; empty but for the baseline
+    limits : see `lower_limits.limits_of`; empty but for the baseline
     """
 
     triangulation: FrameTriangulation
@@ -85,7 +85,7 @@ def _prepare(
     known = {}
     if recipe == BASELINE:
         get_ready = partial(_compile, bench=bench, reporter=reporter)
-        known = limits.limits_of(frame, result.parts, bench, get_ready)
+        known = lower_limits.limits_of(frame, result.parts, bench, get_ready)
     return Prepared(result, records.predict_frame(frame, result.parts), triangles, known)
 
 

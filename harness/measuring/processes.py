@@ -26,7 +26,7 @@ from harness.triangulating.frames import (
     warm_up,
     warm_up_all,
 )
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 from triangulators.compute import kernels
 from triangulators.compute.threads import cores
 

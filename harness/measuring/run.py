@@ -28,7 +28,7 @@ from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
 

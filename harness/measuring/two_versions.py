@@ -36,7 +36,7 @@ from harness.rasterisers.base import Options, Triangles
 from harness.stored.drawings import FOLDER as FRAMES
 from harness.stored.folder import FACTS, POLYGONS, Record, Run, Store, read_arrays, read_run
 from harness.triangulating.frames import FrameTriangulation
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 
 MARK = "BASE "
 """Before the name of a triangulator as BASE has it."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from harness import __version__
-from harness.page.content import content_of
-from harness.rasterisers.sources import shader
+from harness.page.page_data import content_of
+from harness.rasterisers.shader_texts import shader
 from harness.report.page import CHARTS, ELEMENTS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.stored.folder import Run

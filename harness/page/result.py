@@ -24,8 +24,8 @@ from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
 from harness.measuring.timing import TimerTest as Timer
-from harness.page.content import KEPT, counted_exactly
-from harness.page.devices import browser
+from harness.page.device_summaries import browser
+from harness.page.page_data import KEPT, counted_exactly
 from harness.rasterisers import Options
 from harness.stored import drawings
 from harness.stored.drawings import view_of

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, unknown
 from harness.frame import Frame
 from harness.rasterisers.counters import Counter
-from harness.rasterisers.order import ORDERS, Order, submission
+from harness.rasterisers.submission_order import ORDERS, Order, submission
 
 Triangles = NDArray[np.int32]
 Image = NDArray[np.uint8]

@@ -7,7 +7,7 @@ from typing import Any
 
 from harness import __version__
 from harness.errors import UsageError
-from harness.report.content import content_of
+from harness.report.report_data import content_of
 from harness.stored.folder import Run
 from harness.webpages.single_file import packed, static, write_whole
 from harness.webpages.templates import template

@@ -26,7 +26,7 @@ from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
 from scenes.files import Chunk, read_chunks
 from triangulators import triangulate_many
-from triangulators.batch.many import Ragged, ragged
+from triangulators.batch.triangulate_many import Ragged, ragged
 
 COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests", "triangles")
 PREDICTED = ("half_perimeter", "overdraw")

@@ -11,7 +11,7 @@ from harness.errors import UsageError
 from harness.export.certified import Certified
 from harness.export.export import Report, add_parts
 from harness.export.geo import GeoParquetWriter
-from harness.export.sources import of_file
+from harness.export.polygon_sources import of_file
 from harness.export.writer import Output
 from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part

@@ -23,7 +23,7 @@ from harness.rasterisers.base import Options
 from harness.study import cost_model, model_terms
 from harness.study.design import STEERED, Design
 from harness.study.subjects import choose_polygons
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from scenes import Scene
 from triangulators.criteria import predict
 

@@ -24,11 +24,11 @@ from harness.measuring.run import Part
 from harness.stored.folder import Record, Run
 from harness.study.design import Design
 from harness.study.subjects import choose_polygons
-from harness.triangulating.names import parse_all
+from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry
 from triangulators.methods import exhaustive
-from triangulators.methods.counting import count_triangulations
+from triangulators.methods.count_triangulations import count_triangulations
 from triangulators.methods.pareto import LIMIT, pareto_front
 
 NAMED = (

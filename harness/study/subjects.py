@@ -17,7 +17,7 @@ from shapely import Polygon
 
 from harness.errors import UsageError
 from harness.study.design import LEAST, STEERED, Design
-from harness.triangulating.names import Recipe, parse_all
+from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
 from triangulators import registry
 from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations

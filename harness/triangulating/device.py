@@ -5,7 +5,7 @@ from __future__ import annotations
 from harness.progress import Reporter
 from triangulators import measure_device
 from triangulators.devices import CPU, check_name
-from triangulators.gpu.context import DeviceFailed
+from triangulators.gpu.device_context import DeviceFailed
 
 
 def get_ready(device: str, reporter: Reporter) -> str:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from harness.frame import Frame
-from harness.triangulating.lookup import Lookup
-from harness.triangulating.names import Recipe
+from harness.triangulating.cached import Lookup
+from harness.triangulating.recipes import Recipe
 from triangulators import Skipped, vertices
-from triangulators.batch.many import ragged
+from triangulators.batch.triangulate_many import ragged
 from triangulators.verify import verify
 
 MOST_SAID = 300

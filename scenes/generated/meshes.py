@@ -11,7 +11,7 @@ from scenes.cleaning.clean import clean
 from scenes.cleaning.layout import in_rows
 from scenes.files import read
 from scenes.generated import cad
-from scenes.readers import mesh
+from scenes.readers import models
 from scenes.scene import Scene
 
 
@@ -26,7 +26,7 @@ def build(*, seed: int = 0, model: str = "", limit: int | None = None) -> Scene:
         return replace(scene, name="meshes", parameters={"model": model})
     polygons = []
     for part in cad.build(seed=seed, parts=10, segments=16).polygons:
-        polygons += mesh.facets(*_extruded(part, 20.0))[0]
+        polygons += models.facets(*_extruded(part, 20.0))[0]
     cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",

@@ -11,11 +11,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.names import suggestion
 from scenes.readers.nesting import too_deep
 from scenes.readers.reader import Raw, Source
 from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
+from scenes.suggestions import suggestion
 
 _NATIVE = {"polygon": 2, "multipolygon": 3}
 """Native encodings that hold polygons, and how many lists lie about their coordinates."""

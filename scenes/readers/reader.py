@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from scenes.readers import cut_off, damage, limits
+from scenes.readers import cut_off, damage, file_size
 from scenes.scene import Note
 
 if TYPE_CHECKING:
@@ -79,9 +79,9 @@ class Reader:
             explain = getattr(self.module, self.explain)
         with damage.refused(path, self.kind, lambda e: explain(source, e) if explain else None):
             if source.path.is_file():
-                limits.check_archive(source.path)
+                file_size.check_archive(source.path)
                 if self.whole:
-                    limits.check_size(source.path)
+                    file_size.check_size(source.path)
                 cut_off.refuse(source.path)
             yield from getattr(self.module, self.function.partition(":")[2])(source, size)
 
@@ -90,11 +90,11 @@ GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False,
 _PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False)
 _CITY = Reader("scenes.readers.cityjson:read", "CityJSON")
 _SEQUENCE = Reader("scenes.readers.cityjson:read_sequence", "a CityJSON sequence", whole=False)
-_MESH = Reader("scenes.readers.mesh:read", "a 3D model")
+_MESH = Reader("scenes.readers.models:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
-    ".obj": Reader("scenes.readers.mesh:read", "OBJ"),
-    ".ply": Reader("scenes.readers.mesh:read", "PLY"),
+    ".obj": Reader("scenes.readers.models:read", "OBJ"),
+    ".ply": Reader("scenes.readers.models:read", "PLY"),
     **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
     **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.readers.wkt:read_text", "WKT", whole=False)),
     ".wkb": Reader("scenes.readers.wkt:read_binary", "WKB"),

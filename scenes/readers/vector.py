@@ -19,7 +19,6 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.projection import system
-from scenes.names import suggestion
 from scenes.readers.cut_off import is_sequence, refused
 from scenes.readers.damage import reason
 from scenes.readers.gdal_messages import Failures
@@ -28,6 +27,7 @@ from scenes.readers.reader import Raw, Source
 from scenes.readers.sequence import lost
 from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
+from scenes.suggestions import suggestion
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:

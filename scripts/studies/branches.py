@@ -28,7 +28,7 @@ def draw(scene: str, resolution: int, name: str) -> None:
     from harness.rasterisers.base import Options
     from harness.study.calibration_draws import read_coefficients
     from harness.triangulating.frames import triangulate_polygons
-    from harness.triangulating.names import parse
+    from harness.triangulating.recipes import parse
 
     frame = make_frame(load_scene(scene, 0, Reporter(quiet=True)).polygons, View(resolution))
     calibration = read_coefficients(Path("results/calibration/llvmpipe.json"))

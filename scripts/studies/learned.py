@@ -27,7 +27,7 @@ from harness.frame import View, make_frame
 from harness.rasterisers.reference import predict
 from scenes import load
 from triangulators import triangulate_many, vertices
-from triangulators.batch.many import ragged
+from triangulators.batch.triangulate_many import ragged
 
 SCENES = ("city", "helsinki", "cad", "glyphs", "counties", "meshes")
 OPTIMUM, USUAL, REFINED = "optimal:half-perimeter", "ear-clipping", "refined:half-perimeter"

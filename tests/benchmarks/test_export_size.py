@@ -18,7 +18,7 @@ from harness.export.triangulation import COMPILED, triangulate_batch
 from harness.triangulating.database import ModelDatabase
 from scenes import load
 from tests.paths import ROOT
-from triangulators.batch.many import ragged
+from triangulators.batch.triangulate_many import ragged
 
 MEMORY_MIB = 2048
 TILES = 10

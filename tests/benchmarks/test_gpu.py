@@ -19,7 +19,7 @@ from triangulators import Ragged, triangulate_many, vertices
 from triangulators.batch.ragged import ragged
 from triangulators.devices import is_software
 from triangulators.gpu import engine
-from triangulators.gpu.placing import place
+from triangulators.gpu.found_triangles import place
 from triangulators.gpu.rings import MOST, Rings, prepare
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")

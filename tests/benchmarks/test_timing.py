@@ -19,7 +19,7 @@ from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from scenes import load
 
 COMPARISONS_SAME = 200

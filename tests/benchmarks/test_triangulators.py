@@ -19,7 +19,7 @@ import shapely
 from scenes import load
 from tests.triangulators.cases import convex, smooth, snapped, star
 from triangulators import Ragged, triangulate, triangulate_many, vertices
-from triangulators.batch.many import ragged
+from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
 from triangulators.dropin import triangulate_float64
 from triangulators.optimum.edge_table import edge_optimum

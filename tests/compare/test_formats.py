@@ -13,11 +13,11 @@ from lxml import etree
 from markdown_it import MarkdownIt
 
 from harness.compare import compare_runs, no_baseline
+from harness.compare.gate_settings import Settings
 from harness.compare.html import to_html
 from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import LIMIT, MARKER, to_markdown
-from harness.compare.settings import Settings
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
 from tests.compare.runs import TRIANGULATORS, costlier, failed, write_run

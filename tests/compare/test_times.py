@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.compare.gate_settings import Settings
 from harness.compare.model import TimeChange
 from harness.compare.rounds import drift_of_rounds
-from harness.compare.settings import Settings
 from harness.compare.times import Pair, correct, decide, judge_group, read_pair
 
 SETTINGS = Settings()

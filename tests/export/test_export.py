@@ -15,7 +15,7 @@ from pyarrow import parquet
 
 from harness.errors import UsageError
 from harness.export import FORMATS, export_file, geo
-from harness.export.mesh import heights
+from harness.export.indexed_mesh import heights
 from harness.export.triangulation import triangulate_batch
 from scenes import SceneError, load
 from scripts.false_claims import PLAIN

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from harness.figures.advice import advice
 from harness.figures.decision import decide, explained
-from harness.report.content import content_of
+from harness.report.report_data import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
 from tests.harness.test_summary import SAMPLES, record

@@ -14,12 +14,12 @@ import pytest
 from rich.console import Console
 
 from harness.compare.comparison import compare_runs
-from harness.compare.settings import Settings
+from harness.compare.gate_settings import Settings
 from harness.figures import registry
 from harness.figures.registry import Figure, figures_of, find, measures, predictions
 from harness.pictures.style import looks
 from harness.rasterisers import counters
-from harness.report.content import content_of
+from harness.report.report_data import content_of
 from harness.stored.folder import read_run
 from harness.study import analysis
 from harness.summary import print_summary, write_csv

@@ -27,7 +27,7 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored import drawings
 from harness.stored.folder import read_run
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.harness.test_environment import git

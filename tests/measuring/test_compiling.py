@@ -14,7 +14,7 @@ from harness.measuring.processes import COMPILE_S
 from harness.measuring.run import run
 from harness.measuring.worker import Inline, TaskTimedOut
 from harness.progress import Reporter
-from harness.triangulating.names import parse_all
+from harness.triangulating.recipes import parse_all
 from tests.measuring.test_run import plan_for
 from triangulators import triangulate
 from triangulators.compute import kernels

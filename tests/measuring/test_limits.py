@@ -8,7 +8,7 @@ import shapely
 
 from harness.figures.registry import LEAST, OUTLINE, find
 from harness.frame import View, make_frame
-from harness.measuring import limits, records
+from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed
 from scenes import load
@@ -18,7 +18,7 @@ from triangulators import triangulate
 
 def limits_of(frame, bench=None):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
-    return limits.limits_of(frame, parts, bench or Bench(inline, 60))
+    return lower_limits.limits_of(frame, parts, bench or Bench(inline, 60))
 
 
 def test_it_lies_between_the_outline_and_every_triangulation():
@@ -27,30 +27,32 @@ def test_it_lies_between_the_outline_and_every_triangulation():
     assert (found[OUTLINE] <= found[LEAST]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         triangles = frame.join([triangulate(polygon, name) for polygon in frame.polygons])
-        quads = limits.predict(frame.points, triangles)["quads"]
-        of_polygon = limits.per_polygon(frame, triangles, quads)
+        quads = lower_limits.predict(frame.points, triangles)["quads"]
+        of_polygon = lower_limits.per_polygon(frame, triangles, quads)
         assert (found[LEAST] <= of_polygon).all()
         assert (found[LEAST] < of_polygon).any()
 
 
 def test_the_quickest_polygons_come_first_and_the_others_are_left_out(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    seconds = limits.seconds_of(frame)
-    monkeypatch.setattr(limits, "MOST_S", seconds.sum() / 2)
+    seconds = lower_limits.seconds_of(frame)
+    monkeypatch.setattr(lower_limits, "MOST_S", seconds.sum() / 2)
     known = limits_of(frame)[LEAST] >= 0
     assert known.any()
     assert seconds[known].max() <= seconds[~known].min()
     assert seconds[known].sum() <= seconds.sum() / 2 < seconds[known].sum() + seconds[~known].min()
-    monkeypatch.setattr(limits, "MOST_S", 0.0)
+    monkeypatch.setattr(lower_limits, "MOST_S", 0.0)
     assert (limits_of(frame)[LEAST] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
     square = shapely.box(0, 0, 100, 100)
-    one, larger = (limits.seconds_of(make_frame([square], View(size))).item() for size in (64, 640))
+    one, larger = (
+        lower_limits.seconds_of(make_frame([square], View(size))).item() for size in (64, 640)
+    )
     assert larger == pytest.approx(10 * one, rel=0.2)
     with_hole = square.difference(shapely.box(40, 40, 60, 60))
-    assert limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
+    assert lower_limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
 
 
 class Failing(Bench):

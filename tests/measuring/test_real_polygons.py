@@ -15,7 +15,7 @@ from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import shared_data
 

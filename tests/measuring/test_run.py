@@ -23,8 +23,8 @@ from harness.measuring.worker import Inline, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.stored.folder import Store, read_arrays, read_run
-from harness.triangulating import names
-from harness.triangulating.names import Recipe, parse_all
+from harness.triangulating import recipes
+from harness.triangulating.recipes import Recipe, parse_all
 from tests.conftest import write_geojson
 from tests.mock import MockRasteriser
 from triangulators import Ragged
@@ -113,14 +113,14 @@ def nothing_at_once(_recipe: Recipe, arrays: Ragged) -> tuple[list[object], np.n
 
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the triangulator `name` fail on every polygon of that many holes."""
-    whole = names.triangulate_with_gap
+    whole = recipes.triangulate_with_gap
 
     def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
         if wanted == name and len(polygon.interiors) == holes:
             raise ValueError("scripted")
         return whole(polygon, wanted, **more)
 
-    monkeypatch.setattr(names, "triangulate_with_gap", triangulate)
+    monkeypatch.setattr(recipes, "triangulate_with_gap", triangulate)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
 
 

@@ -18,11 +18,11 @@ from harness.measuring.plan import Plan
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
-from harness.page.content import KEPT
+from harness.page.page_data import KEPT
 from harness.page.result import FORMAT, VERSION
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
-from harness.triangulating.names import parse_all
+from harness.triangulating.recipes import parse_all
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12

@@ -10,7 +10,7 @@ import pytest
 
 from harness.errors import UsageError
 from harness.page import write_page
-from harness.page.content import content_of
+from harness.page.page_data import content_of
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of
@@ -48,7 +48,7 @@ def where(view: dict) -> dict:
 
 def test_what_the_run_did_not_count_is_counted(small_run, monkeypatch):
     with_columns = content_of(small_run)
-    monkeypatch.setattr("harness.page.content.columns_of", lambda run, record: None)
+    monkeypatch.setattr("harness.page.page_data.columns_of", lambda run, record: None)
     assert content_of(small_run) == with_columns
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.errors import UsageError
-from harness.page import devices
+from harness.page import device_summaries
 from tests.paths import ROOT
 
 
@@ -43,25 +43,27 @@ def test_a_run_of_ours_has_one_too(harness, small_run):
 
 
 def test_another_scene_joins_the_summary_and_another_device_does_not(tmp_path, small_run):
-    file = devices.write_summary(small_run, tmp_path / "cpu.json")
+    file = device_summaries.write_summary(small_run, tmp_path / "cpu.json")
     once = json.loads(file.read_text())
-    assert json.loads(devices.write_summary(small_run, file).read_text()) == once
+    assert json.loads(device_summaries.write_summary(small_run, file).read_text()) == once
     records = [{**record, "scene": "village"} for record in small_run.records]
-    devices.write_summary(replace(small_run, records=records), file)
+    device_summaries.write_summary(replace(small_run, records=records), file)
     assert len(json.loads(file.read_text())["views"]) == 4
     records = [{**record, "device": "other"} for record in small_run.records]
     with pytest.raises(UsageError, match="is of reference on cpu"):
-        devices.write_summary(replace(small_run, records=records), file)
+        device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
     with pytest.raises(UsageError, match="no summary of a device"):
-        devices.write_summary(small_run, file)
+        device_summaries.write_summary(small_run, file)
 
 
 def test_a_summary_has_the_drivers_name_of_the_device(small_run):
     known = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
-    told = devices.summarise(replace(small_run, facts={**small_run.facts, "devices": known}))
+    told = device_summaries.summarise(
+        replace(small_run, facts={**small_run.facts, "devices": known})
+    )
     assert (told["renderer"], told["driver"]) == ("the CPU itself", "7")
-    assert devices.summarise(replace(small_run, facts={}))["renderer"] == "cpu"
+    assert device_summaries.summarise(replace(small_run, facts={}))["renderer"] == "cpu"
 
 
 def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
@@ -70,18 +72,18 @@ def test_processors_that_draw_are_not_mixed_in_one_summary(tmp_path, small_run):
         replace(small_run, facts={**small_run.facts, "cpu": {"label": label}})
         for label in ("AMD EPYC 25/17, 512-bit", "Xeon 6/143, 512-bit")
     )
-    devices.write_summary(one, file)
+    device_summaries.write_summary(one, file)
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
-    assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in devices.table(tmp_path)
+    assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.table(tmp_path)
     with pytest.raises(UsageError, match="is of AMD EPYC 25/17, 512-bit, and this run is of Xeon"):
-        devices.write_summary(other, file)
+        device_summaries.write_summary(other, file)
     gpu = [{**record, "device": "gpu0"} for record in one.records]
-    assert devices.summarise(replace(one, records=gpu))["cpu"] == ""
+    assert device_summaries.summarise(replace(one, records=gpu))["cpu"] == ""
 
 
 def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
-    devices.write_summary(small_run, tmp_path / "cpu.json")
-    lines = devices.table(tmp_path).splitlines()
+    device_summaries.write_summary(small_run, tmp_path / "cpu.json")
+    lines = device_summaries.table(tmp_path).splitlines()
     assert len(lines) == 2 + 2
     assert "city:buildings=20, 128 px" in lines[2]
     assert lines[2].count("|") == lines[0].count("|")
@@ -92,10 +94,10 @@ def test_the_table_has_a_row_for_each_view(tmp_path, small_run):
 )
 def test_what_people_brought_can_be_read(file):
     summary = json.loads(file.read_text())
-    assert summary["format"] == devices.FORMAT
-    assert summary["version"] <= devices.VERSION
+    assert summary["format"] == device_summaries.FORMAT
+    assert summary["version"] <= device_summaries.VERSION
     for view in summary["views"]:
         for told in view["triangulators"].values():
             value, low, high = told["time"]
             assert 0 < low <= value <= high
-    assert summary["device"] in devices.table(file.parent)
+    assert summary["device"] in device_summaries.table(file.parent)

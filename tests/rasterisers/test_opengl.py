@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Options, get
-from harness.rasterisers.opengl.mesh import batches
+from harness.rasterisers.opengl.buffers import batches
 from harness.rasterisers.opengl.opengl import STATISTICS
 from harness.rasterisers.opengl.tally import COUNTED
 

@@ -27,7 +27,7 @@ from harness.report import write_report
 from harness.stored import drawings
 from harness.stored.folder import Store, read_run
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse, parse_all
+from harness.triangulating.recipes import parse, parse_all
 from scenes import load
 from tests.chromium import Chromium
 

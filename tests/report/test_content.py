@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from harness.cli import app
 from harness.errors import UsageError
 from harness.report import write_report
-from harness.report.content import content_of
 from harness.report.packing import choose
+from harness.report.report_data import content_of
 from harness.stored.folder import read_run
 
 ECHARTS = "1f13280aba3161f77fc801bf5f9c786f55f10432153a0683fc5cc0700b013d5"

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from harness.report.content import content_of
+from harness.report.report_data import content_of
 from harness.stored.folder import read_run
 from tests.compare.runs import read_back
 from tests.fuzz.targets.runs import sound

@@ -7,7 +7,7 @@ import pytest
 
 from harness.frame import Frame, View, make_frame
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.names import parse
+from harness.triangulating.recipes import parse
 from scenes import load
 from triangulators import names
 

@@ -16,7 +16,7 @@ from harness.measuring.run import Part
 from harness.stored.folder import read_run
 from harness.study import pareto_answer
 from harness.study.pareto import MOST_POINTS, SWEEP, WITH_C, named, take_apart, undominated
-from harness.triangulating.names import parse_all
+from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import measure, plan_for

@@ -11,7 +11,7 @@ import pytest
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
 from harness.report.answer import criteria_of
-from harness.report.content import content_of
+from harness.report.report_data import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
 from harness.study import polygon_ranking

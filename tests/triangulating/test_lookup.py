@@ -12,12 +12,12 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.measuring.run import run
+from harness.triangulating import cached, frames
 from harness.triangulating import database as store
-from harness.triangulating import frames, lookup
+from harness.triangulating.cached import KEEP_S, Lookup
 from harness.triangulating.database import ModelDatabase, Timed
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
-from harness.triangulating.lookup import KEEP_S, Lookup
-from harness.triangulating.names import Recipe, parse
+from harness.triangulating.recipes import Recipe, parse
 from scenes import load
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
@@ -44,7 +44,7 @@ def database(tmp_path) -> Path:
 
 @pytest.fixture
 def all_kept(monkeypatch):
-    monkeypatch.setattr(lookup, "KEEP_S", 0.0)
+    monkeypatch.setattr(cached, "KEEP_S", 0.0)
 
 
 @pytest.fixture
@@ -170,7 +170,7 @@ def test_nothing_is_read_for_another_question(database, computed):
 def test_another_version_or_machine_computes_again(database, monkeypatch, what):
     cut("delaunay", POLYGONS[:2], 0, None, database)
     monkeypatch.setattr(
-        store if what == "triangulators_version" else lookup, what, lambda: "another"
+        store if what == "triangulators_version" else cached, what, lambda: "another"
     )
     assert cut("delaunay", POLYGONS[:2], 0, None, database).cached == 0
 
@@ -223,7 +223,7 @@ def test_entries_with_and_without_a_time_live_together(database):
 
 @pytest.mark.usefixtures("all_kept")
 def test_long_computing_is_written_on_the_way(database, monkeypatch):
-    monkeypatch.setattr(lookup, "WRITE_S", 0.0)
+    monkeypatch.setattr(cached, "WRITE_S", 0.0)
     with Lookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
         model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)

@@ -10,9 +10,9 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring import records
-from harness.triangulating import lookup
+from harness.triangulating import cached
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
-from harness.triangulating.names import Recipe, parse
+from harness.triangulating.recipes import Recipe, parse
 from tests.measuring.test_run import nothing_at_once
 from triangulators.certificate import proof, skeleton
 from triangulators.methods import optimal
@@ -56,7 +56,7 @@ def test_what_a_search_found_is_not_called_proven(polygons, apart):
 
 
 def test_what_is_read_is_as_proven_as_what_was_computed(polygons, tmp_path, monkeypatch):
-    monkeypatch.setattr(lookup, "KEEP_S", 0.0)
+    monkeypatch.setattr(cached, "KEEP_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
     first = cut("optimal:half-perimeter", polygons, database)
@@ -66,7 +66,7 @@ def test_what_is_read_is_as_proven_as_what_was_computed(polygons, tmp_path, monk
 
 
 def test_what_is_not_proven_is_computed_again(polygons, tmp_path, monkeypatch, apart):
-    monkeypatch.setattr(lookup, "KEEP_S", 0.0)
+    monkeypatch.setattr(cached, "KEEP_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
     cut("optimal:half-perimeter", polygons, database)

@@ -10,7 +10,7 @@ import triangulators
 
 MODULES = (
     "triangulators",
-    "triangulators.batch.many",
+    "triangulators.batch.triangulate_many",
     "triangulators.certificate.certify",
     "triangulators.criteria.catalogue",
     "triangulators.dropin",

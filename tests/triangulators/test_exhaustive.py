@@ -16,7 +16,7 @@ from tests.triangulators.cases import (
 )
 from triangulators import Skipped, TriangulationError, triangulate
 from triangulators.criteria import predict
-from triangulators.methods.counting import count_of_cycle
+from triangulators.methods.count_triangulations import count_of_cycle
 from triangulators.methods.ear_recursion import Recursion
 from triangulators.methods.exhaustive import (
     count_triangulations,

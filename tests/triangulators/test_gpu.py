@@ -16,7 +16,7 @@ from tests.triangulators.cases import convex, hard_polygons, random_simple, shar
 from triangulators import UnknownName, triangulate_many, vertices
 from triangulators.batch.ragged import ragged
 from triangulators.gpu import engine
-from triangulators.gpu.context import open_context
+from triangulators.gpu.device_context import open_context
 from triangulators.gpu.large import LargeRings, batches
 from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
 from triangulators.optimum.edge_table import (

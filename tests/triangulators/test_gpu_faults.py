@@ -8,8 +8,8 @@ import shapely
 
 from tests.triangulators.cases import star, with_hole
 from triangulators import triangulate_many
-from triangulators.gpu import context, engine, large, small
-from triangulators.gpu.context import Compute, DeviceFailed, Storage
+from triangulators.gpu import device_context, engine, large, small
+from triangulators.gpu.device_context import Compute, DeviceFailed, Storage
 from triangulators.gpu.small import SmallRings
 
 # Of every way through the device: narrow and wide small rings, large ones, and some for the CPU.
@@ -121,7 +121,7 @@ class OnError:
 @pytest.mark.parametrize("error", ["GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST"])
 def test_errors_that_opengl_notes(monkeypatch, expected, caplog, error, after):
     def opened(name):
-        compute = context.open_context(name)
+        compute = device_context.open_context(name)
         compute.ctx = OnError(compute.ctx, error, after)
         return compute
 

@@ -6,7 +6,7 @@ import shapely
 
 from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
 from triangulators import Ragged, UnknownName, triangulate, triangulate_many, vertices
-from triangulators.batch.many import polygon_at, ragged
+from triangulators.batch.triangulate_many import polygon_at, ragged
 from triangulators.criteria import predict
 from triangulators.verify import verify
 

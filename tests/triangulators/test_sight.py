@@ -12,9 +12,9 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import triangulate
 from triangulators.certificate import certify, proof
 from triangulators.certificate.sight import fans_of, sight_of
-from triangulators.checking import checker, exclusions, potentials, visibility
+from triangulators.checking import checker, exclusions, potentials, visible_pairs
 from triangulators.checking.evidence import Refused
-from triangulators.checking.visibility import visible
+from triangulators.checking.visible_pairs import visible
 from triangulators.starting.segments import inner_segments
 from triangulators.starting.starts import best_start
 
@@ -144,7 +144,7 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     found = proof.prove(outline, start, cost)
     alone = visible(outline.points, outline.edges, outline.site)
     bound = checker.lower_bound(outline, start, cost, found.evidence)
-    monkeypatch.setattr(visibility, "_FEW", 0)
+    monkeypatch.setattr(visible_pairs, "_FEW", 0)
     monkeypatch.setattr(exclusions, "_FEW", 0)
     monkeypatch.setattr(potentials, "_FEW", 0)
     shared_out = visible(outline.points, outline.edges, outline.site)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from triangulators.batch.many import triangulate_many
 from triangulators.batch.ragged import Ragged
+from triangulators.batch.triangulate_many import triangulate_many
 from triangulators.devices import CPU, check_name
 from triangulators.errors import UnknownName
 from triangulators.gpu.engine import describe

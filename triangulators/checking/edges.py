@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.checking.visibility import visible
+from triangulators.checking.visible_pairs import visible
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary

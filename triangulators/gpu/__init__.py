@@ -8,11 +8,11 @@ one that fails leaves undone, is left to the CPU.
 OpenGL 4.3 through moderngl, which the project needs anyway. GLSL has the product of two 32-bit
 integers in 64 bits (imulExtended); WGSL, which would reach macOS too, has not.
 
-    context     opening one
-    rings       polygons into integers, for a device
-    small       rings of up to 64 corners: a workgroup each, the table in shared memory
-    large       rings of up to 2,048: tiles of a table in a buffer
-    placing     what a device found into triangles, checked
-    engine      the thread that owns a device, and what is done where it fails
-    known_devices  which device was measured to be faster than the CPU
+    device_context   opening a device
+    rings            polygons into integers, for a device
+    small            rings of up to 64 corners: a workgroup each, the table in shared memory
+    large            rings of up to 2,048: tiles of a table in a buffer
+    found_triangles  what a device found into triangles, checked
+    engine           the thread that owns a device, and what is done where it fails
+    known_devices    which device was measured to be faster than the CPU
 """

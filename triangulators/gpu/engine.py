@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.gpu.context import Compute, DeviceFailed, open_context
+from triangulators.gpu.device_context import Compute, DeviceFailed, open_context
+from triangulators.gpu.found_triangles import place
 from triangulators.gpu.large import LargeRings, large
-from triangulators.gpu.placing import place
 from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
 from triangulators.gpu.small import CHUNK, SmallRings
 

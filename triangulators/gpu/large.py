@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.gpu.context import MAX_GROUPS, Compute, DeviceFailed, Storage
+from triangulators.gpu.device_context import MAX_GROUPS, Compute, DeviceFailed, Storage
 from triangulators.gpu.rings import LARGE, MOST, Rings
 from triangulators.optimum.edge_table import most_squares
 from triangulators.optimum.small_ring import SMALL
@@ -27,7 +27,7 @@ class LargeRings:
         ]
 
     def run(self, rings: Rings, which: np.ndarray, worst: bool, bases: np.ndarray) -> None:
-        """Do the rings `which`; fill their part of bases (n,) uint32, see `placing`."""
+        """Do the rings `which`; fill their part of bases (n,) uint32, see `found_triangles`."""
         for batch in batches(rings, which, min(TABLES, self._compute.storage // 4)):
             jobs = self.upload(rings, batch)
             columns = int(jobs[:, 4].max())

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from triangulators.gpu.context import MAX_GROUPS, Compute, Storage
+from triangulators.gpu.device_context import MAX_GROUPS, Compute, Storage
 from triangulators.gpu.rings import LARGE, SIZES, Rings
 
 LANES = 32

@@ -15,7 +15,7 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import cheapest, cost_of
 from triangulators.errors import Skipped, TriangulationError
-from triangulators.methods.counting import count_of_cycle, count_triangulations
+from triangulators.methods.count_triangulations import count_of_cycle, count_triangulations
 from triangulators.methods.ear_recursion import Recursion
 from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
 from triangulators.starting.starts import Cycle, cycle_of

@@ -22,7 +22,7 @@ from triangulators.geometry.flips import (
 )
 from triangulators.geometry.predicates import turn
 from triangulators.libraries import ear_clipping
-from triangulators.optimum.batch_kernels import polygon_of
+from triangulators.optimum.many_rings import polygon_of
 from triangulators.polygon import Boundary
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS

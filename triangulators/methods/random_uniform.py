@@ -8,7 +8,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
-from triangulators.methods.counting import log_counts
+from triangulators.methods.count_triangulations import log_counts
 from triangulators.polygon import Boundary
 from triangulators.starting.starts import cycle_of
 

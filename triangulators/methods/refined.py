@@ -25,7 +25,7 @@ from triangulators.geometry.flips import by_delaunay, link
 from triangulators.geometry.order import walk_along
 from triangulators.libraries import ear_clipping
 from triangulators.methods.flips import L1, flip_by, is_triangulation, test_of
-from triangulators.optimum.batch_kernels import polygon_of
+from triangulators.optimum.many_rings import polygon_of
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting.starts import starts
 

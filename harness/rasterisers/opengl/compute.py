@@ -25,9 +25,9 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.opengl import context
+from harness.rasterisers.opengl.buffers import Upload, batches
 from harness.rasterisers.opengl.context import Context
 from harness.rasterisers.opengl.gl import GLRasteriser
-from harness.rasterisers.opengl.mesh import Upload, batches
 
 MAX_GROUPS = 65535
 """Workgroups a dispatch may have in one dimension, on every device."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers.base import Sample
-from harness.rasterisers.sources import shader
+from harness.rasterisers.shader_texts import shader
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF

@@ -19,9 +19,9 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.opengl import context
+from harness.rasterisers.opengl.buffers import BoundMesh, batches
 from harness.rasterisers.opengl.context import Context, Target
 from harness.rasterisers.opengl.gl import GLRasteriser
-from harness.rasterisers.opengl.mesh import BoundMesh, batches
 from harness.rasterisers.opengl.tally import COUNTED, open_tally
 
 STATISTICS = {

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from harness.errors import NoRasteriser
 from harness.frame import Frame, bare_frame
 from harness.rasterisers.base import Triangles
+from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.opengl.context import Context, Target
-from harness.rasterisers.opengl.mesh import BoundMesh
 
 COUNTED = ("fragments", "quads", "helper_lanes")
 

@@ -26,10 +26,10 @@ from harness.rasterisers.base import (
     Triangles,
     one_sample,
 )
-from harness.rasterisers.opengl.mesh import batches
+from harness.rasterisers.opengl.buffers import batches
 from harness.rasterisers.opengl.tally import COUNTED
 from harness.rasterisers.reference import predict
-from harness.rasterisers.sources import shader
+from harness.rasterisers.shader_texts import shader
 from harness.rasterisers.webgpu import adapters
 from harness.rasterisers.webgpu.passes import FORMAT, Pass, Target, Timed
 

@@ -29,7 +29,7 @@ from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.progress import Reporter
-from harness.triangulating.names import parse_all
+from harness.triangulating.recipes import parse_all
 from tests.compare.runs import write_run
 from tests.conftest import exit_code, write_geojson
 from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit

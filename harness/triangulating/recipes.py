@@ -29,7 +29,7 @@ from triangulators import (
     triangulate_with_gap,
     vertices,
 )
-from triangulators.batch.many import Ragged, attempt_many
+from triangulators.batch.triangulate_many import Ragged, attempt_many
 from triangulators.methods.optimal import LIMIT
 
 NUMBER, UPRIGHT = "#", "@0"

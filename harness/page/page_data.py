@@ -14,7 +14,7 @@ from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
 from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
-from harness.page.devices import CRITERIA
+from harness.page.device_summaries import CRITERIA
 from harness.pictures.style import looks
 from harness.rasterisers.reference import predict
 from harness.stored import drawings

@@ -6,9 +6,9 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
-from harness.compare import lookup
+from harness.compare import deciding_figures
+from harness.compare.gate_settings import Settings
 from harness.compare.model import CounterChange, Exact, Total
-from harness.compare.settings import Settings
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.stored.folder import Record
 
@@ -59,7 +59,7 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
         )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
-    wrong = exact == "worse" or (exact == "changed" and lookup.is_shared(name))
+    wrong = exact == "worse" or (exact == "changed" and deciding_figures.is_shared(name))
     return CounterChange(
         metric=name,
         base=base,

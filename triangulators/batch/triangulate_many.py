@@ -22,7 +22,7 @@ from triangulators.gpu.rings import MOST, SIZES
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
-from triangulators.optimum.batch_kernels import Batch, do_rings
+from triangulators.optimum.many_rings import Batch, do_rings
 from triangulators.optimum.small_holes import MOST_HOLES, holes_optimum
 from triangulators.optimum.small_ring import SMALL
 from triangulators.registry import parse

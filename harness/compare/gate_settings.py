@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from harness.compare import lookup
+from harness.compare import deciding_figures
 from harness.errors import UsageError, unknown
 
 GATES = ("counters", "time")
@@ -72,7 +72,9 @@ def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
 
     A counter that every triangulation shares is gated in both directions.
     """
-    return lookup.is_cost(counter) or (counter in thresholds and lookup.has_direction(counter))
+    return deciding_figures.is_cost(counter) or (
+        counter in thresholds and deciding_figures.has_direction(counter)
+    )
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -105,7 +107,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not lookup.has_direction(name):
+    if name not in ("time", "counters") and not deciding_figures.has_direction(name):
         raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
@@ -120,7 +122,7 @@ def require_known(thresholds: Mapping[str, float], figures: Iterable[str]) -> No
     UsageError
         if one is not
     """
-    known = {"time", "counters", *lookup.registered(), *figures}
+    known = {"time", "counters", *deciding_figures.registered(), *figures}
     for name in thresholds:
         if name not in known:
             raise unknown("threshold", name, known)

@@ -16,7 +16,7 @@ from harness.measuring.preparing import BASELINE, Prepared
 from harness.measuring.processes import Backend, Bench
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
-from harness.triangulating.names import Recipe
+from harness.triangulating.recipes import Recipe
 
 
 def count_cases(

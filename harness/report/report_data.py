@@ -15,7 +15,7 @@ from harness.figures.polygons import Columns, columns_of, correlation_of_ratios,
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.machine import state
 from harness.pictures.style import looks
-from harness.report import facts, matrix, packing
+from harness.report import facts, matrix_table, packing
 from harness.report.answer import answer_of_study, criteria_of
 from harness.stored import drawings
 from harness.stored.drawings import view_of
@@ -75,9 +75,9 @@ def content_of(run: Run) -> Content:
         for measure, values in correlations.items():
             told.append(((group["rasteriser"], group["device"], measure), values, group["view"]))
     folder = run.path if run.path.is_dir() else run.path.parent
-    study = matrix.from_study(folder)
+    study = matrix_table.from_study(folder)
     first = content["groups"][0]["view"] if content["groups"] else ""
-    content["matrices"] = study or matrix.from_run(
+    content["matrices"] = study or matrix_table.from_run(
         (where, values) for where, values, view in told if view == first
     )
     content["study"] = answer_of_study(study)

@@ -19,7 +19,7 @@ from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import outlines, predict
-from harness.triangulating.names import Recipe, parse
+from harness.triangulating.recipes import Recipe, parse
 
 FEWEST = parse("optimal:exact-quads")
 
