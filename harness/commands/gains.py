@@ -42,6 +42,7 @@ def gains(
     table = study.gain_table([run.records for run in processors.apart(read)], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
+    out.mkdir(parents=True, exist_ok=True)
     files = study.plot(table, out / "plots")
     table.to_csv(out / "gains.csv", index=False, float_format="%.5g")
     console = Console()

@@ -67,6 +67,8 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
         return None
     if times["reference_s"] != base_times["reference_s"]:
         return None
+    if len(times["samples_s"]) != len(base_times["samples_s"]):
+        return None
     parts = times.get("epochs"), times.get("processes")
     return paired_ratio(times["samples_s"], base_times["samples_s"], *parts)
 

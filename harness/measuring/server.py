@@ -24,7 +24,7 @@ SOURCES = str(Path(__file__).resolve().parents[2])
 
 def start() -> ForkServerContext | SpawnContext:
     """Start the server, if none runs, without waiting for it; return what makes processes."""
-    if sys.platform != "linux":
+    if sys.platform != "linux" or not hasattr(os, "fork"):
         return multiprocessing.get_context("spawn")
     paths = (SOURCES, os.environ.get("PYTHONPATH", ""))
     own = {

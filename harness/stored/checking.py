@@ -98,7 +98,8 @@ def _is_time(value: Any) -> bool:
     numbers = all(isinstance(part, list) and all(map(_is_number, part)) for part in lists)
     epochs = value.get("epochs", [])
     counts = isinstance(epochs, list) and all(isinstance(n, int) and n > 0 for n in epochs)
-    return numbers and counts and _is_number(value.get("median_s", 0.0))
+    two = len(value.get("ci95_s", (0.0, 0.0))) == 2 if numbers else False
+    return numbers and counts and two and _is_number(value.get("median_s", 0.0))
 
 
 _FIELDS: dict[str, Callable[[Any], bool]] = {
@@ -111,6 +112,10 @@ _FIELDS: dict[str, Callable[[Any], bool]] = {
     "time": _is_time,
     "triangulate_samples_s": lambda value: isinstance(value, list) and all(map(_is_number, value)),
 }
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
@@ -131,6 +136,9 @@ def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
         if isinstance(device, dict)
         and all(isinstance(device.get(part) or {}, dict) for part in ("details", "timer"))
     }
+    if not all(map(_is_text, _listed(good.get("plan", {}).get("triangulators")))):
+        problems.append("run.json: the plan's triangulators are not usable; ignored")
+        good["plan"] = {**good["plan"], "triangulators": []}
     environment = dict(good.get("environment", {}))
     for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):
         if not isinstance(environment.get(name), kind):

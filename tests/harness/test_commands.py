@@ -162,7 +162,7 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
     figures = {}
     monkeypatch.setattr(
-        "harness.study.gains.save", lambda figure, _, name: [figures.setdefault(name, figure)]
+        "harness.pictures.style.save", lambda figure, _, name: [figures.setdefault(name, figure)]
     )
     assert harness("gains", "still", "turned", "--out", "gains")[0] == 0
     (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]
