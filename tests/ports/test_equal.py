@@ -62,7 +62,7 @@ def test_the_same_triangles_in_all_languages(cases, folder, by):
 
 def test_earcut_refine_is_npm_earcuts(cases, folder):
     if languages.earcut() is None:
-        pytest.skip("npm's earcut is not here; with network: cd tests/ports; npm ci")
+        pytest.skip("npm's earcut is not here; with network: make setup-test")
     ours, counts = in_python(cases, "earcut-refine")
     assert counts.sum() > 1000
     assert np.array_equal(ours, read(folder, "javascript", "earcut-refine")[0])
@@ -72,7 +72,7 @@ def test_the_package_is_small_and_says_what_it_is(folder):
     source = languages.HERE.parent.parent / "ports" / "javascript" / "flip-triangles.js"
     terser = languages.PACKAGES / "terser" / "bin" / "terser"
     if languages.earcut() is None:
-        pytest.skip("terser is not here; with network: cd tests/ports; npm ci")
+        pytest.skip("terser is not here; with network: make setup-test")
     command = [languages.node(), str(terser), str(source), "--module", "--compress", "--mangle"]
     small = subprocess.run(command, capture_output=True, check=True).stdout
     assert len(small) < 3000

@@ -16,7 +16,7 @@ MODULES = [
 SHOWN = (
     *("cleaning.clean", "cleaning.layout", "cleaning.projection"),
     *("readers.damage", "readers.tables", "readers.where"),
-    *("names", "registry", "spec"),
+    *("registry", "spec", "suggestions"),
 )
 """Modules that other code calls, function by function; the others are reached by `scenes.load`."""
 
