@@ -20,6 +20,7 @@ from docs.held.lookups import (
     values,
     whole,
 )
+from docs.held.others import alarms
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 
@@ -502,9 +503,8 @@ def _shares() -> list[str]:
 
 
 def _alarms() -> list[str]:
-    equal, slower = some("aa/pairs.csv", share=0), some("aa/pairs.csv", share=0.03)
-    called = [str(sum(row["exit_code"] == "1" for row in each)) for each in (equal, slower)]
-    return [str(len(equal)), called[0], str(len(slower)), called[1]]
+    equal, called, _, found, slower = alarms()
+    return [equal, called, slower, found]
 
 
 def _pair(who: str, px: int, scene: str = "counties") -> list[str]:
