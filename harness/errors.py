@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 GOOD = 0
 REGRESSION = 1
@@ -12,7 +14,7 @@ BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
-"""Too noisy to say, or a part of what was asked for failed: what was measured is kept."""
+"""Too noisy to say, or a part of what was asked for failed: what was done is kept."""
 DEFECT = 70
 """A defect of the harness itself, as sysexits.h has it: 1 means a regression, and nothing else."""
 INTERRUPTED = 130
@@ -79,10 +81,18 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:
-    """Build the error for an unknown `name`, naming the nearest of the `known` ones.
-
-    Parameters
-    ----------
-    kind : what is named, e.g. "device"
-    """
+    """Build the error for an unknown name of a kind, e.g. "device", with the nearest of `known`."""
     return UsageError(f"unknown {kind} '{name}'; {did_you_mean(name, known)}")
+
+
+def refuse_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
+    """Raise `Inconclusive` if polygons failed.
+
+    counts : (kind, reason) to polygons dropped, repaired or failed
+    """
+    failed = sum(count for (kind, _), count in counts.items() if kind == "failed")
+    if failed:
+        raise Inconclusive(
+            f"{failed:,} {'polygons' if failed > 1 else 'polygon'} failed; the rest is in "
+            f"{os.path.relpath(out)}"
+        )

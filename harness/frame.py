@@ -121,16 +121,18 @@ def bare_frame(resolution: int, points: NDArray[np.int32], corners: int | None =
     none of which has a hole.
     """
     offsets = np.arange(0, len(points) + 1, corners or len(points), dtype=np.int64)
-    return Frame(
-        width=resolution,
-        height=resolution,
-        scale=1.0,
-        view=View(resolution),
-        source=np.arange(len(offsets) - 1, dtype=np.int64),
-        points=points,
-        offsets=offsets,
-        ring_ends=offsets[1:],
-    )
+    return frame_as_it_is(resolution, points, offsets, offsets[1:])
+
+
+def frame_as_it_is(
+    resolution: int,
+    points: NDArray[np.int32],
+    offsets: NDArray[np.int64],
+    ring_ends: NDArray[np.int64],
+) -> Frame:
+    """Return a frame of polygons that are in the viewport and on the grid already."""
+    source = np.arange(len(offsets) - 1, dtype=np.int64)
+    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
 
 
 @dataclass

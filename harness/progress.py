@@ -91,7 +91,7 @@ class Rate:
     def left_s(self) -> float | None:
         """Return the seconds left, None where the rate is not known."""
         rate = self.per_second()
-        return (self._total - self._seen[-1][1]) / rate if rate else None
+        return max(0.0, self._total - self._seen[-1][1]) / rate if rate else None
 
     def text(self, done: int, count: int, unit: str) -> str:
         """Say all of it in one line."""
@@ -236,22 +236,18 @@ class Reporter:
     def _lines(self, title: str, total: float) -> Iterator[Stage]:
         self.say(f"{title} ...")
         start = last = self._clock()
-        first: tuple[float, float] | None = None  # what came before, such as compiling, is over
+        rate = Rate(total, self._clock)
 
         def show(steps: float) -> None:
-            nonlocal last, first
-            now = self._clock()
-            if first is None and steps > 0:
-                first = now, steps
-            if now - last < LINE_EVERY_S or not total:
-                return
-            last = now
-            share = min(1.0, steps / total)
-            left = ""
-            if first is not None and steps > first[1]:
-                a_step = (now - first[0]) / (steps - first[1])
-                left = f", about {a_step * max(0.0, total - steps):.0f} s left"
-            self.say(f"{title}: {share:.0%} after {now - start:.0f} s{left}")
+            nonlocal last
+            if steps > 0:
+                rate.add(steps)
+            if self._clock() - last >= LINE_EVERY_S and total:
+                last = self._clock()
+                left = rate.left_s()
+                told = "" if left is None else f", about {left:.0f} s left"
+                share = min(1.0, steps / total)
+                self.say(f"{title}: {share:.0%} after {last - start:.0f} s{told}")
 
         yield Stage(show)
 

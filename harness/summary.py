@@ -26,6 +26,7 @@ from harness.figures.registry import (
     predictions,
 )
 from harness.pictures.style import plain_table
+from harness.stored import atomic
 from harness.stored.folder import Record
 
 MOST_COLUMNS = 4
@@ -224,7 +225,7 @@ def write_csv(records: Sequence[Record], file: Path) -> None:
     for members in groups(records):
         base = base_of(members)
         rows += [row_of(record, base) for record in members]
-    pd.DataFrame(rows).to_csv(file, index=False)
+    atomic.write(file, pd.DataFrame(rows).to_csv(index=False).encode())
 
 
 def row_of(record: Record, base: Record | None) -> dict[str, Any]:

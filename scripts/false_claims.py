@@ -142,7 +142,7 @@ def _change(rng: np.random.Generator, claim: Claim) -> None:  # noqa: C901 - a w
         a, b = (int(v) for v in edges[int(rng.integers(len(edges)))])
         claim["root"] = {"edge": [a, b], "without": claim["root"], "within": claim["root"]}
     elif way == 8:
-        keep = int(rng.integers(len(claim["triangles"])))
+        keep = int(rng.integers(max(len(claim["triangles"]), 1)))
         claim["triangles"] = claim["triangles"][:keep] + claim["triangles"][keep + 1 :]
     else:
         edges[int(rng.integers(len(edges)))] = [int(v) for v in rng.integers(0, 12, 2)]

@@ -59,7 +59,9 @@ def of_others() -> Iterator[Rings]:
 def compare(label: str, polygons: list[Rings], program: Path, folder: Path) -> int:
     """Print a row for each test; return how many of them failed."""
     cases = Cases.of(polygons)
-    languages.in_others(cases, folder, program, languages.earcut())
+    cases.write(folder)
+    languages.in_cpp(folder, program)
+    languages.in_javascript(folder)
     failed = 0
     for by in (*FLIP_TESTS, "earcut-refine"):
         corners, flips = in_python(cases, by)
@@ -85,12 +87,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--polygons", type=int, default=100_000, help="random polygons")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--compiler", default="", help="e.g. ziglang; by default the first here")
     given = parser.parse_args()
-    compiler = languages.compiler()
-    if compiler is None or languages.node() is None or languages.earcut() is None:
+    compilers = [each for each in languages.compilers() if given.compiler in " ".join(each)]
+    if not compilers or languages.node() is None or languages.earcut() is None:
         raise SystemExit("needs Node.js, a C++ compiler and, for npm's earcut, network")
     with tempfile.TemporaryDirectory() as folder:
-        program = languages.compile_flips(Path(folder), compiler, "-O2")
+        program = languages.compile_flips(Path(folder), compilers[0], "-O2")
         sets = {
             "scenes": list(of_scenes()),
             "shared": list(of_others()),

@@ -77,14 +77,14 @@ def main() -> None:
     parser.add_argument("--earcut-hpp", type=Path, help="folder that holds mapbox/earcut.hpp")
     parser.add_argument("--scenes", default=",".join(SCENES))
     given = parser.parse_args()
-    node, compiler, earcut = languages.node(), languages.compiler(), languages.earcut()
+    node, compilers, earcut = languages.node(), languages.compilers(), languages.earcut()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         program = folder / "times"
-        if given.earcut_hpp and compiler:
+        if given.earcut_hpp and compilers:
             flags = ["-std=c++17", "-O2", f"-I{given.earcut_hpp}"]
             source = str(HERE / "times.cpp")
-            subprocess.run([*compiler, *flags, source, "-o", str(program)], check=True)
+            subprocess.run([*compilers[0], *flags, source, "-o", str(program)], check=True)
         for scene in given.scenes.split(","):
             polygons = make_frame(load(scene).polygons, View(1024)).polygons
             rings = in_python(scene, polygons)

@@ -45,7 +45,7 @@ class Comparison:
 
         def counted(name: str, task: engine.Task, threads: int) -> None:
             attempt(name, task, threads)
-            self._here += int(task.done.sum())
+            self._here += int(task.batch.done.sum())
 
         engine.attempt = counted
         self._here = 0

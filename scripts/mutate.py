@@ -1,49 +1,61 @@
 """Change lines at random, run the tests that belong to them, and list the changes no test notices.
 
-    .venv/bin/python scripts/mutate.py --minutes 60 --seed 1
+    .venv/bin/python scripts/mutate.py --minutes 60 --seed 1 --out FILE
 
 Each change is one token of code within a function: a comparison, a sign, a number, `and`, `not`,
 `min`. It is made in a copy of the checkout, whose own files stay as they are. The tests of a module
-are those that `TESTS` names for its folder. A change that a test fails on, or that makes the tests
-run far longer than they take unchanged, is noticed.
+are those that `TESTS` names for its folder. They are run once unchanged, and it is noted which
+functions each test and its fixtures call. A change is then tried with the tests that call the
+function it lies in, quick ones first, and in compiled code, whose calls are not seen, with all of
+the folder: as many of them as take a minute. Tests run in a process that is forked off one that has
+loaded all libraries. A change that a test fails on, or that makes one compute far longer than
+unchanged, is noticed.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import importlib
 import io
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 import tokenize
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from types import FrameType
+from typing import Any, NamedTuple
+
+import pytest
+from platformdirs import user_cache_path
 
 ROOT = Path(__file__).resolve().parent.parent
 
 TESTS = {
-    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_content.py",
+    "harness/figures": "tests/figures tests/harness/test_summary.py",
     "harness/compare": "tests/compare/test_times.py tests/compare/test_gate.py"
-    " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py",
+    " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"
+    " tests/compare/test_cli.py",
     "harness/measuring/timing.py": "tests/measuring/test_timing.py",
     "harness/scaling/merging.py": "tests/scaling/test_merging.py",
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
-    "harness/study/statistics.py": "tests/study",
-    "harness/study/regret.py": "tests/study",
-    "harness/study/cost_model.py": "tests/study",
+    "harness/study/statistics.py": "tests/study/test_statistics.py tests/study/test_spread.py",
+    "harness/study/regret.py": "tests/study/test_regret.py",
+    "harness/study/cost_model.py": "tests/study/test_models.py tests/study/test_calibration.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
-    " tests/triangulators/test_sight.py tests/triangulators/test_skeleton.py"
-    " tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
+    " tests/triangulators/test_skeleton.py tests/triangulators/test_hunted.py",
     "triangulators/checking": "tests/triangulators/test_certify.py"
-    " tests/triangulators/test_sight.py tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
+    " tests/triangulators/test_hunted.py",
 }
 
 OTHER = {
@@ -73,6 +85,19 @@ OTHER = {
 }
 
 NOTICED, SURVIVED = "noticed", "SURVIVED"
+
+LIBRARIES = (
+    *("highspy", "hypothesis", "jinja2", "matplotlib.pyplot", "moderngl", "numba", "pandas"),
+    *("pydantic", "pyogrio", "pyproj", "rich.console", "rich.progress", "scipy.sparse"),
+    *("scipy.stats", "scipy.optimize", "shapely", "trimesh", "typer"),
+)
+"""What is loaded once, before anything of ours."""
+
+MOST_S = 60.0
+"""Seconds of computing that the tests of a change may take unchanged."""
+
+Function = tuple[str, int]
+"""A file and the first line of a function in it."""
 
 
 class Change(NamedTuple):
@@ -127,9 +152,9 @@ def _lines_of_code(tree: ast.Module) -> set[int]:
     return found
 
 
-def tests_of(file: str) -> list[str]:
+def tests_of(file: str) -> str:
     """Return the tests that belong to a file."""
-    return next(tests.split() for place, tests in TESTS.items() if file.startswith(place))
+    return next(tests for place, tests in TESTS.items() if file.startswith(place))
 
 
 def files() -> list[str]:
@@ -139,6 +164,89 @@ def files() -> list[str]:
         path = ROOT / place
         found += sorted(path.rglob("*.py")) if path.is_dir() else [path]
     return [str(path.relative_to(ROOT)) for path in found if path.name != "__init__.py"]
+
+
+def function_at(file: str, text: str, line: int) -> Function:
+    """Return the innermost function that a line lies in, by its first line, its decorators' too."""
+    starts = [
+        min([node.lineno, *(each.lineno for each in node.decorator_list)])
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0)
+    ]
+    return file, max(starts)
+
+
+class Recorder:
+    """Notes which functions each test and its fixtures call, and the seconds it takes."""
+
+    def __init__(self, folder: Path, wanted: list[str]) -> None:
+        self._files = {str(folder / name): name for name in wanted}
+        self._called: set[Function] = set()
+        self._by_fixture: dict[Any, set[Function]] = defaultdict(set)
+        self.tests: dict[str, tuple[float, set[Function]]] = {}
+
+    def _trace(self, frame: FrameType, _event: str, _argument: Any) -> None:
+        name = self._files.get(frame.f_code.co_filename)
+        if name is not None:
+            self._called.add((name, frame.f_code.co_firstlineno))
+
+    @staticmethod
+    def _watch(trace: Any) -> None:
+        sys.settrace(trace)
+        threading.settrace(trace)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, Any, Any]:
+        """Note what a fixture calls for all tests that ask for it."""
+        outer, self._called = self._called, self._by_fixture[fixturedef]
+        self._watch(self._trace)
+        try:
+            return (yield)
+        finally:
+            self._called = outer
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item: Any) -> Generator[None, Any, Any]:
+        """Note what a test calls."""
+        self._called = set()
+        self._watch(self._trace)
+        start = time.process_time()
+        try:
+            return (yield)
+        finally:
+            took = time.process_time() - start
+            self._watch(None)
+            for definitions in item._fixtureinfo.name2fixturedefs.values():
+                for definition in definitions:
+                    self._called |= self._by_fixture[definition]
+            self.tests[item.nodeid] = took, self._called
+
+
+def _quick(seconds: dict[str, float]) -> list[str]:
+    """Return the tests that take least, as many as take `MOST_S`, at least one."""
+    found: list[str] = []
+    left = MOST_S
+    for name in sorted(seconds, key=seconds.__getitem__):
+        left -= seconds[name]
+        if left < 0.0 and found:
+            break
+        found.append(name)
+    return found
+
+
+class Limit:
+    """Ends the process where a test computes far longer than it is known to."""
+
+    def __init__(self, seconds: dict[str, float], more_s: float) -> None:
+        self._seconds = seconds
+        self._more_s = more_s
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: Any) -> Generator[None, Any, Any]:
+        """Give a test its time, and that of what it sets up and compiles."""
+        known = self._seconds.get(item.nodeid, 0.0)
+        signal.setitimer(signal.ITIMER_PROF, self._more_s + 3.0 * known)
+        return (yield)
 
 
 class Copy:
@@ -152,33 +260,75 @@ class Copy:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         (folder / ".venv").symlink_to(ROOT / ".venv")
+        self._tests: dict[str, dict[str, tuple[float, set[Function]]]] = {}
 
-    def passes(self, tests: list[str], limit_s: float) -> bool:
-        """Whether the tests pass in time."""
-        command = [ROOT / ".venv/bin/python", "-m", "pytest", "-q", "-x", "-n0", *tests]
-        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-        with subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        ) as running:
-            try:
-                return running.wait(limit_s) == 0
-            except subprocess.TimeoutExpired:
-                os.killpg(running.pid, 9)
-                return False
+    def record(self, tests: str) -> None:
+        """Run tests unchanged; end the program where one fails."""
+        recorder = Recorder(self.folder, files())
+        result = self.folder.with_name("recorded")
 
-    def notices(self, change: Change, limit_s: float) -> bool:
+        def write() -> None:
+            result.write_text(repr(recorder.tests))
+
+        if not self._passes(tests.split(), 1800.0, [recorder], write):
+            log = self.folder.with_name("log.txt").read_text(encoding="utf-8")
+            sys.exit(f"{log}\nfails without any change: {tests}")
+        self._tests[tests] = ast.literal_eval(result.read_text())
+
+    def _passes(
+        self,
+        tests: list[str],
+        limit_s: float,
+        plugins: list[Any] | None = None,
+        after: Callable[[], None] = lambda: None,
+    ) -> bool:
+        """Whether the tests pass in time, in a process that is forked off."""
+        child = os.fork()
+        if not child:
+            self._run(tests, plugins, after)
+        end = time.monotonic() + limit_s
+        while time.monotonic() < end:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                return status == 0
+            time.sleep(0.02)
+        os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        return False
+
+    def _run(self, tests: list[str], plugins: list[Any] | None, after: Callable[[], None]) -> None:
+        """Run the tests and end this process."""
+        code = 1
+        try:
+            os.setsid()
+            nowhere = os.open(
+                self.folder.with_name("log.txt"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            )
+            for number in (1, 2):
+                os.dup2(nowhere, number)
+            os.chdir(self.folder)
+            sys.path.insert(0, str(self.folder))
+            sys.dont_write_bytecode = True
+            os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
+            options = ["-x", "-n0", "-p", "no:cacheprovider"]
+            code = pytest.main([*options, *tests], plugins)
+            after()
+        finally:
+            os._exit(code)
+
+    def notices(self, change: Change) -> bool:
         """Whether a test fails where the change is made."""
         file = self.folder / change.file
         before = file.read_text(encoding="utf-8")
+        known = self._tests[tests_of(change.file)]
+        function = function_at(change.file, before, change.line)
+        own = {name: took for name, (took, called) in known.items() if function in called}
+        own = own or {name: took for name, (took, _) in known.items()}
         try:
             after = before[: change.start] + change.after + before[change.end :]
             file.write_text(after, encoding="utf-8")
-            return not self.passes(tests_of(change.file), limit_s)
+            limit = Limit(own, 90.0 if "njit" in before else 30.0)
+            return not self._passes(_quick(own), 300.0, [limit])
         finally:
             file.write_text(before, encoding="utf-8")
 
@@ -198,41 +348,49 @@ def drawn(seed: int) -> Iterator[Change]:
             yield change
 
 
+def chosen_changes(again: Path) -> Iterator[Change]:
+    """Yield the changes that survived in an earlier output."""
+    for line in again.read_text(encoding="utf-8").splitlines():
+        if line.startswith(SURVIVED):
+            place, number, rest = line.removeprefix(SURVIVED).strip().split(":", 2)
+            text = (ROOT / place).read_text(encoding="utf-8")
+            same = [each for each in changes(place, text) if each.line == int(number)]
+            yield from (each for each in same if str(each).endswith(f":{rest}"))
+
+
 def main() -> None:
     """Make changes for some minutes and print what came of each."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--minutes", type=float, default=60.0)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--copies", type=int, default=1, help="how many are tried at once")
+    options.add_argument("--again", type=Path, help="try what survived in this output, once each")
+    options.add_argument("--out", type=Path)
     chosen = options.parse_args()
-    end = time.monotonic() + 60.0 * chosen.minutes
+    wanted = chosen_changes(chosen.again) if chosen.again else drawn(chosen.seed)
+    lines: list[str] = []
     with tempfile.TemporaryDirectory() as place:
-        copies = [Copy(Path(place) / f"{number}" / "checkout") for number in range(chosen.copies)]
-        limits: dict[str, float] = {}
+        os.environ["NUMBA_CACHE_DIR"] = place  # what changed kernels are compiled to goes with it
+        compiled = user_cache_path("raster-harness", appauthor=False) / "compiled"
+        if compiled.is_dir():
+            shutil.copytree(compiled, Path(place) / "compiled")
+        for name in LIBRARIES:
+            importlib.import_module(name)
+        copy = Copy(Path(place) / "checkout")
         for tests in dict.fromkeys(TESTS.values()):
-            for copy in copies:  # the first time kernels are compiled, the second is the measure
-                copy.passes(tests.split(), 900.0)
+            copy.record(tests)
+        end = time.monotonic() + 60.0 * chosen.minutes
+        for change in wanted:
+            if time.monotonic() > end:
+                break
             start = time.monotonic()
-            if not copies[0].passes(tests.split(), 900.0):
-                sys.exit(f"fails without any change: {tests}")
-            limits[tests] = 60.0 + 4.0 * (time.monotonic() - start)
-        wanted = drawn(chosen.seed)
-        turn = threading.Lock()
-
-        def work(copy: Copy) -> list[tuple[Change, bool]]:
-            found = []
-            while time.monotonic() < end:
-                with turn:
-                    change = next(wanted)
-                noticed = copy.notices(change, limits[" ".join(tests_of(change.file))])
-                print(f"{NOTICED if noticed else SURVIVED:9} {change}", flush=True)
-                found.append((change, noticed))
-            return found
-
-        with ThreadPoolExecutor(len(copies)) as pool:
-            results = [each for found in pool.map(work, copies) for each in found]
-    survivors = sum(not noticed for _, noticed in results)
-    print(f"{len(results)} changes, {survivors} survivors (seed {chosen.seed})")
+            outcome = NOTICED if copy.notices(change) else SURVIVED
+            lines.append(f"{outcome:9} {change}")
+            print(f"{lines[-1]} ({time.monotonic() - start:.0f} s)", flush=True)
+    survivors = sum(line.startswith(SURVIVED) for line in lines)
+    lines.append(f"{len(lines)} changes, {survivors} survivors (seed {chosen.seed})")
+    print(lines[-1])
+    if chosen.out:
+        chosen.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

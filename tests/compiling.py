@@ -19,7 +19,7 @@ from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import ROOT
 from triangulators import names, triangulate_many, warm_up
-from triangulators.compute import kernels
+from triangulators.compute import compiled_files
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
 """Small ones whose polygons go every way through the kernels: holes, many holes, none."""
@@ -36,7 +36,7 @@ BESIDE = ("max-area", "greedy", "random", "pareto", "refined")
 def compile_everything() -> None:
     """Call each kernel as the product calls it; next to no time where all are compiled."""
     known = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
-    if not any(kernels.place().glob(f"*-{kernels.digest(ROOT / LATE)}")):
+    if not any(compiled_files.place().glob(f"*-{compiled_files.digest(ROOT / LATE)}")):
         with subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT) as second:
             warm_up([name for name in known if name not in BESIDE])
             second.wait()

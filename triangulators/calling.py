@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
+from triangulators.criteria.cost import require_numbers
 from triangulators.errors import TriangulationError
 from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left
 from triangulators.polygon import Boundary, checked_boundary
@@ -82,12 +83,13 @@ def triangulate_with_gap(
 
 
 def _require_numbers(criterion: Any, outline: Boundary, triangles: np.ndarray) -> None:
-    """Raise TriangulationError if a user's criterion is no number for a triangle of the result."""
+    """Raise TriangulationError if a user's criterion is no number for a triangle."""
     if criterion is None or isinstance(criterion, str):
         return
     found = criteria.find(criterion)
     if found.function is None:
         return
+    require_numbers(found)
     try:
         total = found.total(outline.points, triangles)
     except OverflowError:

@@ -63,122 +63,103 @@ class Entry:
         return load(self.function)
 
 
+def _ours(
+    name: str, description: str, where: str = "", *, holes: bool = True, **more: Any
+) -> Entry:
+    """Return a triangulator of `methods`; where: "module:function", or what differs from `name`."""
+    module, _, function = where.partition(":")
+    place = f"triangulators.methods.{module or name.replace('-', '_')}:{function or 'triangulate'}"
+    return Entry(name, description, place, handles_holes=holes, **more)
+
+
+def _library(name: str, description: str, **more: Any) -> Entry:
+    place = f"triangulators.libraries.{name.replace('-', '_')}:triangulate"
+    return Entry(name, description, place, conforms=False, **more)
+
+
 BUILTIN = {
     entry.name: entry
     for entry in (
-        Entry(
-            "fan",
-            "a fan from a vertex that sees the whole polygon",
-            "triangulators.methods.fan:triangulate",
-            handles_holes=False,
-            any_shape=False,
+        _ours(
+            "fan", "a fan from a vertex that sees the whole polygon", holes=False, any_shape=False
         ),
-        Entry(
+        _ours(
             "strip",
             "a zigzag of diagonals, where some start allows it",
-            "triangulators.methods.strip:triangulate",
-            handles_holes=False,
+            holes=False,
             any_shape=False,
         ),
-        Entry(
-            "ear-clipping",
-            "mapbox_earcut",
-            "triangulators.libraries.ear_clipping:triangulate",
-            conforms=False,
-        ),
-        Entry(
-            "delaunay",
-            "constrained Delaunay triangulation (GEOS, through shapely)",
-            "triangulators.libraries.delaunay:triangulate",
-            conforms=False,
-        ),
-        Entry(
+        _library("ear-clipping", "mapbox_earcut"),
+        _library("delaunay", "constrained Delaunay triangulation (GEOS, through shapely)"),
+        _library(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
-            "triangulators.libraries.sweep:triangulate",
-            conforms=False,
             needs="triangulators.libraries.sweep:installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
-        Entry(
+        _library(
             "manifold",
             "manifold3d's ear clipping",
-            "triangulators.libraries.manifold:triangulate",
-            conforms=False,
             needs="manifold3d",
             install="pip install manifold3d",
         ),
-        Entry(
-            "max-area",
-            "largest triangle first (Persson 2009)",
-            "triangulators.methods.max_area:triangulate",
-            handles_holes=False,
-        ),
-        Entry(
-            "greedy",
-            "shortest diagonals first",
-            "triangulators.methods.greedy:triangulate",
-        ),
-        Entry(
+        _ours("max-area", "largest triangle first (Persson 2009)", holes=False),
+        _ours("greedy", "shortest diagonals first"),
+        _ours(
             "random",
             "uniform over all triangulations, by counting; seed=",
-            "triangulators.methods.random_uniform:triangulate",
-            handles_holes=False,
+            "random_uniform",
+            holes=False,
         ),
-        Entry(
+        _ours(
             "pareto",
             "a point of the Pareto front of A and D, by its number from the least A on; k=",
-            "triangulators.methods.pareto:triangulate",
-            handles_holes=False,
+            holes=False,
         ),
-        Entry(
+        _ours(
             "listed",
             "one of all that the paper's method lists, by its number from the least A on; k=",
-            "triangulators.methods.exhaustive:triangulate_listed",
-            handles_holes=False,
+            "exhaustive:triangulate_listed",
+            holes=False,
             conforms=False,
         ),
-        Entry(
+        _ours(
             "exhaustive",
             "the best of all triangulations, every one listed (the paper's method)",
-            "triangulators.methods.exhaustive:triangulate",
-            handles_holes=False,
+            holes=False,
             criteria=True,
         ),
-        Entry(
+        _ours(
             "earcut-refine",
             "ear clipping, then flips to Delaunay, as refine() of npm's earcut 3.2.4 makes them",
-            "triangulators.methods.flips:triangulate_as_earcut",
+            "flips:triangulate_as_earcut",
             conforms=False,
         ),
-        Entry(
+        _ours(
             "flips",
             "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
-            "triangulators.methods.flips:triangulate",
             conforms=False,
             criteria=True,
             default_criterion="l1",
             tests=FLIP_TESTS,
         ),
-        Entry(
+        _ours(
             "refined",
             "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
-            "triangulators.methods.refined:triangulate",
             criteria=True,
             default_criterion="half-perimeter",
         ),
-        Entry(
+        _ours(
             "optimal",
             "the minimum of a criterion: exact up to 2,000 vertices, with holes nearly always;"
             " beyond by search",
-            "triangulators.methods.optimal:triangulate",
             criteria=True,
             with_gap="triangulators.methods.optimal:triangulate_with_gap",
         ),
-        Entry(
+        _ours(
             "worst",
             "the maximum of a criterion: exact up to 2,000 vertices without holes; else by search",
-            "triangulators.methods.optimal:triangulate_worst",
+            "optimal:triangulate_worst",
             criteria=True,
         ),
     )

@@ -8,18 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
-from harness.commands.options import (
-    CALIBRATIONS,
-    Budget,
-    Quiet,
-    Resolution,
-    Seed,
-    Several,
-    Work,
-    several,
-)
+from harness.commands import options
 from harness.errors import Inconclusive
 from harness.measuring.settings import TimingSettings
 from harness.progress import Reporter
@@ -43,23 +33,23 @@ def calibrate(
             help="Scene or file whose polygons test the fit; may be repeated. [city]",
         ),
     ] = None,
-    resolution: Resolution = 256,
+    resolution: options.Resolution = 256,
     terms: Annotated[
-        Several | None,
+        options.Several | None,
         typer.Option(
-            parser=several(),
+            parser=options.several(),
             metavar="TERM,...",
             help="Terms that the model may have: T,S,H,w*h,D,Q,P,R, or some of them.",
         ),
     ] = None,
-    work: Work = 0,
-    budget: Budget = 0.2,
-    seed: Seed = 0,
+    work: options.Work = 0,
+    budget: options.Budget = 0.2,
+    seed: options.Seed = 0,
     out: Annotated[
         Path | None,
         typer.Option(help="File to write; results/calibration/<device>.json if absent."),
     ] = None,
-    quiet: Quiet = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Fit a model of a device's draw time, and test it on polygons that it has not seen.
 
@@ -74,6 +64,7 @@ def calibrate(
     from harness.measuring.loading import load_scene
     from harness.measuring.processes import Backend, Bench
     from harness.measuring.worker import Worker
+    from harness.pictures.style import plain_table
     from harness.rasterisers.base import Options
     from harness.study import calibration_draws as study
     from harness.study import cost_model, model_terms
@@ -102,7 +93,7 @@ def calibrate(
         described = bench.describe()[backend.label]
     finally:
         bench.close()
-    file = out or CALIBRATIONS / f"{backend.device.name}.json"
+    file = out or options.CALIBRATIONS / f"{backend.device.name}.json"
     facts = {
         "rasteriser": rasteriser or "",
         "name": backend.device.name,
@@ -111,39 +102,34 @@ def calibrate(
         **described,
     }
     file = study.write(fit, validation, facts, file, fewer)
-    table = Table(title=f"time of a draw: {backend.label}", title_justify="left", box=None)
-    for heading in ("term", "coefficient", "95 % interval", "unit"):
-        table.add_column(heading)
+    title = f"time of a draw: {backend.label}"
+    table = plain_table(title, "term", "coefficient", "95 % interval", "unit")
     for term, unit in zip(cost_model.TERMS, cost_model.UNITS, strict=True):
         low, high = fit.intervals[term]
         table.add_row(term, f"{fit.coefficients[term]:.3g}", f"{low:.3g} to {high:.3g}", unit)
-    console = Console(highlight=False)
-    console.print(table)
-    console.print(str(validation))
-    _print_models(fewer, model_terms.fewest(fewer), console)
+    Console(highlight=False).print(table)
+    typer.echo(str(validation))
+    _print_models(fewer, model_terms.fewest(fewer))
     if not validation.good:
         raise Inconclusive(
             f"the fit is refused, for R2 below {study.LEAST_R2:g} would follow noise: close other "
             f"programs, or draw longer, e.g. --budget {4 * budget:g}; kept in {file}"
         )
-    console.print(f"calibration: {file}", markup=False, soft_wrap=True)
+    typer.echo(f"calibration: {file}")
 
 
-def _print_models(found: Sequence[Model], chosen: Model, console: Console) -> None:
+def _print_models(found: Sequence[Model], chosen: Model) -> None:
     """Print the best model of each number of terms, and which is the smallest that will do."""
     from harness.pictures.style import plain_table
 
-    table = plain_table("the best model of each number of terms, on polygons that chose none")
-    table.add_column("terms")
-    for heading in ("R2 over", "R2 within", "regret"):
-        table.add_column(heading, justify="right")
+    title = "the best model of each number of terms, on polygons that chose none"
+    table = plain_table(title, "terms", ">R2 over", ">R2 within", ">regret")
     for model in found:
         ends = f"{model.regret_low:.2%} to {model.regret_high:.2%}"
         regret = f"{model.regret:.2%} ({'too few' if 'nan' in ends else ends})"
         table.add_row(model.written, f"{model.r2_over:.4f}", f"{model.r2_within:.4f}", regret)
-    console.print(table)
-    console.print(
+    Console().print(table)
+    typer.echo(
         f"the fewest terms that predict as well, within one standard error: {chosen.written} "
-        f"(to fit them alone: --terms {','.join(chosen.letters)})",
-        soft_wrap=True,
+        f"(to fit them alone: --terms {','.join(chosen.letters)})"
     )

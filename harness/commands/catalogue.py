@@ -23,7 +23,7 @@ def _scenes() -> Iterator[Row]:
     for name in registry.names():
         entry = registry.entry(name)
         missing = entry.available()
-        polygons, corners, holes = (None, None, None) if missing else entry.size()
+        polygons, corners, holes = (None if missing else entry.size) or (None, None, None)
         yield {
             "scene": name,
             "polygons": polygons,
@@ -57,26 +57,17 @@ def _criteria() -> Iterator[Row]:
 
     for name in criteria.names():
         each = criteria.CRITERIA[name]
-        yield {
-            "criterion": name,
-            "symbol": each.symbol,
-            "unit": each.unit,
-            "description": each.description,
-        }
+        told = {part: getattr(each, part) for part in ("symbol", "unit", "description")}
+        yield {"criterion": name, **told}
 
 
 def _metrics() -> Iterator[Row]:
     from harness.figures.registry import figures
 
     for each in figures().values():
-        yield {
-            "figure": each.name,
-            "kind": each.kind,
-            "unit": each.unit,
-            "better": each.better,
-            "best case": each.best_case,
-            "description": each.description,
-        }
+        parts = ("kind", "unit", "better", "best_case", "description")
+        told = {part.replace("_", " "): getattr(each, part) for part in parts}
+        yield {"figure": each.name, **told}
 
 
 KINDS: dict[str, Callable[[], Iterator[Row]]] = {
@@ -89,9 +80,9 @@ KINDS: dict[str, Callable[[], Iterator[Row]]] = {
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in rows[0]:
-        table.add_column(heading, overflow="fold")
+    from harness.pictures.style import plain_table
+
+    table = plain_table(None, *rows[0])
     for row in rows:
         table.add_row(*map(_cell, row.values()))
     return table

@@ -94,9 +94,7 @@ def compare(
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
     if repeat:
-        from harness.commands.repeat import repeat as twice
-
-        twice(base, head)
+        compare_repeated(base, head)
     from harness.compare import compare_runs, no_baseline
     from harness.compare.gate_settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
@@ -147,7 +145,7 @@ def _show(found: Comparison, head: Run, output: Format) -> None:
 
 
 def _shown(found: Comparison, head: Run, output: Format) -> str:
-    from harness.compare.benchmark_action import to_benchmark_action
+    from harness.compare.json import to_benchmark_action
     from harness.compare.matching import latest
     from harness.compare.terminal import print_comparison
 
@@ -199,3 +197,33 @@ def _write(file: Path, text: str, *, append: bool = False) -> None:
             stream.write(text)
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror}") from error
+
+
+def compare_repeated(
+    first: Annotated[Path, typer.Argument(help="Folder of the first run.")],
+    second: Annotated[Path, typer.Argument(help="Folder of the second run, of the same plan.")],
+) -> None:
+    """Check that two runs of one plan have equal counters, and say how often verdicts agree.
+
+    Two triangulations of the same polygons that were timed together are a pair. Each run has a
+    verdict on the pair: faster, slower, or no difference shown, which means that the two are too
+    close for the time spent. Exits with 1 if a counter differs.
+    """
+    from harness.stored.folder import read_run
+    from harness.study.repeat import repeat as agreement
+
+    found = agreement(read_run(first).records, read_run(second).records)
+    if not found.cases:
+        raise UsageError(f"{first} and {second} have no case in common: run the same plan twice")
+    same = found.cases - len(found.unequal)
+    typer.echo(f"counters: equal in {same:,} of {found.cases:,} cases")
+    for key in found.unequal[:5]:
+        typer.echo(f"  differ: {key}")
+    for verdicts in found.verdicts:
+        where = f"{verdicts.rasteriser} on {verdicts.device}, {verdicts.pairs:,} pairs"
+        which = f"both runs say which is faster for {verdicts.decided:,}"
+        if verdicts.decided:
+            which += f", and agree on {verdicts.agreeing / verdicts.decided:.2%} of these"
+        alike = f"{verdicts.same / verdicts.pairs:.1%}"
+        typer.echo(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
+    raise typer.Exit(1 if found.unequal else 0)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from harness.commands.options import Dask, Layer, Limit, Quiet, Where
-from harness.errors import UsageError
+from harness.errors import UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
@@ -83,7 +82,8 @@ def triangulate(
     """Triangulate a file of polygons and write the triangles.
 
     Of many files, and with --dask, each part of 20,000 to 50,000 polygons becomes a GeoParquet file
-    in the folder -o. The same command, given again, does what is missing.
+    in the folder -o. The same command, given again, does what is missing. Polygons that fail are
+    named and left out, and the exit code is 5.
     """
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
@@ -146,17 +146,13 @@ def triangulate(
         reporter.warn(f"{kind} {count:,}: {reason}")
     if report.flat:
         reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")
-    Console().print(
+    typer.echo(
         f"{out}: {report.polygons:,} polygons, {report.triangles:,} triangles "
-        f"in {report.seconds:.1f} s",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
+        f"in {report.seconds:.1f} s"
     )
     if report.certified is not None:
-        Console().print(
-            f"{file}: {report.certified}", markup=False, highlight=False, soft_wrap=True
-        )
+        typer.echo(f"{file}: {report.certified}")
+    refuse_failed(report.counts, out)
 
 
 def _many(file: str, out: Path) -> bool:
@@ -181,29 +177,22 @@ def cache(
 ) -> None:
     """Show or empty the model database of triangulations."""
     from harness.triangulating.database import ModelDatabase
-    from triangulators.compute import kernels
+    from triangulators.compute import compiled_files
 
     if action not in ("info", "clear"):
         raise UsageError(f"cache {action}: say info or clear")
-    console = Console(highlight=False)
     with ModelDatabase(say=Reporter().warn) as database:
         if action == "clear":
-            count, old = database.clear(), kernels.remove_old()
-            console.print(f"forgot {count:,} triangulations in {database.path}", markup=False)
-            console.print(f"removed compiled code of {old:,} old modules", markup=False)
+            count, old = database.clear(), compiled_files.remove_old()
+            typer.echo(f"forgot {count:,} triangulations in {database.path}")
+            typer.echo(f"removed compiled code of {old:,} old modules")
             return
         info = database.info()
-    compiled = kernels.kept()
-    console.print(
+    compiled = compiled_files.kept()
+    typer.echo(
         f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "
-        f"{len(compiled.old):,} old modules",
-        markup=False,
-        soft_wrap=True,
+        f"{len(compiled.old):,} old modules"
     )
-    console.print(
-        f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes",
-        markup=False,
-        soft_wrap=True,
-    )
+    typer.echo(f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes")
     for name, (count, size) in info.by_triangulator.items():
-        console.print(f"  {name}: {count:,}, {size:,} bytes", markup=False)
+        typer.echo(f"  {name}: {count:,}, {size:,} bytes")

@@ -33,6 +33,7 @@ def gains(
     import pandas as pd
 
     from harness.figures import processors
+    from harness.stored import atomic
     from harness.stored.folder import read_run
     from harness.study import gains as study
     from harness.triangulating.recipes import parse_all
@@ -42,56 +43,43 @@ def gains(
     table = study.gain_table([run.records for run in processors.apart(read)], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
-    out.mkdir(parents=True, exist_ok=True)
-    files = study.plot(table, out / "plots")
-    table.to_csv(out / "gains.csv", index=False, float_format="%.5g")
-    console = Console()
+    orders = [p for n in wanted if len(p := study.by_order(table, n).assign(base=n))]
+    with atomic.folder(out, added=True) as made:
+        files = study.plot(table, made / "plots")
+        table.to_csv(made / "gains.csv", index=False, float_format="%.5g")
+        if orders:
+            pd.concat(orders).to_csv(made / "orders.csv", index=False, float_format="%.4g")
     if mixed := processors.several(read):
-        console.print(
-            f"several processors, whose times stay apart: {processors.words(mixed)}",
-            markup=False,
-            soft_wrap=True,
-        )
-    told_apart = [study.by_order(table, name).assign(base=name) for name in wanted]
-    if found := [part for part in told_apart if len(part)]:
-        pd.concat(found).to_csv(out / "orders.csv", index=False, float_format="%.4g")
-        _say_orders(found[0], console)
+        typer.echo(f"several processors, whose times stay apart: {processors.words(mixed)}")
+    if orders:
+        _say_orders(orders[0])
     for name in wanted:
-        _say_how_it_did(study.best(table, name), name, console)
-    console.print(
-        f"{len(table)} ratios in {out}/gains.csv, {len(files)} plots", markup=False, soft_wrap=True
-    )
+        _say_how_it_did(study.best(table, name), name)
+    typer.echo(f"{len(table)} ratios in {out}/gains.csv, {len(files)} plots")
 
 
-def _say_how_it_did(views: pd.DataFrame, name: str, console: Console) -> None:
+def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
     """Say in how many views another triangulator was shown to be faster than `name`."""
     if views.empty:
         return
     beaten = views[views["faster"] != ""]
     several = len(views[["rasteriser", "device"]].drop_duplicates()) > 1
-    console.print(
-        f"{name}: no other was shown to be faster in {len(views) - len(beaten)} of "
-        f"{len(views)} views",
-        markup=False,
-        soft_wrap=True,
-    )
+    kept = len(views) - len(beaten)
+    typer.echo(f"{name}: no other was shown to be faster in {kept} of {len(views)} views")
     for row in beaten.head(MOST_SAID).to_dict("records"):
         view = f"{row['scene']} {row['resolution']} px"
         view += f", {row['rasteriser']} on {row['device']}" if several else ""
-        for key, word, usual in (
-            ("rotation", "turned", 0),
-            ("work", "work", 0),
-            ("samples", "samples", 1),
-        ):
+        usual_of = (("rotation", "turned", 0), ("work", "work", 0), ("samples", "samples", 1))
+        for key, word, usual in usual_of:
             if row[key] != usual:
                 view += f", {word} {row[key]:g}"
         view += f", {row['order']} order" if row["order"] != "native" else ""
-        console.print(f"  {view}: {row['faster']} faster", markup=False, soft_wrap=True)
+        typer.echo(f"  {view}: {row['faster']} faster")
     if len(beaten) > MOST_SAID:
-        console.print(f"  and {len(beaten) - MOST_SAID} more views", markup=False)
+        typer.echo(f"  and {len(beaten) - MOST_SAID} more views")
 
 
-def _say_orders(found: pd.DataFrame, console: Console) -> None:
+def _say_orders(found: pd.DataFrame) -> None:
     """Print the times in ratio to the first base's, in own orders and both in a common one."""
     from harness.pictures.style import plain_table
     from harness.rasterisers.submission_order import ORDERS
@@ -101,12 +89,11 @@ def _say_orders(found: pd.DataFrame, console: Console) -> None:
         ["scene", "rasteriser", "device", "resolution"], sort=False
     ):
         base = part["base"].iloc[0]
-        table = plain_table(f"{scene} {resolution} px, {device}: time vs {base}")
-        table.add_column("triangulator")
-        for heading in ("own order", *(f"both in {name}" for name in orders)):
-            table.add_column(heading, justify="right")
+        title = f"{scene} {resolution} px, {device}: time vs {base}"
+        headings = (">own order", *(f">both in {name}" for name in orders))
+        table = plain_table(title, "triangulator", *headings)
         for row in part.to_dict("records"):
-            shown = [row["own"], *(row[name] for name in orders)]
+            shown = (row[name] for name in ("own", *orders))
             cells = ["" if value != value else f"{value:.3f}" for value in shown]
             table.add_row(row["triangulator"], *cells)
-        console.print(table)
+        Console().print(table)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from harness.commands.options import Several, several
 from harness.errors import NothingMeasured
@@ -55,15 +54,16 @@ def history(
     shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
     --all. Studies are left out: they measure each case once.
     """
+    from harness.compare.wording import count
     from harness.figures import processors
     from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.plots import plot_history
+    from harness.stored import atomic
 
-    console = Console(soft_wrap=True, highlight=False, markup=False)
     found = find_runs(folders, studies=everything)
     runs = found.runs
     if found.studies:
-        console.print(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
+        typer.echo(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
     if not runs:
         raise NothingMeasured("all runs are studies, which measure each case once; see --all")
     wanted = Choice(scene or (), triangulator or (), rasteriser or (), everything)
@@ -72,24 +72,20 @@ def history(
         raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
     shown = worth_showing(series, wanted)
     if shown:
-        plot_history(runs, shown, out)
-        _write_csv(runs, shown, out / "history.csv")
+        with atomic.folder(out, added=True) as made:
+            plot_history(runs, shown, made)
+            _write_csv(runs, shown, made / "history.csv")
     for run in runs:
         for problem in run.problems:
-            console.print(f"warning: {problem}")
+            typer.echo(f"warning: {problem}")
     if mixed := processors.several(runs):
-        console.print(f"several processors, whose times stay apart: {processors.words(mixed)}")
+        typer.echo(f"several processors, whose times stay apart: {processors.words(mixed)}")
     for line in changes(runs, shown):
-        console.print(line)
+        typer.echo(line)
     left = len(series) - len(shown)
     rest = f"; {left:,} more series: --all, or choose by --scene, --triangulator ..." * bool(left)
     where = str(out) if shown else "no case was measured by two runs"
-    console.print(f"{count(len(runs), 'run')}, {len(shown)} series: {where}{rest}")
-
-
-def count(number: int, noun: str, several: str = "") -> str:
-    """Write `1 run`, `2 runs`."""
-    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
+    typer.echo(f"{count(len(runs), 'run')}, {len(shown)} series: {where}{rest}")
 
 
 def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
@@ -119,15 +115,13 @@ def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
 
 def _write_csv(runs: Sequence[Run], series: Sequence[Series], file: Path) -> None:
     """Write one row for each value of each series."""
-    import csv
+    import pandas as pd
 
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["run", "created", "metric", "triangulator", "where", "value", "change"])
-        for entry in series:
-            for number, (run, value) in enumerate(zip(runs, entry.values, strict=True)):
-                created = run.facts.get("created") or ""
-                name = entry.name
-                cell = "" if value != value else repr(float(value))
-                row = [run.path, created, entry.metric, name.triangulator, name.where, cell]
-                writer.writerow([*row, int(number in entry.changes)])
+    rows = []
+    for entry in series:
+        case = (entry.metric, entry.name.triangulator, entry.name.where)
+        for number, (run, value) in enumerate(zip(runs, entry.values, strict=True)):
+            created = run.facts.get("created") or ""
+            rows.append((run.path, created, *case, value, int(number in entry.changes)))
+    names = ["run", "created", "metric", "triangulator", "where", "value", "change"]
+    pd.DataFrame(rows, columns=names).to_csv(file, index=False, lineterminator="\r\n")

@@ -51,7 +51,7 @@ COMMANDS = {
     ),
     "report": Entry(
         MEASURE,
-        "report:report",
+        "page:report",
         "Write the report of a run: one HTML file, which needs no network.",
         (
             f"report {RUN}",
@@ -100,7 +100,7 @@ COMMANDS = {
     ),
     "repeat": Entry(
         ELSEWHERE,
-        "repeat:repeat",
+        "compare:compare_repeated",
         "Check that two runs of one plan have equal counters, and say how often verdicts agree.",
         (f"repeat {RUN} {RUN}",),
     ),
@@ -155,7 +155,7 @@ COMMANDS = {
     ),
     "enumerate": Entry(
         ELSEWHERE,
-        "enumeration:enumerate_",
+        "inspect:enumerate_",
         "List every triangulation of a polygon with its criteria; draw shape against overdraw.",
         ("enumerate --scene paper --mode paper",),
     ),

@@ -10,26 +10,20 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
-from harness.commands.options import (
-    PolygonNumber,
-    Resolution,
-    Rotation,
-    SceneName,
-    Seed,
-    Several,
-    Triangulators,
-)
+from harness.commands import options
 from harness.errors import UsageError
 from harness.progress import Reporter
 
 
 def inspect(
-    scene: SceneName,
-    polygon: PolygonNumber = 0,
-    triangulator: Triangulators = Several(("ear-clipping", "optimal:half-perimeter")),
-    resolution: Resolution = 64,
-    rotation: Rotation = 0.0,
-    seed: Seed = 0,
+    scene: options.SceneName,
+    polygon: options.PolygonNumber = 0,
+    triangulator: options.Triangulators = options.Several(
+        ("ear-clipping", "optimal:half-perimeter")
+    ),
+    resolution: options.Resolution = 64,
+    rotation: options.Rotation = 0.0,
+    seed: options.Seed = 0,
     every: Annotated[
         Literal["conforming", "paper"] | None,
         typer.Option(
@@ -54,8 +48,6 @@ def inspect(
     from harness.triangulating.recipes import parse_all
 
     if every is not None:
-        from harness.commands.enumeration import enumerate_
-
         enumerate_(scene, polygon, every, out)
         return
     recipes = parse_all(triangulator, seed=seed)
@@ -72,14 +64,13 @@ def inspect(
     file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")
     _require_writable(file)
     drawn = {}
-    console = Console(highlight=False)
     for recipe in recipes:
         recipe.load()
         with reporter.if_long(f"a first run compiles {recipe.base} ..."):
             result = triangulate_polygons(recipe, frame.polygons[:1])
         part = result.parts[0]
         if part is None:
-            console.print(f"{recipe}: {[*result.skipped, *result.failed][0][1]}", markup=False)
+            typer.echo(f"{recipe}: {[*result.skipped, *result.failed][0][1]}")
         else:
             drawn[str(recipe)] = part
     if not drawn:
@@ -88,7 +79,7 @@ def inspect(
         draw_heatmaps(frame, 0, drawn, file)
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
-    console.print(f"picture: {file}", markup=False, soft_wrap=True)
+    typer.echo(f"picture: {file}")
 
 
 def _require_writable(file: Path) -> None:
@@ -100,3 +91,48 @@ def _require_writable(file: Path) -> None:
         raise UsageError(f"cannot write {file}: there is no folder {folder}")
     if not os.access(file if file.exists() else folder, os.W_OK):
         raise UsageError(f"cannot write {file}: Permission denied; give another --out")
+
+
+def enumerate_(
+    scene: options.SceneName = "paper",
+    polygon: options.PolygonNumber = 0,
+    mode: Annotated[
+        Literal["conforming", "paper"],
+        typer.Option(
+            help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
+            "when its two edges have become one straight line."
+        ),
+    ] = "conforming",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the table and plot; results/enumerate-<scene>-<time> if absent."
+        ),
+    ] = None,
+) -> None:
+    """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
+    from harness.commands.running import default_folder
+    from harness.measuring.loading import load_scene
+    from harness.pictures.style import plain_table
+    from harness.stored import atomic
+    from harness.study import enumeration
+    from triangulators import Skipped, TriangulationError
+
+    loaded = load_scene(scene, 0, Reporter())
+    if polygon >= len(loaded.polygons):
+        raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
+    folder = out or default_folder(loaded.name, before="enumerate-")
+    try:
+        table = enumeration.triangulation_table(loaded.polygons[polygon], mode)
+        with atomic.folder(folder, added=True) as made:
+            enumeration.write(table, loaded.polygons[polygon], made)
+    except (Skipped, TriangulationError) as reason:
+        raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason
+    except OSError as error:
+        raise UsageError(f"cannot use {folder}: {error.strerror or error}") from error
+    columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")
+    shown = plain_table(None, *(f">{name}" for name in columns))
+    for row in table.head(10)[list(columns)].itertuples(index=False):
+        shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
+    Console(highlight=False).print(shown)
+    typer.echo(f"{len(table):,} triangulations; all in {folder}/triangulations.csv")

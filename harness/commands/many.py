@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from harness.errors import INTERRUPTED, Inconclusive, UsageError
+from harness.errors import INTERRUPTED, Inconclusive, UsageError, refuse_failed
 from harness.export.certified import Certified
 from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
@@ -56,13 +56,14 @@ def triangulate_many_files(
     UsageError
         if there is no file, or the folder is not for that
     Inconclusive
-        if parts were set aside
+        if parts were set aside, or polygons failed
     """
     if out.suffix.lower() in FORMATS and not out.is_dir():
         raise UsageError(f"-o {out}: give a folder, for a file of each part")
     summary = _complete(Dataset(pattern, out, options), out, where, reporter)
     _say(out, summary, reporter)
     _refuse_set_aside(out, summary)
+    refuse_failed(summary.counts, out)
 
 
 def count_many_files(
@@ -89,14 +90,12 @@ def count_many_files(
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         census_report.write(out, sums, options)
     _warn(summary, reporter)
-    console = Console(highlight=False)
-    console.print(census_report.table(sums, names))
-    console.print(
+    Console(highlight=False).print(census_report.table(sums, names))
+    typer.echo(
         f"{os.path.relpath(out)}: {sums.footprints:,} footprints in {summary.seconds:.1f} s: "
-        "census.csv, cells.csv, plots/",
-        markup=False,
-        soft_wrap=True,
+        "census.csv, cells.csv, plots/"
     )
+    # A footprint that one triangulator cannot do is left out for all: a warning tells how many.
     _refuse_set_aside(out, summary)
 
 
@@ -167,13 +166,10 @@ def _warn(summary: Summary, reporter: Reporter) -> None:
 def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
     _warn(summary, reporter)
     rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
-    console = Console(highlight=False)
-    console.print(
+    typer.echo(
         f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
         f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
-        f"{summary.proven:,} proven optimal",
-        markup=False,
-        soft_wrap=True,
+        f"{summary.proven:,} proven optimal"
     )
     if summary.certified:
-        console.print(f"{out}: {Certified.total(summary.certified)}", markup=False, soft_wrap=True)
+        typer.echo(f"{out}: {Certified.total(summary.certified)}")

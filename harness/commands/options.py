@@ -142,6 +142,11 @@ def _written(metavar: str, read: Read, text: str) -> Any:
     return typer.Option(parser=several(read), metavar=metavar, help=f"{text}; comma-separated.")
 
 
+def study_folder(kind: str) -> Any:
+    """Return --out of a study."""
+    return typer.Option(help=f"Folder for the study; results/{kind}-<scene>-<time> if absent.")
+
+
 _SIZE = number(int, *RESOLUTIONS, " pixels")
 Triangulators = Annotated[
     Several, _written("NAME,...", str, "Triangulators, see: raster-harness list triangulators")

@@ -1,4 +1,4 @@
-"""`harness page` and `harness import`: measure on a device that only has a browser."""
+"""`harness report`, `page` and `import`: a run as one HTML file, to read or to measure with."""
 
 from __future__ import annotations
 
@@ -10,8 +10,35 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import Quiet
+from harness.commands.options import Base, Quiet
 from harness.errors import UsageError
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run or a study, or its cases.jsonl.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
+    ] = None,
+    base: Base = None,
+) -> None:
+    """Write the report of a run: one HTML file, which needs no network.
+
+    Where the plots of a run are missing, as after `run --quick`, they are drawn into its folder.
+    """
+    from harness.compare.matching import latest
+    from harness.figures.groups import with_base
+    from harness.report import write_report
+    from harness.stored.folder import read_run
+    from harness.webpages.single_file import is_stream
+
+    found = latest(read_run(run))
+    file = write_report(with_base(found, base) if base else found, out)
+    if out is None and "plan" in found.facts and not (found.path / "plots").exists():
+        from harness.report.plots import plot_run
+
+        plot_run(found)
+    typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))
 
 
 def page(
@@ -66,7 +93,7 @@ def import_(
     `report`, `compare`, `gains` and `history` read it like any other run. Given the folder of a
     run that was measured here, it writes its --summary and nothing else.
     """
-    from harness.commands.results import folder_for
+    from harness.commands.running import folder_for
     from harness.compare.matching import latest
     from harness.page.device_summaries import write_summary
     from harness.page.result import device_name, import_result, read_result

@@ -8,19 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from harness.commands.options import (
-    Budget,
-    Devices,
-    Force,
-    Quiet,
-    Rasterisers,
-    Resolution,
-    Resume,
-    SceneName,
-    Seed,
-    Verbose,
-    named_rasterisers,
-)
+from harness.commands import options
 from harness.progress import Reporter
 
 if TYPE_CHECKING:
@@ -33,36 +21,32 @@ BUDGET_S = 0.4
 
 
 def pareto(
-    scene: SceneName = "paper",
+    scene: options.SceneName = "paper",
     polygons: Annotated[
         int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
     ] = POLYGONS,
-    rasterisers: Rasterisers = None,
-    device: Devices = None,
-    resolution: Resolution = 512,
-    seed: Seed = 0,
-    budget: Budget = BUDGET_S,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the study; results/pareto-<scene>-<time> if absent."),
-    ] = None,
-    resume: Resume = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolution = 512,
+    seed: options.Seed = 0,
+    budget: options.Budget = BUDGET_S,
+    out: Annotated[Path | None, options.study_folder("pareto")] = None,
+    resume: options.Resume = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
 
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
-    from harness.commands.results import folder_for, require_finished
+    from harness.commands.running import measure_study, require_all
     from harness.frame import View
     from harness.measuring.plan import Plan
-    from harness.measuring.run import run as carry_out
     from harness.measuring.settings import TimingSettings
     from harness.report import write_report
-    from harness.stored.folder import read_run
+    from harness.stored import atomic
     from harness.study import pareto as study
     from harness.study import pareto_answer, pareto_plot
     from harness.triangulating.recipes import parse_all
@@ -73,12 +57,11 @@ def pareto(
         scene=scene,
         seed=seed,
         triangulators=parse_all((*study.SWEEP, study.WITH_C, *study.named())),
-        rasterisers=named_rasterisers(rasterisers, "bounding-box"),
+        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         views=(view,),
         timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
     )
-    folder = folder_for(scene, out, resume, before="pareto-")
     reporter = Reporter(quiet=quiet, verbose=verbose)
     fronts: dict[str, study.MeasuredFront] = {}
 
@@ -87,19 +70,17 @@ def pareto(
         fronts.update(found)
         return parts
 
-    outcome = carry_out(
-        plan, folder, reporter, resume=resume is not None, force=force, split=take_apart
-    )
-    console = Console(highlight=False)
-    require_finished(outcome, console, f"continue with the same command and --resume {folder}")
-    run = read_run(folder)
+    run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
+    folder = run.path
     table = study.pareto_table(run, fronts)
     with reporter.stage("plotting", 1):
-        study.front_table(fronts).to_csv(folder / "fronts.csv", index=False)
-        table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
-        pareto_plot.plot(table, fronts, Path(label(scene)).stem, folder / "plots")
+        with atomic.folder(folder, added=True) as made:
+            study.front_table(fronts).to_csv(made / "fronts.csv", index=False)
+            table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
+            pareto_plot.plot(table, fronts, Path(label(scene)).stem, made / "plots")
         write_report(run)
-    pareto_answer.print_table(table, label(scene), console)
+    pareto_answer.print_table(table, label(scene), Console(highlight=False))
     for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
-        console.print(line, markup=False, soft_wrap=True)
-    console.print(f"study: {folder}", markup=False, soft_wrap=True)
+        typer.echo(line)
+    typer.echo(f"study: {folder}")
+    require_all(run)

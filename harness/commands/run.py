@@ -11,37 +11,16 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
-from harness.commands.options import (
-    Base,
-    Budget,
-    Devices,
-    Force,
-    Json,
-    Layer,
-    Limit,
-    Orders,
-    Precision,
-    Quiet,
-    Rasterisers,
-    Resolutions,
-    Resume,
-    Rotations,
-    Samples,
-    Seed,
-    Several,
-    Timeout,
-    Triangulators,
-    Verbose,
-    Where,
-    Works,
-    named_rasterisers,
-)
+from harness.commands import options
 from harness.errors import UsageError
 from harness.measuring.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.progress import Reporter
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
+
+MOST_REPEATS = 1000
+"""Processes that everything may be timed in; a thousand is hours of the smallest run."""
 
 Fit = Literal["box", "circle"]
 """`harness.frame.FitMode`, which takes long to import; a test compares them."""
@@ -55,38 +34,39 @@ def run(
             "Shapefile, SVG, WKT and more), or module:function. See: raster-harness list scenes.",
         ),
     ] = None,
-    layer: Layer = None,
-    where: Where = None,
-    limit: Limit = None,
-    triangulators: Triangulators = Several(DEFAULT_TRIANGULATORS),
-    rasterisers: Rasterisers = None,
-    device: Devices = None,
-    resolution: Resolutions = Several((1024,)),
-    rotation: Rotations = Several((0.0,)),
+    layer: options.Layer = None,
+    where: options.Where = None,
+    limit: options.Limit = None,
+    triangulators: options.Triangulators = options.Several(DEFAULT_TRIANGULATORS),
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolutions = options.Several((1024,)),
+    rotation: options.Rotations = options.Several((0.0,)),
     fit: Annotated[
         Fit,
         typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
-    samples: Samples = Several((1,)),
-    work: Works = Several((0,)),
-    order: Orders = Several(("native",)),
-    seed: Seed = 0,
-    precision: Precision = TimingSettings.precision,
+    samples: options.Samples = options.Several((1,)),
+    work: options.Works = options.Several((0,)),
+    order: options.Orders = options.Several(("native",)),
+    seed: options.Seed = 0,
+    precision: options.Precision = TimingSettings.precision,
     repeats: Annotated[
         int,
         typer.Option(
             min=1,
+            max=MOST_REPEATS,
             help="Time everything in so many fresh processes, one after the other; intervals are "
             "then over them. Five tell more than two.",
         ),
     ] = 1,
-    budget: Budget = TimingSettings.budget_s,
-    timeout: Timeout = None,
+    budget: options.Budget = TimingSettings.budget_s,
+    timeout: options.Timeout = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; results/<scene>-<time> if absent.")
     ] = None,
-    resume: Resume = None,
-    force: Force = False,
+    resume: options.Resume = None,
+    force: options.Force = False,
     calibration: Annotated[
         Path | None,
         typer.Option(help="What optimal:calibrated minimises; see: raster-harness calibrate."),
@@ -121,28 +101,19 @@ def run(
             "resources, and merge what they find.",
         ),
     ] = None,
-    base: Base = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    base: options.Base = None,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
     from harness.measuring import server
 
     server.start()  # it loads what takes long while this process does, too
-    from harness.commands.results import folder_for
-    from harness.commands.running import (
-        base_named,
-        beside_version,
-        finish,
-        load_ahead,
-        on_a_farm,
-        recipes,
-        stored_plan,
-        told,
-    )
+    from harness.commands import running
     from harness.frame import View
     from harness.measuring.plan import Plan
+    from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
     from harness.measuring.two_versions import FOLDER as BASE_FOLDER
     from harness.rasterisers.base import Options
@@ -152,15 +123,15 @@ def run(
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     timing = replace(timing, processes=repeats)
     if resume and not scene:
-        plan = stored_plan(resume)
+        plan = running.stored_plan(resume)
     elif not scene:
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
-            triangulators=recipes(triangulators, seed, calibration, device or ()),
-            rasterisers=named_rasterisers(rasterisers),
+            triangulators=running.recipes(triangulators, seed, calibration, device or ()),
+            rasterisers=options.named_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
             options=tuple(
@@ -172,29 +143,27 @@ def run(
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
         )
-    folder = folder_for(plan.scene, out, resume)
-    load_ahead()
+    folder = running.folder_for(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
     if dask:
         if beside or resume or as_json or base:
             raise UsageError("--dask goes with none of --beside, --resume, --json and --base")
-        on_a_farm(plan, folder, dask, reporter)
+        running.on_a_farm(plan, folder, dask, reporter)
         return
-    with beside_version(beside, plan, resume, twice=draw_twice) as other:
-        outcome = carry_out(
-            plan,
-            folder,
-            reporter,
+    with running.beside_version(beside, plan, resume, twice=draw_twice) as other:
+        how = RunOptions(
             resume=resume is not None,
             force=force,
             database=default_path() if cached else None,
             beside=other,
-            base=base_named(base, plan),
+            base=running.base_named(base, plan),
+            meanwhile=lambda: running.load_ahead(plots=not quick),
         )
+        outcome = carry_out(plan, folder, reporter, how)
     if as_json:
-        typer.echo(json.dumps(told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
+        typer.echo(json.dumps(running.told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
     # Standard output is the other program's then.
-    finish(outcome, Console(stderr=as_json, quiet=as_json), reporter, plots=not quick)
+    running.finish(outcome, Console(stderr=as_json, quiet=as_json), reporter, plots=not quick)
     if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")

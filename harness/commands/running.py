@@ -1,33 +1,117 @@
-"""What `harness run` does around a run: reads its plan, shows and stores what came out."""
+"""Around what is measured: where results go, how a command ends, plans read, what is shown."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console
 
 from harness.commands.options import CALIBRATIONS
-from harness.commands.results import require_all, require_finished
-from harness.errors import Inconclusive, UsageError
+from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
 from harness.measuring.plan import Plan
-from harness.measuring.run import RunResult
+from harness.measuring.run import Part, RunOptions, RunResult
+from harness.measuring.run import run as carry_out
 from harness.measuring.two_versions import Beside, version
 from harness.progress import Reporter
-from harness.stored.folder import clear_errors, read_run
+from harness.stored.folder import Run, clear_errors, file_stem, read_run
 from harness.summary import print_summary, row_of, write_csv
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
+from scenes import Scene
+from scenes.spec import label
+
+
+def folder_for(scene: str, out: Path | None, resume: Path | None, before: str = "") -> Path:
+    """Return the folder that --out or --resume names, or else a new one.
+
+    before : what the new one's name begins with; the scene's follows
+
+    Raises
+    ------
+    UsageError
+        if both are given
+    """
+    if out and resume:
+        raise UsageError("--out and --resume name two folders; --resume writes to its own")
+    return resume or out or default_folder(scene, before)
+
+
+def default_folder(scene: str, before: str = "") -> Path:
+    """Return a new folder under results/ for a run of `scene`; see `folder_for`."""
+    name = before + file_stem(Path(label(scene)).stem)
+    first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder, number = first, 2
+    while folder.exists():  # two short runs may begin within a second
+        folder, number = first.with_name(f"{first.name}-{number}"), number + 1
+    return folder
+
+
+def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> None:
+    """Raise `NothingMeasured` if no case was measured.
+
+    If the run was stopped, say how to go on instead, and end the process with `INTERRUPTED`.
+    """
+    if outcome.interrupted:
+        if not quiet:
+            typer.echo(f"stopped early; {how}")
+        raise typer.Exit(INTERRUPTED)
+    if not any(record["status"] == "ok" for record in outcome.records):
+        where = os.path.relpath(outcome.path)
+        raise NothingMeasured(
+            f"nothing was measured: every case was skipped or failed (reasons: {where}/cases.jsonl)"
+        )
+
+
+def measure_study(
+    plan: Plan,
+    split: Callable[[str, Scene], list[Part]],
+    kind: str,
+    reporter: Reporter,
+    *,
+    out: Path | None,
+    resume: Path | None,
+    force: bool,
+) -> Run:
+    """Measure the parts that a scene is split into, or go on with them; returns the run.
+
+    kind : the study's name, with which the name of its folder begins if --out gives none
+
+    Raises
+    ------
+    UsageError
+        if the folder cannot be used
+    NothingMeasured
+        if no case was measured
+    """
+    folder = folder_for(plan.scene, out, resume, before=f"{kind}-")
+    how = RunOptions(resume=resume is not None, force=force, split=split)
+    outcome = carry_out(plan, folder, reporter, how)
+    require_finished(outcome, f"continue with the same command and --resume {folder}")
+    return read_run(folder)
+
+
+def require_all(outcome: RunResult | Run) -> None:
+    """Raise `Inconclusive` if a case failed; what is skipped for a stated reason is no failure."""
+    failed = [record for record in outcome.records if record["status"] == "failed"]
+    if failed:
+        named = ", ".join(dict.fromkeys(str(record["triangulator"]) for record in failed))
+        raise Inconclusive(
+            f"{len(failed)} of {len(outcome.records)} cases failed ({named}); what was measured is "
+            f"in {os.path.relpath(outcome.path)}"
+        )
 
 
 def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
-    """Measure on the devices of many hosts; raises Inconclusive if groups were set aside."""
+    """Measure on the devices of many hosts; raises Inconclusive if some were set aside."""
     from harness.scaling.farm import measure
 
     outcome, aside = measure(plan, folder, where, reporter)
@@ -35,7 +119,7 @@ def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
     for name, why in aside.items():
         reporter.warn(f"set aside {name}: {why}")
     if aside:
-        raise Inconclusive(f"{len(aside)} groups of cases were set aside; give the command again")
+        raise Inconclusive(f"{len(aside)} devices were set aside; give the command again")
 
 
 @contextmanager
@@ -85,11 +169,12 @@ def recipes(
     return parse_all(triangulators, seed=seed, calibration=coefficients)
 
 
-def load_ahead() -> None:
-    """Import what draws plots and tables while other processes triangulate: it takes seconds."""
+def load_ahead(*, plots: bool) -> None:
+    """Import what tables, reports and plots need while other processes triangulate."""
+    names = ["pandas", "scipy.special", "harness.report", "harness.study.polygon_ranking"]
 
     def load() -> None:
-        for name in ("pandas", "matplotlib.figure", "scipy.stats"):
+        for name in names + ["matplotlib.figure"] * plots:
             importlib.import_module(name)
 
     threading.Thread(target=load, daemon=True).start()
@@ -146,5 +231,6 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
             if plots:
                 plot_run(stored)
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
-    require_finished(outcome, console, f"continue with: raster-harness run --resume {outcome.path}")
+    how = f"continue with: raster-harness run --resume {outcome.path}"
+    require_finished(outcome, how, quiet=console.quiet)
     require_all(outcome)

@@ -10,7 +10,7 @@ from harness.compare import differences, times
 from harness.compare.differences import environment_changes, machine, plan_changes
 from harness.compare.exact_figures import compare_counters, exact_figures, lost_counters, totals
 from harness.compare.gate_settings import Settings, require_known
-from harness.compare.matching import Match, latest, match, other_hardware, printable
+from harness.compare.matching import Match, latest, match, missing_from, other_hardware, printable
 from harness.compare.model import (
     CaseChange,
     Comparison,
@@ -20,7 +20,6 @@ from harness.compare.model import (
     Status,
     Verdict,
 )
-from harness.compare.planned import missing_from
 from harness.figures import processors
 from harness.figures.registry import find
 from harness.machine import state

@@ -6,8 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
-from harness.compare import deciding_figures
-from harness.compare.gate_settings import Settings
+from harness.compare.gate_settings import Settings, is_shared
 from harness.compare.model import CounterChange, Exact, Total
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.stored.folder import Record
@@ -59,16 +58,9 @@ def _change(name: str, base: float, head: float, settings: Settings) -> CounterC
         )
     threshold = settings.threshold(name)
     beyond = threshold is not None and abs(head - base) > threshold * abs(base)
-    wrong = exact == "worse" or (exact == "changed" and deciding_figures.is_shared(name))
-    return CounterChange(
-        metric=name,
-        base=base,
-        head=head,
-        change=relative(base, head),
-        exact=exact,
-        threshold=threshold,
-        regressed=beyond and wrong,
-    )
+    wrong = exact == "worse" or (exact == "changed" and is_shared(name))
+    change = relative(base, head)
+    return CounterChange(name, base, head, change, exact, threshold, beyond and wrong)
 
 
 def _equal(base: float, head: float) -> bool:
@@ -91,17 +83,10 @@ def totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
 def _total(name: str, changes: Sequence[CounterChange]) -> Total:
     base, head = sum(c.base for c in changes), sum(c.head for c in changes)
     kinds = [change.exact for change in changes]
-    return Total(
-        metric=name,
-        unit=find(name).unit,
-        cases=len(changes),
-        affected=len(kinds) - kinds.count("equal"),
-        better=kinds.count("better"),
-        worse=kinds.count("worse"),
-        base=base,
-        head=head,
-        change=relative(base, head),
-    )
+    better, worse, equal = (kinds.count(kind) for kind in ("better", "worse", "equal"))
+    cases = len(changes)
+    change = relative(base, head)
+    return Total(name, find(name).unit, cases, cases - equal, better, worse, base, head, change)
 
 
 def relative(base: float, head: float) -> float | None:

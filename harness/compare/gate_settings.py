@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from harness.compare import deciding_figures
 from harness.errors import UsageError, unknown
+from harness.figures.registry import figures as registered
+from harness.figures.registry import find
+from harness.rasterisers.counters import DRIVER
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
@@ -22,6 +24,29 @@ TIME_THRESHOLD = 0.05
 
 PAIRED_TIME_THRESHOLD = 0.015
 """The same where BASE and HEAD were timed in the same rounds."""
+
+
+def is_cost(name: str) -> bool:
+    """Whether a change of the figure `name` for the worse is a regression without being asked for.
+
+    A counter that nobody declared, of a rasteriser of somebody else's, is one like any other.
+    Ratios of counters say nothing that the counters do not, predictions are not measurements, and
+    what a driver says of itself is its opinion.
+    """
+    figure = find(name)
+    counted = figure.kind in ("counter", "count")
+    return counted and (figure.better != "none" or is_shared(name))
+
+
+def is_shared(name: str) -> bool:
+    """Whether every triangulation of a polygon has the same, so that any change is a defect."""
+    figure = find(name)
+    return figure.kind == "counter" and figure.better == "none" and not name.startswith(DRIVER)
+
+
+def has_direction(name: str) -> bool:
+    """Whether growth beyond a threshold can be a regression."""
+    return find(name).better != "none" or is_shared(name)
 
 
 @dataclass(frozen=True)
@@ -72,9 +97,7 @@ def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
 
     A counter that every triangulation shares is gated in both directions.
     """
-    return deciding_figures.is_cost(counter) or (
-        counter in thresholds and deciding_figures.has_direction(counter)
-    )
+    return is_cost(counter) or (counter in thresholds and has_direction(counter))
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -107,7 +130,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not deciding_figures.has_direction(name):
+    if name not in ("time", "counters") and not has_direction(name):
         raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
@@ -122,7 +145,8 @@ def require_known(thresholds: Mapping[str, float], figures: Iterable[str]) -> No
     UsageError
         if one is not
     """
-    known = {"time", "counters", *deciding_figures.registered(), *figures}
+    exact = (name for name, figure in registered().items() if figure.exact)
+    known = {"time", "counters", *exact, *figures}
     for name in thresholds:
         if name not in known:
             raise unknown("threshold", name, known)
@@ -153,26 +177,23 @@ def from_project(folder: Path) -> Settings:
 
 
 def _from_table(table: Mapping[str, Any]) -> Settings:
-    switches = ("require-all", "allow-inconclusive")
-    settings = Settings()
+    readers: dict[str, tuple[str, type | tuple[type, ...], Callable[[Any], Any]]] = {
+        "gate": ("gates", (str, list), parse_gates),
+        "threshold": ("thresholds", dict, _parse_thresholds),
+        "normalise": ("normalise", str, str),
+        "require-all": ("require_all", bool, bool),
+        "allow-inconclusive": ("allow_inconclusive", bool, bool),
+    }
+    found: dict[str, Any] = {}
     for key, value in table.items():
-        if key == "gate" and isinstance(value, str | list):
-            settings = replace(settings, gates=parse_gates(value))
-        elif key == "threshold" and isinstance(value, dict):
-            pairs = (parse_threshold(f"{name}={text}") for name, text in value.items())
-            settings = replace(settings, thresholds=dict(pairs))
-        elif key == "normalise" and value in NORMALISE:
-            settings = replace(settings, normalise=value)
-        elif key in switches and isinstance(value, bool):
-            settings = _switched(settings, key, value)
-        elif key in ("gate", "threshold", "normalise", *switches):
+        if key not in readers:
+            raise unknown("setting", key, readers)
+        name, kind, read = readers[key]
+        if not isinstance(value, kind) or (key == "normalise" and value not in NORMALISE):
             raise UsageError(f"{key} = {value!r} cannot be used")
-        else:
-            raise unknown("setting", key, ("gate", "threshold", "normalise", *switches))
-    return settings
+        found[name] = read(value)
+    return Settings(**found)
 
 
-def _switched(settings: Settings, key: str, value: bool) -> Settings:
-    if key == "require-all":
-        return replace(settings, require_all=value)
-    return replace(settings, allow_inconclusive=value)
+def _parse_thresholds(table: Mapping[str, Any]) -> dict[str, float]:
+    return dict(parse_threshold(f"{name}={text}") for name, text in table.items())

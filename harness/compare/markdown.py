@@ -35,7 +35,7 @@ def to_markdown(comparison: Comparison, limit: int = LIMIT) -> str:
     text = f"**{escape(verdict)}:** {escape(rest)}\n"
     tables = groups(comparison)
     blocks = [_totals(comparison, counted=True), *(_affected(group) for group in tables)]
-    blocks += [_folded(f"All cases: {group.title}", _table(group)) for group in tables]
+    blocks += [_folded(f"All cases: {group.title}", _table(group, group.rows)) for group in tables]
     opinions = _totals(comparison, counted=False)
     blocks.append(opinions and _folded("Predictions and a driver's own counts", opinions))
     blocks.append(_folded("Runs, machines and settings", _facts(comparison)))
@@ -60,29 +60,23 @@ def _quiet(text: str) -> str:
 
 def _totals(comparison: Comparison, *, counted: bool) -> str:
     totals = affected_totals(comparison, counted=counted)
-    if not totals:
-        return ""
-    return _rows(TOTALS_HEADING, (0,), (map(escape, total_cells(total)) for total in totals))
+    rows = (map(escape, total_cells(total)) for total in totals)
+    return _rows(TOTALS_HEADING, (0,), rows) if totals else ""
 
 
 def _affected(group: Group) -> str:
     rows = [row for row in group.rows if row.affected]
-    if not rows:
-        return ""
     title = f"**{escape(group.title)}**: {len(rows)} of {count(len(group.rows), 'case')}"
-    return f"{title}\n\n{_table(group, rows)}"
+    return f"{title}\n\n{_table(group, rows)}" if rows else ""
 
 
-def _table(group: Group, rows: Sequence[Row] | None = None) -> str:
-    chosen = group.rows if rows is None else rows
-    text = _rows(group.heading, (0, len(group.heading) - 1), (_emphasised(row) for row in chosen))
+def _table(group: Group, rows: Sequence[Row]) -> str:
+    cells = []
+    for row in rows:
+        *others, verdict = map(escape, row.cells)
+        cells.append([*others, f"**{verdict}**" if row.kind == "bad" else verdict])
+    text = _rows(group.heading, (0, len(group.heading) - 1), cells)
     return f"{text}\n{escape(group.drift)}\n" if group.drift else text
-
-
-def _emphasised(row: Row) -> tuple[str, ...]:
-    """Return escaped cells; what went wrong is bold."""
-    cells = tuple(escape(cell) for cell in row.cells)
-    return (*cells[:-1], f"**{cells[-1]}**") if row.kind == "bad" else cells
 
 
 def _rows(heading: Sequence[str], words: Sequence[int], rows: Iterable[Iterable[str]]) -> str:
@@ -101,9 +95,6 @@ def _facts(comparison: Comparison) -> str:
     settings = comparison.settings
     lines = [*run_lines(comparison), *comparison.changes, *comparison.notes]
     lines.append(f"gate: {', '.join(settings.gates)}; threshold of time {within(comparison)}")
-    lines += [
-        f"threshold of {name}: {value * 100:g} %"
-        for name, value in settings.thresholds.items()
-        if name != "time"
-    ]
+    others = [(name, value) for name, value in settings.thresholds.items() if name != "time"]
+    lines += [f"threshold of {name}: {value * 100:g} %" for name, value in others]
     return "".join(f"- {escape(line)}\n" for line in lines)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from harness import errors
 from harness.compare.gate_settings import Settings
+from harness.stored.checking import USUAL_OPTIONS
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""
@@ -87,11 +88,10 @@ class CaseName:
         if self.fit != "box":
             text += f" fit to a {self.fit}"
         text += f", {self.rasteriser} on {self.device}"
-        changed = [f"{name}={value}" for name, value in self.options if value != _USUAL.get(name)]
+        changed = [
+            f"{name}={value}" for name, value in self.options if value != USUAL_OPTIONS.get(name)
+        ]
         return ", ".join([text, *changed])
-
-
-_USUAL = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 
 
 @dataclass(frozen=True)

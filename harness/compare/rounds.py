@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from harness.compare.gate_settings import Settings
-from harness.compare.model import Drift, TimeChange
-from harness.compare.outcomes import decide
+from harness.compare.model import Drift, Outcome, TimeChange
 from harness.compare.quantiles import Samples
 from harness.figures.ratios import Ratio, paired_ratio
 
@@ -23,6 +23,25 @@ Parts = tuple[Sequence[int] | None, Sequence[int] | None]
 
 Q_VALUE = 1e-3
 """An alarm needs this much evidence: one in a thousand such findings may be chance."""
+
+
+def decide(
+    least: float, most: float, low: float, high: float, threshold: float
+) -> tuple[Outcome, str]:
+    """Return the outcome for a log ratio in `least`..`most` with interval `low`..`high`.
+
+    A growth is shown only if it exceeds the threshold and its interval excludes 1; no growth is
+    shown only if the interval is inside the threshold. All else is inconclusive, with the reason.
+    """
+    bound = math.log1p(threshold)
+    if least > bound and low > 0:
+        return "regressed", ""
+    if most < -bound and high < 0:
+        return "improved", ""
+    if -bound <= low and high <= bound:
+        return "unchanged", ""
+    found = f"{math.expm1(low) * 100:+.1f} % to {math.expm1(high) * 100:+.1f} %"
+    return "inconclusive", f"somewhere in {found}, the threshold is ±{threshold * 100:g} %"
 
 
 def judge_rounds(
@@ -35,30 +54,22 @@ def judge_rounds(
     """
     ratio = paired_ratio(head, base, *parts)
     threshold = settings.time_threshold_of(paired=True)
-    outcome, reason = decide(
-        math.log(ratio.value),
-        math.log(ratio.value),
-        math.log(ratio.low),
-        math.log(ratio.high),
-        threshold,
-    )
+    value, low, high = (math.log(x) for x in (ratio.value, ratio.low, ratio.high))
+    outcome, reason = decide(value, value, low, high, threshold)
     p_value = sign_test(np.log(head / base))
     return TimeChange(
-        outcome=outcome,
-        reason=reason,
-        ratio=ratio.value,
-        low=ratio.low,
-        high=ratio.high,
-        raw_ratio=ratio.value,
-        against="rounds",
-        threshold=threshold,
+        *(outcome, reason, ratio.value, ratio.low, ratio.high, ratio.value, "rounds", threshold),
         p_value=p_value,
         q_value=p_value,
-        base_median_s=float(np.median(base)),
-        head_median_s=float(np.median(head)),
-        base_rounds=len(base),
-        head_rounds=len(head),
+        **in_short(base, head),
     )
+
+
+def in_short(base: Samples, head: Samples) -> dict[str, Any]:
+    """Return medians and numbers of rounds, as `TimeChange` has them; None for those of none."""
+    both = {"base": base, "head": head}
+    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in both.items()}
+    return medians | {f"{name}_rounds": len(samples) for name, samples in both.items()}
 
 
 def drift_of_rounds(
@@ -74,17 +85,8 @@ def drift_of_rounds(
     outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
     if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:
         outcome, reason = "inconclusive", "too few rounds"
-    return Drift(
-        where=where,
-        cases=len(pairs),
-        outcome=outcome,
-        reason=reason,
-        ratio=together.value,
-        low=together.low,
-        high=together.high,
-        reference=1.0,
-        gated=True,
-    )
+    ends = (together.value, together.low, together.high)
+    return Drift(where, len(pairs), outcome, reason, *ends, reference=1.0, gated=True)
 
 
 def sign_test(logs: Samples) -> float:

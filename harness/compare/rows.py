@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from harness.compare import deciding_figures
+from harness.compare.gate_settings import is_cost
 from harness.compare.model import MISSING, CaseChange, Comparison, CounterChange, Drift, Total
 from harness.compare.wording import (
     FIRST,
@@ -79,7 +79,7 @@ def _group(comparison: Comparison, title: str, drift: Drift | None, counters: in
 def _shown(cases: Sequence[CaseChange]) -> list[str]:
     """Return the counters worth a column, first those that regressed and those that differ."""
     changes = [change for case in cases for change in case.counters]
-    counted = [c for c in changes if deciding_figures.is_cost(c.metric)]
+    counted = [c for c in changes if is_cost(c.metric)]
     known = in_order(c.metric for c in counted if c.metric in FIRST)
     regressed = in_order(c.metric for c in counted if c.regressed)
     differing = in_order(c.metric for c in counted if c.exact != "equal")
@@ -147,9 +147,7 @@ def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
     counted : those that say what drawing costs; otherwise predictions and a driver's opinions
     """
     return [
-        total
-        for total in comparison.totals
-        if total.affected and deciding_figures.is_cost(total.metric) == counted
+        total for total in comparison.totals if total.affected and is_cost(total.metric) == counted
     ]
 
 

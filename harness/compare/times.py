@@ -22,7 +22,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -30,8 +29,8 @@ from scipy import stats
 from harness.compare import rounds
 from harness.compare.gate_settings import Settings
 from harness.compare.model import Against, Drift, TimeChange
-from harness.compare.outcomes import decide
 from harness.compare.quantiles import Samples, log_ratio, margins, positive
+from harness.compare.rounds import decide
 from harness.stored.folder import Record
 
 MIN_ROUNDS = 8
@@ -83,7 +82,7 @@ def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChan
     before, after = base.get("time") or {}, head.get("time") or {}
     if not before and not after:
         return None
-    first, second = _samples(before, "samples_s"), _samples(after, "samples_s")
+    first, second = (positive(times.get("samples_s") or []) for times in (before, after))
     reason = ""
     if not len(first) or not len(second):
         reason = f"{'HEAD' if len(first) else 'BASE'} was not timed"
@@ -93,7 +92,10 @@ def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChan
         reason = f"{len(first)} and {len(second)} samples are too few"
     if reason:
         return _undecided(first, second, reason)
-    references = _samples(before, "reference_s"), _samples(after, "reference_s")
+    references = (
+        positive(before.get("reference_s") or []),
+        positive(after.get("reference_s") or []),
+    )
     if not all(map(len, references)):
         return Pair(first, second, None, same_work)
     same_rounds = len(first) == len(second) and np.array_equal(*references)
@@ -211,10 +213,7 @@ def _judge(
         threshold=threshold,
         p_value=p_value,
         q_value=q_value,
-        base_median_s=float(np.median(pair.base)),
-        head_median_s=float(np.median(pair.head)),
-        base_rounds=len(pair.base),
-        head_rounds=len(pair.head),
+        **rounds.in_short(pair.base, pair.head),
     )
 
 
@@ -277,16 +276,5 @@ def _p_of_interval(least: float, most: float, low: float, high: float, confidenc
     return 2 * float(stats.norm.sf(_normal(confidence) * nearest / reach)) if reach > 0 else 0.0
 
 
-def _samples(time: dict[str, Any], name: str) -> Samples:
-    return positive(time.get(name) or [])
-
-
 def _undecided(base: Samples, head: Samples, reason: str) -> TimeChange:
-    return TimeChange(
-        outcome="inconclusive",
-        reason=reason,
-        base_median_s=float(np.median(base)) if len(base) else None,
-        head_median_s=float(np.median(head)) if len(head) else None,
-        base_rounds=len(base),
-        head_rounds=len(head),
-    )
+    return TimeChange("inconclusive", reason, **rounds.in_short(base, head))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from harness.compare import deciding_figures
+from harness.compare.gate_settings import is_cost
 from harness.compare.model import (
     BROKEN,
     STATUS_TEXT,
@@ -38,9 +38,9 @@ def headline(comparison: Comparison) -> str:
     return f"{_calm(comparison)}{_loose_ends(comparison)}"
 
 
-def count(number: int, noun: str) -> str:
+def count(number: int, noun: str, several: str = "") -> str:
     """Write `1 case`, `2 cases`."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
 
 
 def percent(change: float) -> str:
@@ -109,7 +109,7 @@ def ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     """Say in a word or two each what differs and does not decide the exit code."""
     found = []
     if "counters" not in comparison.settings.gates:
-        kinds = {c.exact for c in case.counters if deciding_figures.is_cost(c.metric)} - {"equal"}
+        kinds = {c.exact for c in case.counters if is_cost(c.metric)} - {"equal"}
         found += [f"counters {'worse' if 'worse' in kinds else 'differ'}"] * bool(kinds)
     if case.time is not None and not comparison.settings.gates_time:
         words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}

@@ -25,7 +25,7 @@ class PlyWriter:
         self._about = about
         self._vertices, self._faces = output.spool("vertices"), output.spool("faces")
         self._table = AttributeTable(output)
-        self._counts = [0, 0, 0]  # vertices, faces, features
+        self._counts = np.zeros(3, np.int64)  # vertices, faces, features
 
     def add(self, mesh: Mesh) -> None:
         """Write one more batch."""
@@ -37,8 +37,7 @@ class PlyWriter:
         records["feature"] = mesh.triangle_owners + features
         self._faces.write(records.tobytes())
         self._table.add(mesh.attributes)
-        added = (len(mesh.vertices), len(mesh.triangles), mesh.polygons)
-        self._counts = [a + b for a, b in zip(self._counts, added, strict=True)]
+        self._counts += np.array([len(mesh.vertices), len(mesh.triangles), mesh.polygons])
 
     def finish(self) -> None:
         """Write the header, which needs the counts, and the spooled parts after it."""

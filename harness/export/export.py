@@ -89,8 +89,13 @@ class Report:
         """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
         kept: list[tuple[str, str]] = getattr(self, kind)
         kept.extend(notes[: _NOTES_KEPT - len(kept)])
-        # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
-        self.counts.update((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
+        self.counts += counted_notes(kind, notes)
+
+
+def counted_notes(kind: str, notes: Iterable[tuple[str, str]]) -> Counter[tuple[str, str]]:
+    """Count notes of a kind by their reasons, without what differs from polygon to polygon."""
+    # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
+    return Counter((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
 
 
 def export_file(
@@ -139,17 +144,8 @@ def export_file(
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:
                 report.evidence = proofs.file(mode="w")
-            writer = add_parts(
-                parts,
-                lambda about: make(output, about),
-                name,
-                report,
-                parameters=parameters,
-                extrude=extrude,
-                database=database,
-                device=device,
-                progress=progress,
-            )
+            how = Meshing(name, parameters, extrude, database, device)
+            writer = add_parts(parts, lambda about: make(output, about), how, report, progress)
             if writer is None or report.triangles == 0:
                 raise UsageError(_nothing(str(source), report))
             writer.finish()
@@ -161,17 +157,27 @@ def export_file(
     return report
 
 
+@dataclass(frozen=True)
+class Meshing:
+    """How polygons become a mesh: as `export_file` takes it.
+
+    name : full name of the triangulator; parameters : what it is called with
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    extrude: str | float | None = None
+    database: ModelDatabase | None = None
+    device: str | None = None
+
+
 def add_parts(
     parts: Iterable[Part],
     make: Callable[[About], Writer],
-    name: str,
+    how: Meshing,
     report: Report,
-    *,
-    parameters: Mapping[str, Any],
-    extrude: str | float | None = None,
-    database: ModelDatabase | None = None,
-    device: str | None = None,
     progress: Callable[[int], None] | None = None,
+    *,
     empty: bool = False,
 ) -> Writer | None:
     """Triangulate parts of a source and give them to one writer; counts in `report`.
@@ -187,10 +193,12 @@ def add_parts(
         if len(part.polygons) == 0 and not empty:
             continue
         if writer is None:
-            writer = make(About(triangulator=name, **part.about))
-        mesh = _triangulated(part, name, dict(parameters), extrude, database, device, report)
+            writer = make(About(triangulator=how.name, **part.about))
+        mesh = _triangulated(part, how, report)
         writer.add(mesh)
-        _count(report, mesh)
+        report.polygons += mesh.polygons
+        report.vertices += len(mesh.vertices)
+        report.triangles += len(mesh.triangles)
         if progress is not None:
             progress(report.polygons)
     return writer
@@ -221,28 +229,22 @@ def chosen(triangulator: str | None, criterion: str | None) -> str:
         raise UsageError(str(error)) from error
 
 
-def _triangulated(
-    part: Part,
-    name: str,
-    parameters: dict[str, Any],
-    extrude: str | float | None,
-    database: ModelDatabase | None,
-    device: str | None,
-    report: Report,
-) -> meshes.Mesh:
+def _triangulated(part: Part, how: Meshing, report: Report) -> meshes.Mesh:
     begun = time.perf_counter()
-    batch = triangulate_batch(part.polygons, name, parameters, database, device)
+    batch = triangulate_batch(
+        part.polygons, how.name, dict(how.parameters), how.database, how.device
+    )
     report.triangulate_s += time.perf_counter() - begun
     report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
     report.note("failed", failed)
-    report.proven += _proven(batch, name)
+    report.proven += _proven(batch, how.name)
     if report.certified is not None:
         report.certified.add(part.polygons, batch, report.evidence)
     mesh = meshes.flat(batch, part.attributes)
     gone = np.diff(mesh.triangle_starts) == 0
-    if extrude is not None:
-        tops, unusable = _heights(mesh.attributes, extrude)
+    if how.extrude is not None:
+        tops, unusable = _heights(mesh.attributes, how.extrude)
         report.flat += unusable
         mesh = meshes.extruded(mesh, batch, tops)
     return meshes.without(mesh, gone)
@@ -271,12 +273,6 @@ def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np
     if not isinstance(extrude, str) and not (np.isfinite(extrude) and extrude >= 0):
         raise UsageError(f"extrude={extrude} is not a height: give 0 or more")
     return meshes.heights(attributes, extrude)
-
-
-def _count(report: Report, mesh: meshes.Mesh) -> None:
-    report.polygons += mesh.polygons
-    report.vertices += len(mesh.vertices)
-    report.triangles += len(mesh.triangles)
 
 
 def _nothing(source: str, report: Report) -> str:

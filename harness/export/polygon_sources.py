@@ -59,8 +59,7 @@ def parts_of(
                 f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
             )
         options = {"layer": layer, "where": where, "project": project}
-        named = {k: v for k, v in options.items() if v is not None}
-        known = {**given, **named}
+        known = {**given, **{name: v for name, v in options.items() if v is not None}}
         limit = limit if limit is not None else known.pop("limit", None)
         whole = of_file(name, known, size)
     left = limit
@@ -78,18 +77,10 @@ def _of_scene(source: str, size: int) -> Iterator[Part]:
     about = {"units": scene.units, "credit": scene.credit}
     polygons = np.asarray(scene.polygons)
     for start in range(0, len(polygons), size):
-        table = None
-        if scene.attributes is not None:
-            table = scene.attributes.iloc[start : start + size]
-        first = start == 0
-        yield Part(
-            polygons[start : start + size],
-            table,
-            about,
-            scene.dropped if first else [],
-            scene.repaired if first else [],
-            scene.notes if first else (),
-        )
+        rows = slice(start, start + size)
+        table = None if scene.attributes is None else scene.attributes.iloc[rows]
+        notes = ([], [], ()) if start else (scene.dropped, scene.repaired, scene.notes)
+        yield Part(polygons[rows], table, about, *notes)
 
 
 def of_file(path: str, options: dict[str, Any], size: int) -> Iterator[Part]:
@@ -98,15 +89,9 @@ def of_file(path: str, options: dict[str, Any], size: int) -> Iterator[Part]:
         about: dict[str, Any] = {"units": chunk.units, "crs": chunk.crs}
         if chunk.projection is not None:
             about["to_source"] = partial(_degrees, projection=chunk.projection)
-        cleaned = chunk.cleaned
-        yield Part(
-            cleaned.polygons,
-            chunk.attributes,
-            about,
-            cleaned.dropped,
-            cleaned.repaired,
-            chunk.notes,
-        )
+        made = chunk.cleaned
+        notes = (made.dropped, made.repaired, chunk.notes)
+        yield Part(made.polygons, chunk.attributes, about, *notes)
 
 
 def _degrees(metres: NDArray[np.float64], projection: Projection) -> NDArray[np.float64]:

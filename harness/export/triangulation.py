@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from harness.triangulating import database as model
 from triangulators import full_name, parse, triangulate_many
+from triangulators.batch.doubtful import doubtful
 from triangulators.batch.triangulate_many import Ragged, ragged
 from triangulators.verify import verify
 
@@ -67,7 +68,7 @@ def triangulate_batch(
     for number, key in keys.items():
         pieces[number] = found.get(key)
     known = {number: piece for number, piece in enumerate(pieces) if piece is not None}
-    for number in _doubtful(arrays, known):
+    for number in doubtful(arrays, known):
         if not verify(polygons[number], known[number]).ok:  # forged: its checksum is right
             pieces[number] = None
     missing = [number for number, piece in enumerate(pieces) if piece is None]
@@ -85,44 +86,6 @@ def triangulate_batch(
     whole = [piece for piece in pieces if piece is not None]
     starts = np.r_[0, np.cumsum([len(piece) for piece in whole])].astype(np.int64)
     return Batch(arrays, np.concatenate(whole), starts, failed, len(polygons) - len(missing))
-
-
-def _doubtful(arrays: Ragged, known: dict[int, NDArray[np.int32]]) -> list[int]:
-    """Return the polygons whose triangles, as they were read, are not seen at once to be sound.
-
-    Seen at once: as many as there have to be, all counter-clockwise, and each side of one is either
-    an edge of the polygon or the side of another, the other way round. All polygons are looked at
-    together, at a few microseconds each. Others may be right, too, such as those with T-junctions.
-    """
-    if not known:
-        return []
-    kept = np.array(list(known))
-    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
-    begins = rings[np.r_[0, arrays.polygon_ends].astype(np.int64)]
-    holes = np.diff(np.r_[0, arrays.polygon_ends].astype(np.int64)) - 1
-    sizes = np.diff(begins)
-    owner = np.repeat(kept, [len(piece) for piece in known.values()])
-    triangles = np.concatenate(list(known.values())).astype(np.int64)
-    doubtful = np.zeros(len(sizes), dtype=bool)
-    counts = np.bincount(owner, minlength=len(sizes))
-    doubtful[kept] = (counts != sizes + 2 * holes - 2)[kept]
-    inside = ((triangles >= 0) & (triangles < sizes[owner, None])).all(axis=1)
-    doubtful[owner[~inside]] = True
-    corners = np.where(inside[:, None], triangles, 0) + begins[owner, None]
-    a, b, c = arrays.coordinates[corners].transpose(1, 0, 2)
-    u, v = b - a, c - a
-    doubtful[owner[~(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0)]] = True
-    total = len(arrays.coordinates)
-    after = np.arange(1, total + 1)
-    after[rings[1:] - 1] = rings[:-1]
-    outline = np.r_[np.arange(total) * total + after, after * total + np.arange(total)]
-    sides = (corners * total + np.roll(corners, -1, axis=1)).ravel()
-    turned = (np.roll(corners, -1, axis=1) * total + corners).ravel()
-    found, first, times = np.unique(sides, return_index=True, return_counts=True)
-    matched = np.isin(sides, outline) | np.isin(turned, found)
-    doubtful[np.repeat(owner, 3)[~matched]] = True
-    doubtful[np.repeat(owner, 3)[first[times > 1]]] = True
-    return np.flatnonzero(doubtful).tolist()
 
 
 def _keys(arrays: Ragged, name: str, parameters: dict[str, Any]) -> dict[int, bytes]:

@@ -10,7 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from harness.figures.groups import time_ratio
-from harness.figures.intervals import CONFIDENCE
+from harness.figures.intervals import student_interval
 from harness.figures.ratios import FASTER, SLOWER, Ratio
 from harness.stored.folder import Record
 
@@ -53,6 +53,8 @@ class BreakEven:
         draws = f"{count:,} draw{'' if count == 1 else 's'}"
         if self.low is None or self.high is None:
             return f"{self.kind} about {draws} (triangulated once)"
+        if count <= 0 and self.kind == AFTER:
+            return f"{AT_ONCE} ({self._ends(' to ')} draws)"
         return f"{self.kind} {draws} ({self._ends(' to ')})"
 
     @property
@@ -124,12 +126,7 @@ def _longer(record: Record, base: Record) -> _Estimate | None:
         if seconds is None or usual is None:
             return None
         return _Estimate(*[seconds - usual] * 3)
-    from scipy.special import stdtrit
-
-    each = np.subtract(_rounds(record), _rounds(base))
-    reach = float(stdtrit(len(each) - 1, 0.5 + CONFIDENCE / 2) * each.std(ddof=1))
-    reach /= math.sqrt(len(each))
-    return _Estimate(float(each.mean()), float(each.mean()) - reach, float(each.mean()) + reach)
+    return _Estimate(*student_interval(np.subtract(_rounds(record), _rounds(base))))
 
 
 def _saved(ratio: Ratio, base: Record) -> _Estimate:

@@ -39,24 +39,16 @@ ESTIMATES = {
     each.name: each
     for each in (
         InUnit(
-            "helper_lanes_by_quads",
-            "helper_lanes",
-            "4Q - S",
-            ("expected_quads", "area"),
+            *("helper_lanes_by_quads", "helper_lanes", "4Q - S", ("expected_quads", "area")),
             lambda of: 4 * of["expected_quads"] - of["area"],
         ),
         InUnit(
-            "helper_lanes_by_half_perimeter",
-            "helper_lanes",
-            "H + T",
+            *("helper_lanes_by_half_perimeter", "helper_lanes", "H + T"),
             ("half_perimeter", "triangles"),
             lambda of: of["half_perimeter"] + of["triangles"],
         ),
         InUnit(
-            "bbox_tests_by_overdraw",
-            "bbox_tests",
-            "A + S",
-            ("overdraw", "area"),
+            *("bbox_tests_by_overdraw", "bbox_tests", "A + S", ("overdraw", "area")),
             lambda of: of["overdraw"] + of["area"],
         ),
     )

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,6 +43,24 @@ def median_interval(samples: list[float]) -> tuple[float, float]:
     return ordered[k - 1], ordered[n - k]
 
 
+def student_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the mean of independent values and the ends of Student's 95 % interval of it.
+
+    Raises
+    ------
+    ValueError
+        for fewer than two values, which tell no interval
+    """
+    from scipy.special import stdtrit
+
+    count = len(values)
+    if count < 2:
+        raise ValueError("one value tells no interval")
+    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * np.std(values, ddof=1) / count**0.5
+    middle = float(np.mean(values))
+    return middle, middle - float(reach), middle + float(reach)
+
+
 def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
 
@@ -67,21 +87,3 @@ def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, fl
 def median_over(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return `median_interval` of one value a polygon; `UNKNOWN` for fewer than `FEWEST`."""
     return UNKNOWN if len(values) < FEWEST else median_interval(values.tolist())
-
-
-def share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the 95 % interval of a mean share, of (g,) independent groups' shares.
-
-    Comparisons that share rounds are not independent, and count as one group. Where no group, or
-    every one, is affected, it is what as many groups can rule out: with 95 % confidence at most
-    1 - 0.05^(1/g) of groups are otherwise.
-    """
-    if len(shares) == 0:
-        return UNKNOWN
-    seen = 1 - (1 - CONFIDENCE) ** (1 / len(shares))
-    if (shares == 0).all():
-        return 0.0, seen
-    if (shares == 1).all():
-        return 1 - seen, 1.0
-    low, high = mean_interval(shares)
-    return max(0.0, low), min(1.0, high)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.correlation import spearman
 from harness.figures.estimates import estimated
 from harness.figures.registry import PREDICTED
 from harness.stored.folder import Record, Run, read_arrays
@@ -34,13 +35,10 @@ def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
 
 def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:
     """Return Spearman's coefficient of the finite pairs, None where it is not defined."""
-    from scipy.stats import spearmanr
-
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both], y[both]
-    if len(x) < 3 or (x == x[0]).all() or (y == y[0]).all():
-        return None
-    return float(spearmanr(x, y).statistic)
+    found = spearman(x, y)
+    return None if np.isnan(found) else found
 
 
 def correlation_of_ratios(

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.intervals import CONFIDENCE, median_interval
+from harness.figures.intervals import median_interval, student_interval
 
 Verdict = Literal["faster", "slower", "no difference shown"]
 FASTER: Final = "faster"
@@ -29,11 +29,7 @@ class Ratio:
     @property
     def verdict(self) -> Verdict:
         """What the interval shows of the first drawing against the second."""
-        if self.high < 1:
-            return FASTER
-        if self.low > 1:
-            return SLOWER
-        return UNDECIDED
+        return FASTER if self.high < 1 else SLOWER if self.low > 1 else UNDECIDED
 
 
 FEWEST_EPOCHS = 4
@@ -90,21 +86,14 @@ def paired_ratio(
     if processes is not None and len(processes) > 1 and sum(processes) == count:
         # An epoch belongs to the process in which it ended.
         of = np.searchsorted(np.cumsum(processes), ends)
-        return _over([medians[of == process].mean() for process in np.unique(of)], count)
+        medians = np.array([medians[of == process].mean() for process in np.unique(of)])
+        return _of_logs(medians, count)
     if len(medians) >= FEWEST_EPOCHS:
-        return _over(medians, count)
+        return _of_logs(medians, count)
     low, high = median_interval(ratios.tolist())
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
 
 
-def _over(logs: Sequence[float] | NDArray[np.float64], rounds: int) -> Ratio:
-    """Return the mean of independent log ratios with Student's interval."""
-    from scipy.special import stdtrit
-
-    count = len(logs)
-    if count < 2:
-        raise ValueError("one value tells no interval")
-    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * np.std(logs, ddof=1) / np.sqrt(count)
-    middle = np.mean(logs)
-    value, low, high = np.exp([middle, middle - reach, middle + reach]).tolist()
+def _of_logs(logs: NDArray[np.float64], rounds: int) -> Ratio:
+    value, low, high = np.exp(student_interval(logs)).tolist()
     return Ratio(value, low, high, rounds)

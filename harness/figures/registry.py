@@ -23,6 +23,7 @@ from harness.stored.folder import Record
 from triangulators import criteria
 
 Kind = Literal["counter", "ratio", "prediction", "time", "count"]
+Better = Literal["lower", "higher", "none"]
 Read = Callable[[Record], float | None]
 
 PREDICTED = "predicted_"
@@ -56,7 +57,7 @@ class Figure:
     label: str
     unit: str
     kind: Kind
-    better: Literal["lower", "higher", "none"]
+    better: Better
     best_case: float | None
     function: Read
     symbol: str = ""
@@ -150,28 +151,22 @@ def _reference_s(record: Record) -> float | None:
     return statistics.median(reference) if reference else None
 
 
+_RATIO: tuple[str, Kind, Better] = ("x", "ratio", "lower")
+_MS: tuple[str, Kind, Better, float] = ("ms", "time", "lower", 0.0)
+"""Unit, kind, which way is better, and the best case, of several figures."""
+
 METRICS = {
     figure.name: figure
     for figure in (
         Figure(
-            "overshading",
-            "lanes shaded per pixel",
-            "x",
-            "ratio",
-            "lower",
-            1.0,
+            *("overshading", "lanes shaded per pixel", *_RATIO, 1.0),
             _ratio(_shaded_lanes, _counter("fragments")),
             description="lanes shaded for each pixel covered",
             heading="lanes/px",
             form="{:.3f}",
         ),
         Figure(
-            "regret",
-            "helper lanes above the fewest there are",
-            "x",
-            "ratio",
-            "lower",
-            0.0,
+            *("regret", "helper lanes above the fewest there are", *_RATIO, 0.0),
             _regret,
             description=(
                 "helper lanes more than those of the triangulation that shades the fewest quads, "
@@ -182,12 +177,7 @@ METRICS = {
             instead_of="overshading",
         ),
         Figure(
-            "above_limit",
-            "lanes per pixel above the limit",
-            "x",
-            "ratio",
-            "lower",
-            0.0,
+            *("above_limit", "lanes per pixel above the limit", *_RATIO, 0.0),
             _ratio(_lanes_above_limit, _counter("fragments")),
             description=(
                 "lanes shaded for each pixel covered beyond those of the outline drawn in one "
@@ -195,94 +185,44 @@ METRICS = {
             ),
         ),
         Figure(
-            OUTLINE,
-            "quads of the outline",
-            "quads",
-            "count",
-            "none",
-            None,
-            _field(OUTLINE),
+            *(OUTLINE, "quads of the outline", "quads", "count", "none", None, _field(OUTLINE)),
             description="2x2 quads that the outlines cover: no triangulation shades fewer",
         ),
         Figure(
-            "bbox_overdraw",
-            "tests per pixel",
-            "x",
-            "ratio",
-            "lower",
-            1.0,
+            *("bbox_overdraw", "tests per pixel", *_RATIO, 1.0),
             _ratio(_counter("bbox_tests"), _counter("fragments")),
             description="pixel centres tested for each pixel covered",
         ),
         Figure(
-            "draw_ms",
-            "draw time",
-            "ms",
-            "time",
-            "lower",
-            0.0,
-            _field("time", "median_s", scale=1e3),
+            *("draw_ms", "draw time", *_MS, _field("time", "median_s", scale=1e3)),
             description="median time of one draw",
             heading="draw ms",
             form="{:.3f}",
         ),
         Figure(
-            "draw_of_reference",
-            "draw time, ratio to the reference",
-            "x",
-            "time",
-            "lower",
-            0.0,
+            *("draw_of_reference", "draw time, ratio to the reference", "x", *_MS[1:]),
             _ratio(_field("time", "median_s"), _reference_s),
             description="median draw over the same run's reference triangle",
         ),
         Figure(
-            "triangulate_ms",
-            "time to triangulate",
-            "ms",
-            "time",
-            "lower",
-            0.0,
-            _field("triangulate_s", scale=1e3),
+            *("triangulate_ms", "time to triangulate", *_MS, _field("triangulate_s", scale=1e3)),
             description="time to triangulate the scene",
         ),
         Figure(
-            "triangles",
-            "triangles",
-            "triangles",
-            "count",
-            "lower",
-            None,
-            _field("triangles"),
+            *("triangles", "triangles", "triangles", "count", "lower", None, _field("triangles")),
             description="triangles drawn",
         ),
         Figure(
-            "coverage_error",
-            "coverage error",
-            "pixels",
-            "count",
-            "lower",
-            0.0,
+            *("coverage_error", "coverage error", "pixels", "count", "lower", 0.0),
             _field("coverage_error"),
             description="pixels covered too often or not at all: a defect of the triangulation",
         ),
         Figure(
-            "proven",
-            "proven optimal",
-            "polygons",
-            "count",
-            "higher",
-            None,
-            _field("proven"),
+            *("proven", "proven optimal", "polygons", "count", "higher", None, _field("proven")),
             description="polygons of which no triangulation has less of the criterion, with proof",
         ),
         Figure(
-            "t_junctions",
-            "T-junctions",
-            "vertices",
-            "count",
-            "lower",
-            0.0,
+            *("t_junctions", "T-junctions", "vertices", "count", "lower", 0.0),
             _field("t_junctions"),
             description="vertices inside a triangle's edge, where cracks can show",
         ),

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harness.figures.registry import find
 from harness.history.series import TIME, TOGETHER, Series
 from harness.machine.environment import commit_of
-from harness.pictures.style import COLOURS, MARKERS, STYLE, save
+from harness.pictures.style import COLOURS, MARKERS, draw
 from harness.stored.folder import Run
 
 if TYPE_CHECKING:
@@ -25,15 +25,10 @@ LABELS = 12
 
 def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) -> list[Path]:
     """Draw each metric into `folder` as PNG and SVG; returns the files written."""
-    import matplotlib
-
-    matplotlib.use("Agg", force=False)
-    folder.mkdir(parents=True, exist_ok=True)
     files = []
     for metric in dict.fromkeys(entry.metric for entry in series):
-        with matplotlib.rc_context(STYLE):
-            figure = metric_figure(runs, [entry for entry in series if entry.metric == metric])
-            files += save(figure, folder, metric)
+        chosen = [entry for entry in series if entry.metric == metric]
+        files += draw(folder, metric, metric_figure, runs, chosen)
     return files
 
 
@@ -53,11 +48,8 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
         panel.set_title(title, fontsize=8, loc="left")
         panel.set_ylabel(label(series[0].metric))
     _name_runs(panels[-1], runs)
-    handles = {
-        text: handle
-        for panel in panels
-        for handle, text in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
+    told = (panel.get_legend_handles_labels() for panel in panels)
+    handles = {text: each for two in told for each, text in zip(*two, strict=True)}
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
@@ -74,26 +66,12 @@ def _line(panel: Axes, entry: Series, number: int) -> None:
     together = entry.name.triangulator == TOGETHER
     colour = "#999999" if together else COLOURS[number % (len(COLOURS) - 1)]
     places = np.arange(len(entry.values))
-    panel.plot(
-        places,
-        entry.values,
-        color=colour,
-        marker=MARKERS[number % len(MARKERS)],
-        markersize=3,
-        linewidth=1,
-        linestyle=":" if together else "-",
-        label=entry.name.triangulator,
-    )
+    style = (":" if together else "-") + MARKERS[number % len(MARKERS)]
+    label = entry.name.triangulator
+    panel.plot(places, entry.values, style, color=colour, markersize=3, linewidth=1, label=label)
     for place in entry.changes:
-        panel.plot(
-            place,
-            entry.values[place],
-            marker="o",
-            markersize=9,
-            markerfacecolor="none",
-            markeredgecolor=colour,
-            markeredgewidth=1.5,
-        )
+        ring: Any = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.5}
+        panel.plot(place, entry.values[place], "o", markeredgecolor=colour, **ring)
         panel.axvline(place - 0.5, color=colour, linewidth=0.8, linestyle="--")
 
 
@@ -103,15 +81,9 @@ def _content(panel: Axes, entry: Series) -> None:
     for (_, before), (place, now) in pairwise(known):
         if before != now:
             panel.axvline(place - 0.5, color="black", linewidth=1.2)
-            panel.annotate(
-                "content changed",
-                (place - 0.5, 1),
-                xycoords=("data", "axes fraction"),
-                rotation=90,
-                fontsize=6,
-                va="top",
-                ha="right",
-            )
+            look: Any = {"rotation": 90, "fontsize": 6, "va": "top", "ha": "right"}
+            coordinates = ("data", "axes fraction")
+            panel.annotate("content changed", (place - 0.5, 1), xycoords=coordinates, **look)
 
 
 def _name_runs(panel: Axes, runs: Sequence[Run]) -> None:

@@ -36,9 +36,8 @@ def processor() -> dict[str, Any]:
     caches : bytes by level and type, e.g. "L2"; vector_bits : of its widest vectors
     label : all of it in short, e.g. AMD EPYC 25/17, 512-bit
     """
-    facts = _of_cpuinfo(_read(CPUINFO))
+    facts = _of_cpuinfo(_read(CPUINFO)) | {"caches": dict(_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
-    facts["caches"] = dict(_caches(CACHES))
     return {**facts, "label": _label(facts)}
 
 
@@ -75,11 +74,9 @@ def label_of(facts: Mapping[str, Any]) -> str:
 
     Runs from before processors were described tell the name alone.
     """
-    told = facts.get("cpu")
-    if isinstance(told, Mapping) and told.get("label"):
-        return str(told["label"])
-    environment = facts.get("environment")
-    return str((environment.get("cpu") if isinstance(environment, Mapping) else None) or "")
+    told, environment = (facts.get(name) for name in ("cpu", "environment"))
+    label = told.get("label") if isinstance(told, Mapping) else None
+    return str(label or (environment.get("cpu") if isinstance(environment, Mapping) else "") or "")
 
 
 def same(one: str, other: str) -> bool:

@@ -17,8 +17,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from platformdirs import user_cache_path
-
 from harness.machine import system
 from harness.machine.processor import processor
 
@@ -39,9 +37,7 @@ OF = ("rasteriser", "device", "resolution", "samples", "work")
 
 def default_path() -> Path:
     """Return the file of this machine's best draws, beside the model database."""
-    if given := os.environ.get("RASTER_HARNESS_CACHE"):
-        return Path(given).parent / FILE
-    return user_cache_path("raster-harness", appauthor=False) / FILE
+    return system.cache_file(FILE)
 
 
 def state_of(records: Iterable[Mapping[str, Any]], path: Path) -> list[dict[str, Any]]:

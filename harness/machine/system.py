@@ -7,11 +7,17 @@ elsewhere.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import IO, Any
 
 import psutil
+from platformdirs import user_cache_path
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """What a process gets when its terminal closes; Windows has no such signal."""
@@ -21,6 +27,41 @@ STOPPING = tuple(number for number in (signal.SIGINT, signal.SIGTERM, HANGUP) if
 
 BINARY: int = getattr(os, "O_BINARY", 0)
 """Flag of os.open without which Windows turns each newline into two bytes."""
+
+
+def cache_file(name: str) -> Path:
+    """Return a file of the user's cache, beside the model database (`RASTER_HARNESS_CACHE`)."""
+    given = os.environ.get("RASTER_HARNESS_CACHE")
+    folder = Path(given).parent if given else user_cache_path("raster-harness", appauthor=False)
+    return folder / name
+
+
+@contextlib.contextmanager
+def stopped_by(stop: Callable[[int, Any], None], wanted: Callable[[Any], bool]) -> Iterator[None]:
+    """Have `stop` called for the signals of `STOPPING` whose handler until now is `wanted`."""
+    before = {
+        number: signal.signal(number, stop)
+        for number in STOPPING
+        if wanted(signal.getsignal(number))
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def stopped_after() -> Iterator[None]:
+    """Hold back what stops the program until the block has ended; then it is KeyboardInterrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread is told of signals
+        return
+    came: list[int] = []
+    with stopped_by(lambda number, _: came.append(number), lambda before: before != signal.SIG_IGN):
+        yield
+    if came:
+        raise KeyboardInterrupt
 
 
 def limit_memory(size: int) -> None:
@@ -50,6 +91,25 @@ def end_group(leader: int) -> None:
         for child in [*process.children(recursive=True), process]:
             with contextlib.suppress(psutil.NoSuchProcess):
                 child.kill()
+
+
+def adopt() -> None:
+    """Make this process the parent of all that its descendants start and leave; Linux only."""
+    if sys.platform == "linux":
+        pr_set_child_subreaper = 36
+        ctypes.CDLL(None).prctl(pr_set_child_subreaper, 1)
+
+
+def end_strays(parent: int) -> None:
+    """Kill what `parent` has adopted: its children in other sessions than its own, and theirs."""
+    gone = (psutil.NoSuchProcess, ProcessLookupError)
+    with contextlib.suppress(*gone):
+        own = os.getsid(parent)
+        for child in psutil.Process(parent).children():
+            with contextlib.suppress(*gone):
+                if os.getsid(child.pid) != own:
+                    for each in [*child.children(recursive=True), child]:
+                        each.kill()
 
 
 def umask() -> int:

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_frame
 from harness.measuring import records
 from harness.measuring.backends import Usable
-from harness.measuring.count_cases import count_cases
-from harness.measuring.findings import Finding, Finished, Framed, Triangulated
+from harness.measuring.count_cases import Counted, Finished, count_cases
 from harness.measuring.plan import Case, Plan
 from harness.measuring.preparing import Prepared, prepare
 from harness.measuring.processes import Backend, Bench
@@ -27,6 +28,39 @@ from scenes import Scene
 
 DONE = ("ok", "skipped")
 """Records of cases that a resumed run leaves alone; what failed is tried again."""
+
+
+@dataclass(frozen=True)
+class Framed:
+    """A view's frame was made."""
+
+    frame: Frame
+
+    def facts(self) -> dict[str, Any]:
+        """Return what snapping to the grid did to the scene, JSON-ready."""
+        frame, view = self.frame, self.frame.view
+        return {
+            "resolution": view.resolution,
+            "rotation": view.rotation,
+            "fit": view.fit,
+            "scale": frame.scale,
+            "polygons": len(frame.source),
+            "vertices": len(frame.points),
+            "dropped": [list(entry) for entry in frame.dropped],
+            "repaired": [list(entry) for entry in frame.repaired],
+        }
+
+
+@dataclass(frozen=True)
+class Triangulated:
+    """A frame was triangulated; `triangles` (m, 3) by triangulator, rows of `frame.points`."""
+
+    frame: Frame
+    triangles: dict[str, NDArray[np.int32]]
+
+
+Finding = Framed | Triangulated | Counted | Finished
+"""What measuring a scene brings to light."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +12,33 @@ from numpy.typing import NDArray
 from harness.errors import HarnessError
 from harness.frame import Frame
 from harness.measuring import records
-from harness.measuring.findings import Columns, Counted, Finished
 from harness.measuring.plan import Case
 from harness.measuring.preparing import BASELINE, Prepared
 from harness.measuring.processes import Backend, Bench
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
+from harness.stored.folder import Record
+from harness.triangulating.frames import Prediction
 from harness.triangulating.recipes import Recipe
+
+Columns = Mapping[str, NDArray[Any]]
+"""Figures of each polygon, (p,) each."""
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A case was counted, and is to be timed; `record` is the finished one but for its time."""
+
+    record: Record
+    columns: Columns | None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A case was measured, skipped or failed; `columns` only where no `Counted` had them."""
+
+    record: Record
+    columns: Columns | None = None
 
 
 def count_cases(
@@ -35,11 +57,9 @@ def count_cases(
     if not cases:
         return
     coverage = None
-    limits = prepared[BASELINE].limits if BASELINE in prepared else {}
-    if options.samples != 1:  # they are those of pixels' centres
-        limits = {}
-    wanted = dict.fromkeys([BASELINE, *cases])
-    names = [recipe for recipe in wanted if recipe in prepared]
+    centres = BASELINE in prepared and options.samples == 1  # whose limits are known
+    limits = prepared[BASELINE].limits if centres else {}
+    names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in prepared]
     with reporter.stage(f"counting: {backend.label}", len(names)) as stage:
         for recipe in names:
             ready = prepared[recipe]
@@ -52,16 +72,9 @@ def count_cases(
                 if recipe == BASELINE:
                     coverage = _coverage(counters, ready)
                 if recipe in cases:
-                    record = records.measured(
-                        cases[recipe],
-                        frame,
-                        ready.triangulation,
-                        ready.prediction,
-                        counters,
-                        coverage,
-                        limits,
-                    )
-                    columns = _columns(frame, ready.prediction, counters, limits)
+                    made = (frame, ready.triangulation, counters, coverage, limits)
+                    record = records.measured(cases[recipe], *made)
+                    columns = _columns(frame, ready.triangulation.predicted, counters, limits)
                     yield recipe, Counted(record, columns)
             stage.advance()
 
@@ -71,13 +84,12 @@ def _coverage(counters: Counters, baseline: Prepared) -> records.Coverage | None
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
         return None
-    drawn = records.drawn_polygons(baseline.triangulation.parts)
-    return records.Coverage(fragments, drawn)
+    return records.Coverage(fragments, records.drawn_polygons(baseline.triangulation.parts))
 
 
 def _columns(
     frame: Frame,
-    prediction: records.Prediction,
+    prediction: Prediction,
     counters: Counters,
     limits: Mapping[str, NDArray[np.int64]],
 ) -> Columns | None:
@@ -85,5 +97,4 @@ def _columns(
     if len(frame.source) == 1:
         return None
     predicted = {f"predicted_{name}": column for name, column in prediction.columns.items()}
-    counted = {name: column for name, column in counters.items() if column.ndim}
-    return predicted | counted | dict(limits)
+    return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)

@@ -17,8 +17,7 @@ from harness.figures.registry import LEAST, OUTLINE
 from harness.frame import Frame
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed
-from harness.rasterisers.base import per_polygon
-from harness.rasterisers.reference import outlines, predict
+from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.recipes import Recipe, parse
 
 FEWEST = parse("optimal:exact-quads")
@@ -48,7 +47,10 @@ def limits_of(
 
     The fewest quads are looked for in as many polygons as `MOST_S` allows, the quickest first.
     """
-    return {OUTLINE: outlines(frame, parts), LEAST: _least(frame, bench, get_ready)}
+    return {
+        OUTLINE: bench.compute(outlines, frame, parts),
+        LEAST: _least(frame, bench, get_ready),
+    }
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:
@@ -79,6 +81,5 @@ def _least(frame: Frame, bench: Bench, get_ready: Callable[[Recipe], None]) -> N
     for place, part in zip(chosen.tolist(), result.parts, strict=True):
         if part is not None and next(gaps) == 0.0:
             parts[place] = part
-    triangles = frame.join(parts)
-    quads = per_polygon(frame, triangles, predict(frame.points, triangles)["quads"])
+    quads = bench.compute(quads_of, frame, parts)
     return np.where([part is not None for part in parts], quads, least)

@@ -123,6 +123,19 @@ class Case:
     device: str
     options: Options
 
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> Case:
+        """Return the case that a record is of."""
+        return cls(
+            scene=record["scene"],
+            scene_hash=record.get("scene_hash") or "",
+            view=View(record["resolution"], record["rotation"], record.get("fit", "box")),
+            triangulator=record["triangulator"],
+            rasteriser=record["rasteriser"],
+            device=record["device"],
+            options=Options(**record["options"]),
+        )
+
     @property
     def key(self) -> str:
         """16 hexadecimal digits that stand for the content of the case."""

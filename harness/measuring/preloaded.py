@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 
 from harness.machine import system
 from harness.measuring import tasks  # noqa: F401 - for the workers
@@ -10,7 +11,7 @@ from harness.measuring.server import MARK
 from harness.measuring.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating.frames import warm_up
 from harness.triangulating.recipes import parse
-from triangulators.compute.kernels import NotKept, only_kept
+from triangulators.compute.storing import NotKept, only_kept
 
 
 def _load() -> None:
@@ -27,4 +28,7 @@ if os.environ.pop(MARK, None):
     # In a group of its own: what a terminal sends to the command is not meant for the server,
     # which ends when the command does.
     system.lead_group()
+    # What a task starts in a session of its own comes to the server when its worker ends.
+    system.adopt()
+    warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
     _load()

@@ -33,7 +33,6 @@ class Prepared:
     """
 
     triangulation: FrameTriangulation
-    prediction: records.Prediction
     triangles: NDArray[np.int32]
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
@@ -86,7 +85,7 @@ def _prepare(
     if recipe == BASELINE:
         get_ready = partial(_compile, bench=bench, reporter=reporter)
         known = lower_limits.limits_of(frame, result.parts, bench, get_ready)
-    return Prepared(result, records.predict_frame(frame, result.parts), triangles, known)
+    return Prepared(result, triangles, known)
 
 
 def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:

@@ -27,7 +27,7 @@ from harness.triangulating.frames import (
     warm_up_all,
 )
 from harness.triangulating.recipes import Recipe
-from triangulators.compute import kernels
+from triangulators.compute.compiled_files import is_kept
 from triangulators.compute.threads import cores
 
 T = TypeVar("T")
@@ -47,6 +47,9 @@ COMPILE_S = 900.0
 
 AHEAD = "compiling ahead"
 """Name of the process that compiles beside the one that triangulates."""
+
+TRIANGULATORS = "triangulators"
+"""Name of the process that triangulates, and computes what compiled code does."""
 
 COMPILED_LATE = "triangulators.geometry.order"
 """A module whose kernels are compiled once the optimum's are."""
@@ -130,7 +133,7 @@ class Bench:
         `compile` begins with the first, and finds on disk what the second process has done.
         """
         ours = [recipe for recipe in reversed(recipes) if recipe.builtin]
-        if AHEAD in self._workers or len(ours) < 2 or cores() < 2 or kernels.is_kept(COMPILED_LATE):
+        if AHEAD in self._workers or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
         worker = self._worker(AHEAD, {}, None)
         self._ahead.submit(worker.call, warm_up_all, ours, timeout_s=COMPILE_S)
@@ -184,6 +187,14 @@ class Bench:
                 )
                 found |= dict(zip(group, samples, strict=True))
         return found
+
+    def compute(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Run a function of ours where triangulators run, which has its compiled code loaded.
+
+        What a triangulator may take does not limit it.
+        """
+        timeout_s = max(COMPILE_S, self._timeout_s)
+        return self._call(TRIANGULATORS, {}, None, function, *arguments, timeout_s=timeout_s)
 
     def ask(self, label: str, function: Callable[..., T], *arguments: Any) -> T:
         """Run a function of somebody else's, in a process of its own called `label`.
@@ -328,7 +339,7 @@ class Bench:
     ) -> T:
         """Run a function where the recipe's triangulator runs."""
         own = recipe.builtin
-        label = "triangulators" if own else f"triangulator {recipe}"
+        label = TRIANGULATORS if own else f"triangulator {recipe}"
         limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
         return self._call(label, {}, limit, function, *arguments, timeout_s=timeout_s, tick=tick)
 
@@ -370,7 +381,7 @@ class Bench:
         except TaskFailed:
             # A context that was lost stays lost: what comes next gets a fresh process.
             self._workers.pop(label).close()
-            if label == "triangulators":
+            if label == TRIANGULATORS:
                 self._compiled.clear()
             raise
 

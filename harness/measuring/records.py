@@ -17,22 +17,12 @@ from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingS
 from harness.rasterisers.base import Counters
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
-from triangulators import vertices
-from triangulators.criteria import predict
 
 SHORT_DRAW_S = 20e-6
 """A draw shorter than this is mostly the cost of asking for it."""
 
 SCATTER = 0.10
 """Interquartile range, relative to the median, above which a machine is called unstable."""
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Criteria of one triangulation of a frame: `columns` (p,) a polygon, `totals` of all."""
-
-    columns: dict[str, NDArray[np.float64]]
-    totals: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -62,18 +52,6 @@ def drawn_polygons(parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.bool
     return np.array([part is not None for part in parts], np.bool_)
 
 
-def predict_frame(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> Prediction:
-    """Sum every criterion over each polygon's (m, 3) triangles; px for lengths, px^2 for areas."""
-    empty = np.empty((0, 3), np.int32)
-    rows = [
-        predict(vertices(polygon), empty if part is None else part)
-        for polygon, part in zip(frame.polygons, parts, strict=True)
-    ]
-    names = list(rows[0]) if rows else []
-    columns = {name: np.array([row[name] for row in rows], np.float64) for name in names}
-    return Prediction(columns, {name: float(column.sum()) for name, column in columns.items()})
-
-
 def problem(case: Case, status: str, reason: str) -> Record:
     """Return the record of a case that was `skipped` or `failed`, and why."""
     return {**case.identity(), "status": status, "reason": reason}
@@ -83,7 +61,6 @@ def measured(
     case: Case,
     frame: Frame,
     triangulation: FrameTriangulation,
-    prediction: Prediction,
     counters: Counters,
     coverage: Coverage | None,
     limits: Mapping[str, NDArray[np.int64]],
@@ -102,7 +79,7 @@ def measured(
         "polygons_failed": len(triangulation.failed),
         "vertices": len(frame.points),
         "triangles": sum(len(part) for part in done),
-        "predicted": prediction.totals,
+        "predicted": triangulation.predicted.totals,
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
         **_rounds_of(triangulation.samples_s),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -11,23 +14,21 @@ from typing import Any, NamedTuple
 
 import shapely
 
-from harness.errors import NothingMeasured
-from harness.machine import environment
-from harness.machine.processor import processor
+from harness.errors import NothingMeasured, UsageError
+from harness.machine import environment, system
+from harness.machine.processor import label_of, processor, same
 from harness.machine.state import default_path, state_of
 from harness.measuring.backends import find_backends
-from harness.measuring.cases import Job, measure_scene
-from harness.measuring.findings import Counted, Finding, Finished, Framed, Triangulated
+from harness.measuring.cases import Finding, Framed, Job, Triangulated, measure_scene
+from harness.measuring.count_cases import Counted, Finished
 from harness.measuring.loading import load_scene
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
-from harness.measuring.resuming import open_store
-from harness.measuring.signals import stopped_in_order
-from harness.measuring.two_versions import Beside, head_records
+from harness.measuring.two_versions import Beside, Halves, head_records
 from harness.measuring.worker import OpenWorker, TaskFailed, Worker
-from harness.progress import Reporter
+from harness.progress import Reporter, let_go_of_terminal
 from harness.stored import drawings
-from harness.stored.folder import Record, Store, read_counted
+from harness.stored.folder import Record, Store, read_counted, read_run
 from harness.triangulating.recipes import Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
@@ -68,28 +69,40 @@ class RunResult:
     hurried: bool = False
 
 
-def run(
-    plan: Plan,
-    out: Path,
-    reporter: Reporter,
-    *,
-    resume: bool = False,
-    force: bool = False,
-    open_worker: OpenWorker = Worker,
-    split: Split | None = None,
-    database: Path | None = None,
-    beside: Beside | None = None,
-    base: str | None = None,
-) -> RunResult:
-    """Measure all cases of `plan` and store them in the folder `out`.
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is made, besides what its plan says.
 
-    resume : go on with the run in `out`; cases that have an ok or skipped record are left alone
+    resume : go on with the run in the folder; cases that have an ok or skipped record are left
+        alone
     force : resume even where plan, code or device differ from those of the run
-    open_worker : how processes are made; tests give `Inline` ones
     split : how a study takes the scene apart; by default it is measured whole
     database : model database that triangulations are read from and written to; None for none
     beside : another version of the code to measure in the same rounds
     base : triangulator that tables and reports compare the others with
+    meanwhile : called once, when this process is about to wait for others
+    """
+
+    resume: bool = False
+    force: bool = False
+    split: Split | None = None
+    database: Path | None = None
+    beside: Beside | None = None
+    base: str | None = None
+    meanwhile: Callable[[], None] = lambda: None
+
+
+def run(
+    plan: Plan,
+    out: Path,
+    reporter: Reporter,
+    how: RunOptions | None = None,
+    *,
+    open_worker: OpenWorker = Worker,
+) -> RunResult:
+    """Measure all cases of `plan` and store them in the folder `out`.
+
+    open_worker : how processes are made; tests give `Inline` ones
 
     Raises
     ------
@@ -98,45 +111,48 @@ def run(
         written
     """
     began = time.perf_counter()
-    bench = (beside.bench if beside else Bench)(open_worker, plan.timeout_s, database)
+    how = how or RunOptions()
+    make = how.beside.bench if how.beside else Bench
+    bench = make(open_worker, plan.timeout_s, how.database)
     try:
-        find_broken(plan.triangulators, bench)  # names first: a scene may take long
+        # Names first: a scene may take long.
+        broken = find_broken(plan.triangulators, bench)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
         if (shapely.get_num_coordinates(scene.polygons) == _CLOSED_TRIANGLE).all():
             raise NothingMeasured(
                 f"nothing to choose: every polygon of {plan.scene} is a triangle already"
             )
-        return _run(plan, scene, out, reporter, bench, began, resume, force, split, beside, base)
+        how.meanwhile()
+        return _measure(plan, scene, out, reporter, bench, broken, how, began)
     finally:
         bench.close(at_once=bench.stopping)
 
 
-def _run(
+def _measure(
     plan: Plan,
     scene: Scene,
     out: Path,
     reporter: Reporter,
     bench: Bench,
+    broken: dict[Recipe, str],
+    how: RunOptions,
     began: float,
-    resume: bool,
-    force: bool,
-    split: Split | None,
-    beside: Beside | None,
-    base: str | None,
 ) -> RunResult:
     # Of a file only its name: the same file elsewhere is the same scene.
     label = scene_label(plan.scene)
-    parts = split(label, scene) if split else [Part(label, scene)]
-    plans = [_plan_of(part, plan) for part in parts]
-    plan = replace(plan, triangulators=_union(plans))
+    parts = how.split(label, scene) if how.split else [Part(label, scene)]
+    plans = [replace(plan, triangulators=p.triangulators or plan.triangulators) for p in parts]
+    known = set(plan.triangulators)
+    every = dict.fromkeys(chain.from_iterable(own.triangulators for own in plans))
+    plan = replace(plan, triangulators=tuple(every))
     usable = find_backends(plan, bench, reporter)
-    broken = find_broken(plan.triangulators, bench)
-    facts = _facts(plan, scene) | ({"base": base} if base else {})
-    if beside:
+    broken |= find_broken(set(plan.triangulators) - known, bench)
+    facts = _facts(plan, scene) | ({"base": how.base} if how.base else {})
+    if beside := how.beside:
         facts["beside"] = beside.facts()
         plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]
-    store, records = open_store(out, facts, resume=resume, force=force)
-    counted = {} if force else read_counted(out)
+    store, records = open_store(out, facts, resume=how.resume, force=how.force)
+    counted = {} if how.force else read_counted(out)
     bench.seconds["prepare"] = time.perf_counter() - began
     hurried = False
     with store:
@@ -144,16 +160,16 @@ def _run(
             reporter.warn(warning)
         store.write_facts({**facts, "interrupted": True})  # until it has come to its end
         frames: list[dict[str, Any]] = []
+        # BASE's code triangulates elsewhere, in no round of HEAD's.
+        rounds = not (how.split or how.beside)
         try:
-            with stopped_in_order(bench, reporter):
+            with _stopped_in_order(bench, reporter):
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
-                    job = Job(own, part.label, part.scene, usable, broken, bench, reporter)
-                    # BASE's code triangulates elsewhere, in no round of HEAD's.
-                    job = job if split or beside else replace(job, rounds=True)
+                    job = Job(own, part.label, part.scene, usable, broken, bench, reporter, rounds)
                     for finding in measure_scene(job, records, counted):
-                        _keep(finding, store, records, frames, reporter, drawings_too=not split)
+                        _keep(finding, store, records, frames, reporter, drawings_too=not how.split)
         except KeyboardInterrupt:
             hurried = bench.stopping = True
         finally:
@@ -166,6 +182,29 @@ def _run(
         if not bench.stopping:
             store.drop_counted()
     return RunResult(out, head_records(records.values()), bench.stopping, hurried)
+
+
+@contextmanager
+def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
+    """Let the first Ctrl-C finish the cases in flight.
+
+    A second one, SIGTERM and SIGHUP, whose senders do not wait, raise KeyboardInterrupt.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread is told of signals
+        return
+
+    def stop(number: int, _: object) -> None:
+        again, bench.stopping = bench.stopping, True
+        if number == system.HANGUP:
+            let_go_of_terminal()
+        if again or number != signal.SIGINT:
+            raise KeyboardInterrupt
+        reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
+
+    # What is ignored stays so, as nohup has it.
+    with system.stopped_by(stop, lambda before: before != signal.SIG_IGN):
+        yield
 
 
 def _keep(
@@ -225,12 +264,64 @@ def find_broken(recipes: Iterable[Recipe], bench: Bench) -> dict[Recipe, str]:
     return broken
 
 
-def _plan_of(part: Part, plan: Plan) -> Plan:
-    return replace(plan, triangulators=part.triangulators or plan.triangulators)
+def open_store(
+    out: Path, facts: dict[str, Any], *, resume: bool, force: bool
+) -> tuple[Store, dict[str, Record]]:
+    """Return the folder to write to and the records that it has, by key.
+
+    facts : content of the new run.json; what the old one had of the run so far is taken over
+    force : go on even if plan, scene, code or machine differ
+
+    Raises
+    ------
+    UsageError
+        if they differ, or the folder holds a run that is not to be resumed, or cannot be written
+    """
+    kind = Halves if "beside" in facts else Store
+    if not resume:
+        return kind.create(out), {}
+    store = Store.resume(out)
+    before = read_run(out)
+    if not force:
+        try:
+            _refuse_other(before.facts, facts, out)
+        except UsageError:
+            store.close()
+            raise
+    if "base" not in facts and "base" in before.facts:
+        facts["base"] = before.facts["base"]
+    facts["frames"] = before.facts.get("frames", [])
+    facts["devices"] = before.facts.get("devices", {})
+    facts["resumed"] = [*before.facts.get("resumed", []), facts["created"]]
+    facts["created"] = before.facts.get("created", facts["created"])
+    if "beside" in facts:
+        store.close()
+        halves = Halves.resume(out)
+        return halves, halves.finished()
+    return store, {record["key"]: record for record in before.records}
 
 
-def _union(plans: Sequence[Plan]) -> tuple[Recipe, ...]:
-    return tuple(dict.fromkeys(chain.from_iterable(plan.triangulators for plan in plans)))
+def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> None:
+    """Refuse to mix two experiments in one folder."""
+    plan = before.get("plan", {})
+    differences = [
+        f"plan ({key}: {plan.get(key)} then, {value} now)"
+        for key, value in now["plan"].items()
+        if plan.get(key) != value
+    ]
+    if before.get("scene", {}).get("hash") != now["scene"]["hash"]:
+        differences.append("the scene's content")
+    if before.get("environment", {}).get("code") != now["environment"]["code"]:
+        differences.append("the code")
+    if before.get("beside") != now.get("beside"):
+        differences.append("what it is measured beside")
+    if not same(label_of(before), label_of(now)):
+        differences.append("the machine")
+    if differences:
+        raise UsageError(
+            f"cannot resume {out}: {', '.join(differences)} differ; "
+            "start a new run, or add --force to mix them"
+        )
 
 
 def _facts(plan: Plan, scene: Scene) -> dict[str, Any]:

@@ -24,14 +24,7 @@ from harness.measuring.timing import (
     self_test,
     time_together,
 )
-from harness.rasterisers.base import (
-    Counters,
-    Device,
-    Drawing,
-    Options,
-    Rasteriser,
-    Triangles,
-)
+from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.frame import Frame, View
+from harness.frame import Frame
 from harness.machine.environment import project_folder, source_hash
 from harness.measuring.other_version import Place, package_of, triangulate_elsewhere
 from harness.measuring.plan import Case
@@ -290,7 +290,7 @@ class Halves(Store):
         if not name.startswith(MARK):
             super().append(record)
             return
-        own = case_of({**record, "triangulator": name.removeprefix(MARK)})
+        own = Case.of({**record, "triangulator": name.removeprefix(MARK)})
         columns = read_arrays(Run(self.path, {}, []), record["key"])
         if columns is not None:
             self._base.write_arrays(own.key, columns)
@@ -318,7 +318,7 @@ class Halves(Store):
         found = {record["key"]: record for record in read_run(self.path).records}
         for record in read_run(self._base.path).records:
             marked = {**record, "triangulator": MARK + record["triangulator"]}
-            key = case_of(marked).key
+            key = Case.of(marked).key
             found[key] = {**marked, "key": key}
         return found
 
@@ -326,16 +326,3 @@ class Halves(Store):
         """Close the files of both."""
         super().close()
         self._base.close()
-
-
-def case_of(record: Record) -> Case:
-    """Return the case that a record is of."""
-    return Case(
-        scene=record["scene"],
-        scene_hash=record["scene_hash"],
-        view=View(record["resolution"], record["rotation"], record["fit"]),
-        triangulator=record["triangulator"],
-        rasteriser=record["rasteriser"],
-        device=record["device"],
-        options=Options(**record["options"]),
-    )

@@ -21,6 +21,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Protocol, TypeVar
 
+import psutil
+
 from harness.errors import HarnessError
 from harness.machine import system
 from harness.measuring import server
@@ -117,6 +119,7 @@ class Worker:
         self._environment = dict(environment or {})
         self._memory_bytes = memory_bytes
         self._process: BaseProcess | None = None
+        self._server: int | None = None
         self._connection: Connection
         self._start()
 
@@ -189,6 +192,8 @@ class Worker:
         self._process = context.Process(target=serve, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
+        with contextlib.suppress(psutil.NoSuchProcess):  # it has died at once
+            self._server = psutil.Process(self._process.pid).ppid() if forked else None
 
     def _receive(
         self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
@@ -236,6 +241,8 @@ class Worker:
         system.end_group(process.pid)
         process.kill()
         process.join()
+        if self._server is not None:
+            system.end_strays(self._server)
         self._connection.close()
 
     def _quote(self, reason: str, written: int) -> str:

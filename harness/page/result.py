@@ -26,7 +26,6 @@ from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
 from harness.measuring.timing import TimerTest as Timer
 from harness.page.device_summaries import browser
 from harness.page.page_data import KEPT, counted_exactly
-from harness.rasterisers import Options
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run, Store, file_stem, read_arrays
@@ -157,13 +156,8 @@ class _View(_Part):
         for name, case in self.cases.items():
             counted, record = case.counters, case.record
             sizes |= {len(counted.fragments), len(counted.quads)}
-            own = (record.resolution, record.rotation, record.fit, record.scene)
-            if name != record.triangulator or own != (
-                self.resolution,
-                self.rotation,
-                self.fit,
-                self.scene,
-            ):
+            places = [(e.resolution, e.rotation, e.fit, e.scene) for e in (record, self)]
+            if name != record.triangulator or places[0] != places[1]:
                 raise ValueError(f"the record of {name} is of another case")
             if len(counted.fragments) != len(counted.quads):
                 raise ValueError(f"{name} has different numbers of polygons")
@@ -337,24 +331,13 @@ def _records(
     made = []
     for name, case in view.cases.items():
         known = case.record.model_dump(exclude_unset=True)
-        where = View(view.resolution, view.rotation, view.fit)
-        identity = CaseOfPlan(
-            scene=view.scene,
-            scene_hash=case.record.scene_hash,
-            view=where,
-            triangulator=name,
-            rasteriser=RASTERISER,
-            device=device,
-            options=Options(),
-        ).identity()
+        drawn = {"rasteriser": RASTERISER, "device": device, "options": {}}
+        identity = CaseOfPlan.of(case.record.model_dump() | drawn).identity()
         fragments, quads = (
             np.array(values, np.int64) for values in (case.counters.fragments, case.counters.quads)
         )
-        counters = {
-            "fragments": fragments,
-            "quads": quads,
-            "helper_lanes": 4 * quads - fragments,
-        }
+        lanes = 4 * quads - fragments
+        counters = {"fragments": fragments, "quads": quads, "helper_lanes": lanes}
         error = None
         if base is not None and case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
@@ -404,17 +387,9 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     """
     own = case.record
     view = View(own.resolution, own.rotation, own.fit)
-    known = next(
-        (
-            record
-            for record in run.records
-            if record["triangulator"] == own.triangulator
-            and record["status"] == "ok"
-            and view_of(record) == view
-            and record.get("scene_hash") == own.scene_hash
-        ),
-        None,
-    )
+    same = {"triangulator": own.triangulator, "status": "ok", "scene_hash": own.scene_hash}
+    alike = (r for r in run.records if all(r.get(name) == same[name] for name in same))
+    known = next((record for record in alike if view_of(record) == view), None)
     if known is None:
         raise UsageError(f"{run.path} has no {own.triangulator} at {own.resolution} px")
     told = own.model_dump(exclude_unset=True)

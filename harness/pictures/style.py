@@ -156,18 +156,20 @@ def scatter(
     )
 
 
-def plain_table(title: TextType, **options: Any) -> Table:
-    """Return an empty table for the terminal, without lines; options: more of rich's `Table`."""
+def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
+    """Return an empty table for the terminal, without lines; options: more of rich's `Table`.
+
+    columns : headings; those of numbers, which are set flush right, begin with ">"
+    """
     from rich.table import Table
 
-    return Table(
-        title=title,
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-        header_style="bold",
-        **options,
-    )
+    looks: Any = {"title_justify": "left", "box": None, "pad_edge": False, "header_style": "bold"}
+    table = Table(title=title, **looks, **options)
+    for name in columns:
+        table.add_column(
+            name.lstrip(">"), justify="right" if name[0] == ">" else "left", overflow="fold"
+        )
+    return table
 
 
 def draw(

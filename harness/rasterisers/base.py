@@ -181,7 +181,7 @@ class Rasteriser(ABC):
         ValueError
             if `triangles` is not an integer (m, 3) array of vertices of the frame
         """
-        return self._count(frame, submission(frame, triangles, options), options)
+        return self._count(frame, self._ready(frame, triangles, options), options)
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         """Upload `triangles` for timing; nothing is counted while it is drawn.
@@ -193,7 +193,7 @@ class Rasteriser(ABC):
         """
         if not self.timed:
             raise UsageError(f"rasteriser {self.name} has no time to measure")
-        return self._prepare(frame, submission(frame, triangles, options), options)
+        return self._prepare(frame, self._ready(frame, triangles, options), options)
 
     def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         """Draw once and return the picture, (height, width, 4) RGBA, top row first.
@@ -205,7 +205,12 @@ class Rasteriser(ABC):
         """
         if not self.pictured:
             raise UsageError(f"rasteriser {self.name} has no picture")
-        return self._image(frame, submission(frame, triangles, options), options)
+        return self._image(frame, self._ready(frame, triangles, options), options)
+
+    def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+        if not self.supports(options):
+            raise UsageError(f"{self.name} has {self.lacking}; use opengl for these")
+        return submission(frame, triangles, options)
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close
         """Close the device."""
@@ -220,10 +225,19 @@ class Rasteriser(ABC):
         raise NotImplementedError
 
 
-def one_sample(rasteriser: str, options: Options) -> None:
-    """Raise UsageError where more than one sample a pixel is asked of a rasteriser that has one."""
-    if options.samples != 1:
-        raise UsageError(f"{rasteriser} has one sample a pixel; use opengl for multisampling")
+CPU = Device(name="cpu", software=True)
+
+
+class OnCpu(Rasteriser):
+    """A rasteriser of our own that needs no driver, on every machine."""
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        """The CPU."""
+        return [CPU]
+
+    def __init__(self, device: Device = CPU) -> None:
+        self.device = device
 
 
 def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -12,22 +12,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import (
-    Counters,
-    Device,
-    Options,
-    Rasteriser,
-    Triangles,
-    per_polygon,
-)
+from harness.rasterisers.base import Counters, OnCpu, Options, Triangles, per_polygon
 from triangulators.compute.kernels import njit
 
 TILES = (16, 32, 64)
 """Sides of a tile, px."""
-
-BINNER = Device(name="cpu", software=True)
 
 
 def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArray[np.int64]]:
@@ -95,7 +85,7 @@ def tile_span(
     return left, right
 
 
-class Binning(Rasteriser):
+class Binning(OnCpu):
     """A binner on the CPU; it counts and draws nothing."""
 
     name = "binning"
@@ -105,16 +95,6 @@ class Binning(Rasteriser):
     timed = False
     pictured = False
 
-    @classmethod
-    def devices(cls) -> list[Device]:
-        """The CPU, on every machine."""
-        return [BINNER]
-
-    def __init__(self, device: Device = BINNER) -> None:
-        self.device = device
-
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        if options.samples != 1:
-            raise UsageError("binning knows no samples; use opengl for multisampling")
         tiles = predict(frame.points, triangles)
         return {name: per_polygon(frame, triangles, tiles[name]) for name in self.counters}

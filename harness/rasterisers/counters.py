@@ -33,18 +33,11 @@ COUNTERS = {
     counter.name: counter
     for counter in (
         Counter(
-            "helper_lanes",
-            "helper lanes",
-            "lanes",
-            best_case=0.0,
-            heading="helpers",
+            *("helper_lanes", "helper lanes", "lanes", "lower", 0.0, "helpers"),
             description="lanes of shaded 2x2 quads that cover nothing",
         ),
         Counter(
-            "bbox_tests",
-            "bounding-box tests",
-            "tests",
-            heading="tests",
+            *("bbox_tests", "bounding-box tests", "tests", "lower", None, "tests"),
             description="pixel centres tested in bounding boxes",
         ),
         Counter("rows", "rows walked", "rows", description="pixel rows that triangles reach"),
@@ -66,10 +59,7 @@ COUNTERS = {
         Counter("fragments", "fragments", "pixels", "none", description="covered pixels"),
         Counter("hits", "hits", "pixels", "none", description="covered pixels, found by testing"),
         Counter(
-            "samples_passed",
-            "samples passed",
-            "samples",
-            "none",
+            *("samples_passed", "samples passed", "samples", "none"),
             description="covered samples, by the driver's own query",
         ),
     )

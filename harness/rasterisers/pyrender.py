@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriser
 from harness.frame import Frame
 from harness.rasterisers.base import (
     Counters,
@@ -46,6 +46,7 @@ class Pyrender(Rasteriser):
     """Extruded roofs in perspective through pyrender's off-screen renderer."""
 
     name = "pyrender"
+    lacking = "samples and shaders of its own choice"
     counters: ClassVar[tuple[str, ...]] = ()
     remark = "pyrender draws in perspective and cannot count; its time includes reading back"
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
@@ -121,16 +122,14 @@ class Pyrender(Rasteriser):
             self._renderer.delete()
             self._renderer = None
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:  # noqa: ARG002
+    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         return {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        _default(options)
         self._open((frame.width, frame.height))
         return _City(self, frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        _default(options)
         self._open((frame.width, frame.height))
         with _City(self, frame, triangles) as city:
             return city.draw()
@@ -181,21 +180,11 @@ class _City(Drawing):
 
 def camera_pose(width: float, height: float) -> np.ndarray:
     """Return the (4, 4) pose of a camera that looks at the city's centre from the south."""
-    away = np.array(
-        [
-            np.cos(ELEVATION) * np.cos(AZIMUTH),
-            np.cos(ELEVATION) * np.sin(AZIMUTH),
-            np.sin(ELEVATION),
-        ]
-    )
+    plan = np.cos(ELEVATION) * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH)])
+    away = np.array([*plan, np.sin(ELEVATION)])
     right = np.cross([0.0, 0.0, 1.0], away)
     right /= np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(away, right), away
     pose[:3, 3] = np.array([width / 2, height / 2, 0.0]) + DISTANCE * max(width, height) * away
     return pose
-
-
-def _default(options: Options) -> None:
-    if options.samples != 1 or options.work:
-        raise UsageError("pyrender chooses samples and shaders itself; use opengl for these")

@@ -13,19 +13,17 @@ from harness.frame import Frame
 from harness.rasterisers import spans
 from harness.rasterisers.base import (
     Counters,
-    Device,
     Drawing,
     Image,
+    OnCpu,
     Options,
-    Rasteriser,
     Sample,
     Triangles,
-    one_sample,
     per_polygon,
 )
 from harness.rasterisers.palette import colours
 
-CPU = Device(name="cpu", software=True)
+COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests")
 
 
 def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArray[np.int64]]:
@@ -37,15 +35,10 @@ def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArra
     blocks : 4x4 blocks with such a pixel
     bbox_tests : pixel centres in the bounding box
     """
-    counts = spans.count_triangles(points, triangles)
-    fragments, quads = counts[:, spans.FRAGMENTS], counts[:, spans.QUADS]
-    return {
-        "fragments": fragments,
-        "quads": quads,
-        "helper_lanes": 4 * quads - fragments,
-        "blocks": counts[:, spans.BLOCKS],
-        "bbox_tests": counts[:, spans.BBOX_TESTS],
-    }
+    counts = spans.count_triangles(points, triangles).T
+    fragments, quads = counts[spans.FRAGMENTS], counts[spans.QUADS]
+    others = (4 * quads - fragments, counts[spans.BLOCKS], counts[spans.BBOX_TESTS])
+    return dict(zip(COUNTED, (fragments, quads, *others), strict=True))
 
 
 def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
@@ -60,37 +53,27 @@ def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray
     return np.where([part is None for part in parts], -1, counts)
 
 
-class Reference(Rasteriser):
+def quads_of(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+    """Return the (p,) 2x2 blocks that each polygon's triangles (m, 3) shade, 0 where none are."""
+    triangles = frame.join(parts)
+    return per_polygon(frame, triangles, predict(frame.points, triangles)["quads"])
+
+
+class Reference(OnCpu):
     """Scan conversion in Numba, row by row, on one core."""
 
     name = "reference"
-    counters: ClassVar[tuple[str, ...]] = (
-        "fragments",
-        "quads",
-        "helper_lanes",
-        "blocks",
-        "bbox_tests",
-    )
-
-    @classmethod
-    def devices(cls) -> list[Device]:
-        """The CPU, on every machine."""
-        return [CPU]
-
-    def __init__(self, device: Device = CPU) -> None:
-        self.device = device
+    lacking = "one sample a pixel and no fragment work"
+    counters: ClassVar[tuple[str, ...]] = COUNTED
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        one_sample(self.name, options)
         predicted = predict(frame.points, triangles)
         return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        one_sample(self.name, options)
         return _Filling(frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        one_sample(self.name, options)
         with _Filling(frame, triangles) as filling:
             filling.sample(1)
             picture = filling.picture[::-1]

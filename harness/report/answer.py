@@ -25,8 +25,24 @@ def criteria_of(
     measure : the group's main counter, None if nothing was counted a polygon
     within : criterion -> rank correlation with it within single polygons, where that is known
     """
-    words = _within(measure, within) if within else _predicted(measure, correlations)
-    return f"{words[0].upper()}{words[1:]}." if words else ""
+    if within:
+        values = {name: each.value for name, each in within.items()}
+    else:
+        told = correlations.get(measure or "", {}).items()
+        values = {name: v for name, v in told if v is not None and name in predictions()}
+    if not values:
+        return ""
+    best = max(values, key=values.__getitem__)
+    words = "Within a polygon" if within else "Of the criteria"
+    words += f", {find(best).title} predicts {find(measure or '').label} best "
+    words += f"(rank correlation {values[best]:.2f}"
+    if within:
+        first = within[best]
+        words += "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
+        words += f", over {first.polygons} polygons"
+    if best != "overdraw" and "overdraw" in values:
+        words += f"; {find('overdraw').title} {values['overdraw']:.2f}"
+    return f"{words})."
 
 
 def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
@@ -58,31 +74,3 @@ def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     if best != paper and paper in known:
         words += f"; {paper} reaches {known[paper][0]:.2f}"
     return f"{words[0].upper()}{words[1:]}."
-
-
-def _predicted(measure: str | None, correlations: Correlations) -> str:
-    known = {
-        name: value
-        for name, value in correlations.get(measure or "", {}).items()
-        if value is not None and name in predictions()
-    }
-    if not known:
-        return ""
-    best = max(known, key=lambda name: known[name])
-    words = f"of the criteria, {find(best).title} predicts {find(measure or '').label} best "
-    words += f"(rank correlation {known[best]:.2f}"
-    if best != "overdraw" and "overdraw" in known:
-        words += f"; {find('overdraw').title} {known['overdraw']:.2f}"
-    return f"{words})"
-
-
-def _within(measure: str | None, within: Mapping[str, Estimate]) -> str:
-    """Say which criterion to use: the one that ranks the triangulations of a polygon best."""
-    best = max(within, key=lambda name: within[name].value)
-    first = within[best]
-    words = f"within a polygon, {find(best).title} predicts {find(measure or '').label} best "
-    interval = "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
-    words += f"(rank correlation {first.value:.2f}{interval}, over {first.polygons} polygons"
-    if best != "overdraw" and "overdraw" in within:
-        words += f"; {find('overdraw').title} {within['overdraw'].value:.2f}"
-    return f"{words})"

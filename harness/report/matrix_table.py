@@ -6,16 +6,18 @@ has the rank correlation of its polygons' ratios.
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from harness.errors import UsageError
 from harness.study.analysis import column, label, predictors
 
 FILE = "correlations.csv"
+WHERE = ("rasteriser", "device", "measure")
 COLUMNS = ("rasteriser", "device", "criterion", "measure", "statistic", "value")
 
 STATISTICS = {
@@ -28,6 +30,8 @@ STATISTICS = {
 }
 
 Matrix = dict[str, Any]
+Cell = tuple[tuple[str, str, str], str, list[float | None]]
+"""(rasteriser, device, measure), criterion, and the value with its interval."""
 
 
 def from_study(folder: Path) -> list[Matrix]:
@@ -41,23 +45,23 @@ def from_study(folder: Path) -> list[Matrix]:
     file = folder / FILE
     if not file.is_file():
         return []
-    with file.open(newline="", encoding="utf-8") as lines:
-        reader = csv.DictReader(lines)
-        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-        if missing:
-            raise UsageError(f"{file} has no column {', '.join(missing)}; run validate again")
-        rows = list(reader)
-    cells: dict[str, list[tuple[tuple[str, str, str], str, list[float | None]]]] = {}
-    for number, row in enumerate(rows, start=2):
-        where = (row["rasteriser"], row["device"], row["measure"])
-        try:
-            values = [_number(row.get(name)) for name in ("value", "ci_low", "ci_high")]
-        except ValueError:
-            raise UsageError(f"{file}, line {number}: not a number; run validate again") from None
-        cells.setdefault(row["statistic"], []).append((where, row["criterion"], values))
+    table = pd.read_csv(file)
+    missing = [name for name in COLUMNS if name not in table]
+    if missing:
+        raise UsageError(f"{file} has no column {', '.join(missing)}; run validate again")
+    table = table.reindex(columns=[*COLUMNS, "ci_low", "ci_high"])
+    told = table[["value", "ci_low", "ci_high"]]
+    values = told.apply(pd.to_numeric, errors="coerce")
+    wrong = (values.isna() & told.notna()).any(axis=1)
+    if wrong.any():
+        raise UsageError(f"{file}, line {wrong.argmax() + 2}: not a number; run validate again")
+    wheres = table[list(WHERE)].itertuples(index=False, name=None)
+    kept = values.astype(object).where(np.isfinite(values), None).to_numpy().tolist()
+    cells: dict[str, list[Cell]] = {}
+    for statistic, *cell in zip(table["statistic"], wheres, table["criterion"], kept, strict=True):
+        cells.setdefault(statistic, []).append(tuple(cell))
     known = [name for name in STATISTICS if name in cells]
-    ordered = known + [name for name in cells if name not in STATISTICS]
-    return [_matrix(name, cells[name]) for name in ordered]
+    return [_matrix(name, cells[name]) for name in dict.fromkeys([*known, *cells])]
 
 
 def from_run(
@@ -72,41 +76,24 @@ def from_run(
     return [_matrix("spearman_of_ratios", cells)] if cells else []
 
 
-def _matrix(
-    statistic: str, cells: Iterable[tuple[tuple[str, str, str], str, list[float | None]]]
-) -> Matrix:
+def _matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
     table = {(where, criterion): values for where, criterion, values in cells}
     columns = list(dict.fromkeys(where for where, _ in table))
     rows = sorted({criterion for _, criterion in table}, key=_place)
     return {
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
-        "rows": [{"name": name, "title": _title(name)} for name in rows],
+        "rows": [
+            {"name": name, "title": predictors().get(column(name), name.replace("_", " "))}
+            for name in rows
+        ],
         "columns": [
-            {
-                "rasteriser": rasteriser,
-                "device": device,
-                "measure": measure,
-                "title": label(measure),
-            }
-            for rasteriser, device, measure in columns
+            {**dict(zip(WHERE, where, strict=True)), "title": label(where[2])} for where in columns
         ],
         "cells": [[table.get((where, name)) for where in columns] for name in rows],
     }
 
 
 def _place(criterion: str) -> tuple[int, str]:
-    names = list(predictors())
-    name = column(criterion)
-    return (names.index(name) if name in names else len(names), criterion)
-
-
-def _title(criterion: str) -> str:
-    return predictors().get(column(criterion), criterion.replace("_", " "))
-
-
-def _number(text: str | None) -> float | None:
-    if not text:
-        return None
-    value = float(text)
-    return value if math.isfinite(value) else None
+    names = [*predictors(), column(criterion)]
+    return names.index(column(criterion)), criterion

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,10 @@ from harness.pictures.style import (
     COLOURS,
     MOST_VECTOR_MARKS,
     ONE_COLUMN,
-    STYLE,
     TWO_COLUMNS,
+    draw,
     family_of,
     looks,
-    save,
     scatter,
 )
 from harness.stored.drawings import view_of
@@ -43,6 +42,9 @@ if TYPE_CHECKING:
 
 Marks = NDArray[np.float64]
 
+BESIDE: Any = {"textcoords": "offset points", "fontsize": 6.5, "va": "center"}
+"""How a number stands beside its mark."""
+
 LANES = "overshading"
 PAPER = "overdraw"
 """Column of the criterion that the paper minimises."""
@@ -50,32 +52,18 @@ PAPER = "overdraw"
 
 def plot_run(run: Run) -> list[Path]:
     """Draw the plots of a run folder into its `plots`; returns the files written."""
-    import matplotlib
-
-    matplotlib.use("Agg", force=False)
-    folder = run.path / "plots"
-    folder.mkdir(exist_ok=True)
     files = []
     chosen = [m for m in groups(run.records) if any(r["status"] == "ok" for r in m)]
     place = {record["key"]: number for number, record in enumerate(run.records)}
     chosen.sort(key=lambda members: min(place[record["key"]] for record in members))
     for number, members in enumerate(chosen):
-        for name, draw in (
-            ("predicted-vs-measured", predicted_against_measured),
-            ("ranking", ranking),
-        ):
-            with matplotlib.rc_context(STYLE):
-                figure = draw(run, members)
-                if figure is None:
-                    continue
-                stem = name if number == 0 else f"{name}-{_view_of(members[0])}"
-                files += save(figure, folder, stem)
+        first = members[0]
+        names = (first["rasteriser"], first["device"], first["resolution"])
+        view = "-".join(map(str, (*names, f"{first['rotation']:g}")))
+        for name, make in PLOTS.items():
+            stem = f"{name}-{view}" if number else name
+            files += draw(run.path / "plots", stem, make, run, members)
     return files
-
-
-def _view_of(record: Record) -> str:
-    names = ("rasteriser", "device", "resolution")
-    return "-".join([*(str(record[name]) for name in names), f"{record['rotation']:g}"])
 
 
 def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | None:
@@ -123,7 +111,7 @@ def predicted_against_measured(run: Run, members: Sequence[Record]) -> Figure | 
 def _judged(
     ranks: Mapping[str, float],
     measure: str,
-    draw: Callable[[Axes, str], tuple[Marks, Marks]],
+    mark: Callable[[Axes, str], tuple[Marks, Marks]],
     estimates: Sequence[str],
     against: str,
     title: str,
@@ -131,7 +119,7 @@ def _judged(
 ) -> Figure:
     """Return predictions in the unit of a measure against it, and how well each criterion ranks.
 
-    draw : draws the marks of a prediction into a panel and returns them; estimates : names of
+    mark : draws the marks of a prediction into a panel and returns them; estimates : names of
     predictions in that unit; where there are none or one, the paper's criterion and the best one
     fill up; against : what marks are in ratio to
     """
@@ -141,7 +129,7 @@ def _judged(
     figure = Figure(figsize=(TWO_COLUMNS, height))
     axes = figure.subplots(1, len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
-        x, y = draw(panel, criterion)
+        x, y = mark(panel, criterion)
         in_unit = criterion in estimates
         panel.set_title(_fit(x, y, in_unit=in_unit), fontsize=7)
         words = "predicted" if in_unit else "predicted by"
@@ -242,15 +230,8 @@ def _share_axes(panels: Sequence[Axes]) -> None:
             axis.set_major_formatter("{x:.3g}")
             axis.set_minor_formatter(NullFormatter())
         panel.plot([low, high], [low, high], color="black", linewidth=0.8, linestyle="--")
-    panels[0].annotate(
-        "equal ratios",
-        (high, high),
-        (-3, -8),
-        textcoords="offset points",
-        fontsize=6,
-        ha="right",
-        va="top",
-    )
+    words: Any = {"textcoords": "offset points", "fontsize": 6, "ha": "right", "va": "top"}
+    panels[0].annotate("equal ratios", (high, high), (-3, -8), **words)
 
 
 def _ends_of_data(panel: Axes) -> list[float]:
@@ -298,14 +279,7 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
         panel.plot([ratio.low, ratio.high], [place, place], color=style.colour, linewidth=2)
         panel.plot(ratio.value, place, style.marker, color=style.colour, markersize=4)
         words = f"{ratio.value:.3f}  {1e3 * record['time']['median_s']:.3g} ms"
-        panel.annotate(
-            words,
-            (max(ratio.high, 1.0), place),
-            (4, 0),
-            textcoords="offset points",
-            fontsize=6.5,
-            va="center",
-        )
+        panel.annotate(words, (max(ratio.high, 1.0), place), (4, 0), **BESIDE)
     panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
     panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
     panel.set_ylim(-0.6, len(pairs) - 0.4)
@@ -318,11 +292,10 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
     )
     if counted:
         _lanes_and_limit(beside[0], pairs[0][0], [value or 0.0 for value in lanes])
-    first = base
     title = f"What is fastest to draw{', and what do diagonals cost' if counted else ''}?"
     figure.suptitle(
-        f"{title} {first['scene']}, {first['resolution']} px,\n"
-        f"{first['rasteriser']} on {first['device']}",
+        f"{title} {base['scene']}, {base['resolution']} px,\n"
+        f"{base['rasteriser']} on {base['device']}",
         fontsize=8,
     )
     return figure
@@ -332,14 +305,7 @@ def _lanes_and_limit(panel: Axes, record: Record, lanes: Sequence[float]) -> Non
     """Draw lanes per pixel in the order of the times, and what of them no triangles can save."""
     panel.barh(range(len(lanes)), lanes, color=COLOURS[0], alpha=0.35, height=0.62)
     for place, value in enumerate(lanes):
-        panel.annotate(
-            f"{value:.3f}",
-            (value, place),
-            (4, 0),
-            textcoords="offset points",
-            fontsize=6.5,
-            va="center",
-        )
+        panel.annotate(f"{value:.3f}", (value, place), (4, 0), **BESIDE)
     limit = limit_of(record)
     note = ""
     if limit is not None:

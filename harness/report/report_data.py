@@ -18,6 +18,7 @@ from harness.pictures.style import looks
 from harness.report import facts, matrix_table, packing
 from harness.report.answer import answer_of_study, criteria_of
 from harness.stored import drawings
+from harness.stored.checking import FITS, USUAL_OPTIONS
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
 from harness.study import polygon_ranking
@@ -47,8 +48,9 @@ def content_of(run: Run) -> Content:
     columns = _Polygons(run, found)
     names = _triangulators(run)
     shown = figures_of(run.records)
+    names_of_scene = [run.facts.get("scene", {}).get("name"), *(r["scene"] for r in records[:1])]
     content: Content = {
-        "name": run.facts.get("scene", {}).get("name") or _scene(run.records) or run.path.name,
+        "name": next(filter(None, names_of_scene), run.path.name),
         "figures": {
             name: _described(figure)
             for name, figure in (shown | {name: find(name) for name in ESTIMATES}).items()
@@ -219,18 +221,18 @@ def _case(
 
 
 def _condition(record: Record, options: Content) -> str:
-    parts = [f"{record['resolution']} px"]
-    if record["rotation"]:
-        parts.append(f"turned {record['rotation']:g}°")
-    if record.get("fit", "box") != "box":
-        parts.append(f"fit to a {record['fit']}")
-    if options.get("samples", 1) != 1:
-        parts.append(f"{options['samples']} samples per pixel")
-    if options.get("work"):
-        parts.append(f"work {options['work']}")
-    if options.get("order", "native") != "native":
-        parts.append(f"order {options['order']}")
-    return ", ".join(parts)
+    told = {**USUAL_OPTIONS, **options, "rotation": record["rotation"]}
+    told["fit"] = record.get("fit") or FITS[0]
+    usual = {**USUAL_OPTIONS, "rotation": 0.0, "fit": FITS[0]}
+    words = {
+        "rotation": "turned {:g}°",
+        "fit": "fit to a {}",
+        "samples": "{} samples per pixel",
+        "work": "work {}",
+        "order": "order {}",
+    }
+    parts = [form.format(told[name]) for name, form in words.items() if told[name] != usual[name]]
+    return ", ".join([f"{record['resolution']} px", *parts])
 
 
 def _interest(members: Sequence[Record]) -> tuple[bool, bool, bool]:
@@ -242,15 +244,8 @@ def _interest(members: Sequence[Record]) -> tuple[bool, bool, bool]:
 
 
 def _described(figure: Figure) -> Content:
-    return {
-        "title": figure.title,
-        "label": figure.label,
-        "unit": figure.unit,
-        "percent": figure.form.endswith("%}"),
-        "kind": figure.kind,
-        "better": figure.better,
-        "description": figure.description,
-    }
+    names = ("title", "label", "unit", "kind", "better", "description")
+    return {name: getattr(figure, name) for name in names} | {"percent": "%}" in figure.form}
 
 
 def _triangulators(run: Run) -> list[str]:
@@ -258,10 +253,6 @@ def _triangulators(run: Run) -> list[str]:
     planned = run.facts.get("plan", {}).get("triangulators", [])
     seen = list(dict.fromkeys(record["triangulator"] for record in run.records))
     return [name for name in planned if name in seen] + [n for n in seen if n not in planned]
-
-
-def _scene(records: Sequence[Record]) -> str | None:
-    return records[0]["scene"] if records else None
 
 
 def _short(column: Any) -> list[float]:

@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from harness.export.export import counted_notes
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
@@ -72,8 +73,8 @@ def _write(part: Part, options: Options, place: Path, code: str, threads: int | 
     for chunk in read_chunks(
         part.path, layer=options.layer, where=options.where, size=AT_A_TIME, rows=part.rows
     ):
-        _note(counts, "dropped", chunk.cleaned.dropped)
-        _note(counts, "repaired", chunk.cleaned.repaired)
+        counts += counted_notes("dropped", chunk.cleaned.dropped)
+        counts += counted_notes("repaired", chunk.cleaned.repaired)
         notes += chunk.notes
         if len(chunk.cleaned.polygons):
             sums.add(_counted(chunk, options, threads, counts))
@@ -165,11 +166,6 @@ def total(folder: Path, keys: Iterable[str], triangulators: int) -> Sums:
     for key in keys:
         sums.add(Sums.read(folder / f"{key}.npz"))
     return sums
-
-
-def _note(counts: Counter[tuple[str, str]], kind: str, notes: list[tuple[str, str]]) -> None:
-    # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
-    counts.update((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
 
 
 def _counted(

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from harness.pictures.style import STYLE, TWO_COLUMNS, looks, plain_table, save
+from harness.pictures.style import TWO_COLUMNS, draw, looks, plain_table
 from harness.scaling.census import BINS, GAINED, MEASURES, Options, Sums
 from harness.stored import atomic
 
@@ -86,24 +85,16 @@ def write(folder: Path, sums: Sums, options: Options) -> None:
         for (x, y), values in sorted(sums.cells.items())
     ]
     _write_csv(folder / "cells.csv", cells)
-    plots = folder / "plots"
-    plots.mkdir(exist_ok=True)
-    import matplotlib
-
-    with matplotlib.rc_context(STYLE):
-        save(distribution(sums, options.triangulators), plots, "gains")
-        if sums.cells:
-            save(map_of(sums, options), plots, "map")
+    draw(folder / "plots", "gains", distribution, sums, options.triangulators)
+    if sums.cells:
+        draw(folder / "plots", "map", map_of, sums, options)
 
 
 def table(sums: Sums, triangulators: Sequence[str]) -> Table:
     """Return what a terminal shows: helper lanes, which a choice of triangulation saves."""
-    shown = plain_table(
-        f"{sums.footprints:,} footprints: helper lanes, compared with {triangulators[0]}"
-    )
-    shown.add_column("triangulator")
-    for title in ("in all", "median", "gain 10 %", "gain 30 %", "lose 1 %"):
-        shown.add_column(title, justify="right")
+    title = f"{sums.footprints:,} footprints: helper lanes, compared with {triangulators[0]}"
+    headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
+    shown = plain_table(title, "triangulator", *headings)
     for row in rows(sums, triangulators):
         if row["measure"] == "helper_lanes" and row["triangulator"] != triangulators[0]:
             shown.add_row(
@@ -176,9 +167,5 @@ def map_of(sums: Sums, options: Options) -> Figure:
 
 
 def _write_csv(file: Path, content: Sequence[dict[str, Any]]) -> None:
-    text = io.StringIO()
-    if content:
-        writer = csv.DictWriter(text, list(content[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(content)
-    atomic.write(file, text.getvalue().encode())
+    text = pd.DataFrame(content).to_csv(index=False, lineterminator="\n") if content else ""
+    atomic.write(file, text.encode())

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from harness.errors import INCONCLUSIVE, HarnessError, UsageError
+from harness.machine import system
 from harness.progress import Reporter
 from harness.scaling import worker_process
 from harness.scaling.task_queue import Answer, SchedulerLost, Task
@@ -110,7 +111,11 @@ class DaskCrew:
             number = int(local[1] or cores())
             if not 1 <= number <= 1024:
                 raise UsageError(f"--dask {where}: give 1 to 1024 workers")
-            self._cluster = self._start(number)
+            try:
+                self._start(number)
+            except KeyboardInterrupt:
+                self.close()
+                raise
         self._where = where if self._cluster is None else self._cluster.scheduler_address
         self._connect()
 
@@ -135,13 +140,13 @@ class DaskCrew:
                 self._reporter.once(f"no worker is connected to {self._where}; waiting for one")
         return self._threads
 
-    def offers(self) -> dict[str, list[str]]:
-        """Return by the workers' addresses what each offers as a resource."""
-        workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        return {
-            address: sorted(name for name, amount in worker["resources"].items() if amount >= 1)
-            for address, worker in sorted(workers.items())
-        }
+    def offers(self) -> dict[tuple[str, str], list[str]]:
+        """Return by host and resource the addresses of the workers that offer it."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for address, worker in sorted(self._client.scheduler_info(n_workers=-1)["workers"].items()):
+            for name in sorted(name for name, amount in worker["resources"].items() if amount >= 1):
+                found.setdefault((worker["host"], name), []).append(address)
+        return found
 
     @property
     def room(self) -> int:
@@ -215,9 +220,13 @@ class DaskCrew:
             self._cluster.close(timeout=5)
 
     def _start(self, number: int) -> Any:
-        with warnings.catch_warnings():
+        """Start a cluster; a signal that stops the command takes effect when it has started.
+
+        Half a cluster cannot be closed, and complains as Python ends.
+        """
+        with system.stopped_after(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that another program has the dashboard's port
-            return self._distributed.LocalCluster(
+            self._cluster = self._distributed.LocalCluster(
                 n_workers=number,
                 threads_per_worker=1,
                 dashboard_address="127.0.0.1:8787",  # which nobody else can look at
@@ -247,5 +256,5 @@ class DaskCrew:
     def _let_go(self) -> None:
         try:
             self._client.close(timeout=2)
-        except Exception:  # of a scheduler that is gone
+        except Exception:  # of a scheduler that is gone, or never was
             return

@@ -66,10 +66,8 @@ class Summary:
     def add(self, done: Done) -> None:
         """Add a part that is there."""
         self.parts_done += 1
-        self.polygons += done.polygons
-        self.vertices += done.vertices
-        self.triangles += done.triangles
-        self.proven += done.proven
+        for name in ("polygons", "vertices", "triangles", "proven"):
+            setattr(self, name, getattr(self, name) + getattr(done, name))
         self.counts += done.counted()
         self.peak_bytes = max(self.peak_bytes, done.peak_bytes or 0)
         if done.seconds is not None:
@@ -257,18 +255,10 @@ class Dataset:
         for part in self.cut.parts:
             done = self.done.get(part.key)
             if done is not None:
-                yield {
-                    "file": f"{part.key}{self.kind.suffix}",
-                    "key": part.key,
-                    "source": part.source,
-                    "rows": done.about["rows"],
-                    "polygons": done.polygons,
-                    "triangles": done.triangles,
-                    "proven": done.proven,
-                    "counts": done.counts,
-                    "seconds": done.seconds,
-                    "cpu_seconds": done.cpu_seconds,
-                }
+                name = f"{part.key}{self.kind.suffix}"
+                place = {"file": name, "key": part.key, "source": part.source}
+                told = ("polygons", "triangles", "proven", "counts", *TIMES)
+                yield {**place, "rows": done.about["rows"]} | {n: getattr(done, n) for n in told}
 
     def _tidy(self) -> None:
         """Remove what processes that were killed have left of parts that are there by now.

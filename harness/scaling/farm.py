@@ -1,22 +1,19 @@
 """One plan on many devices of many hosts: each device measures all of it; one run is made of that.
 
 A worker offers devices as Dask's resources: `dask worker ADDRESS --resources "llvmpipe=1"`. A task
-is one device and a group of cases that are timed together. It makes a run folder of its own, with
-the usual resuming; the folders are merged.
+is a run on one device, in a folder of its own, with the usual resuming; the folders are merged.
 """
 
 from __future__ import annotations
 
 import getpass
-import hashlib
 import io
-import json
 import shutil
 import socket
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +21,7 @@ from harness.compare.matching import latest
 from harness.errors import UsageError
 from harness.machine import environment, system
 from harness.measuring.plan import Plan
-from harness.measuring.run import RunResult, run
+from harness.measuring.run import RunOptions, RunResult, run
 from harness.measuring.tasks import Survey, survey
 from harness.measuring.worker import Worker
 from harness.progress import Reporter
@@ -42,133 +39,95 @@ CPU = "cpu"
 """All devices that are software share it, so that they do not disturb each other."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Cases that are timed together, on one device of one host.
-
-    workers : addresses of the workers there that offer the device
-    plan : what is to be measured, of one rasteriser, device, view and option
-    """
-
-    host: str
-    device: str
-    workers: tuple[str, ...]
-    plan: Plan
-
-    @property
-    def name(self) -> str:
-        """Name of the group's folder: the host, the device and a digest of the plan."""
-        content = json.dumps(self.plan.to_json(), sort_keys=True)
-        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
-        return f"{self.host}-{file_stem(self.device)}-{digest}"
-
-
 def measure(
     plan: Plan, out: Path, where: str, reporter: Reporter
 ) -> tuple[RunResult, dict[str, str]]:
     """Measure a plan on all devices that the workers at `where` offer, and merge what they found.
 
-    Returns the run, and the groups that were set aside with the reasons.
+    Returns the run, and the devices that were set aside, by host, with the reasons.
 
     Raises
     ------
     UsageError
         if no worker offers a device of the plan, or hosts count differently
     """
-    groups: dict[str, Group] = {}
+    offered: dict[str, tuple[str, list[str]]] = {}
 
     def place(name: str) -> dict[str, Any]:
-        if name not in groups:
-            return {"workers": [name.partition(" ")[2]], "allow_other_workers": False}
-        group = groups[name]
-        return {"workers": list(group.workers), "resources": {group.device: 1}}
+        device, workers = offered[name]
+        return {"workers": workers, "resources": {device: 1}}
 
     code = environment.code_version()
     crew = DaskCrew(where, reporter, place)
     try:
-        groups.update({group.name: group for group in _groups(plan, crew, code, reporter)})
+        for (host, device), workers in _wanted(plan, crew).items():
+            offered[f"{device} of {host}"] = device, workers
         tasks = {
-            name: (measure_group, (group.plan.to_json(), group.device, str(out), name, code))
-            for name, group in groups.items()
+            name: (measure_device, (plan.to_json(), device, str(out), code))
+            for name, (device, _) in offered.items()
         }
-        with reporter.parts("measuring", len(tasks), len(tasks), "groups") as show:
-            ended: list[str] = []
+        runs: dict[Path, str] = {}
+        with reporter.parts("measuring", len(tasks), len(tasks), "devices") as show:
 
-            def done(name: str, content: bytes) -> None:
+            def done(_: str, found: tuple[str, str, bytes]) -> None:
+                host, name, content = found
                 _unpack(content, out / HOSTS / name)
-                ended.append(name)
-                show(len(ended), len(ended))
+                runs[out / HOSTS / name] = host
+                show(len(runs), len(runs))
 
             aside = work_through(tasks, crew, done)
     finally:
         crew.close()
-    if not ended:
+    if not runs:
         raise UsageError(f"no device measured anything: {next(iter(aside.values()))}")
-    _merge(out, [groups[name] for name in ended])
+    _merge(out, runs)
     return RunResult(out, read_run(out).records, interrupted=False), aside
 
 
-def measure_group(plan: Mapping[str, Any], device: str, out: str, name: str, code: str) -> bytes:
-    """Measure a group on this host; returns its run folder as an archive."""
+def measure_device(
+    plan: Mapping[str, Any], device: str, out: str, code: str
+) -> tuple[str, str, bytes]:
+    """Measure a plan on a device of this host; returns the host, its run's name and its archive.
+
+    Raises
+    ------
+    UsageError
+        if no rasteriser of the plan has the device, or this host has other code
+    """
     require_code(code)
+    whole = Plan.from_json(plan)
+    able = [name for name in whole.rasterisers if _knows(name, device)]
+    if not able:
+        raise UsageError(f"no rasteriser of this run has the device '{device}'")
+    host = file_stem(socket.gethostname())
+    name = f"{host}-{file_stem(device)}"
     folder = Path(out) / HOSTS / name
     with _alone(device):
         resume = (folder / "run.json").exists()
-        run(Plan.from_json(plan), folder, Reporter(quiet=True), resume=resume)
-    return _packed(folder)
+        own = replace(whole, rasterisers=tuple(able), devices=(device,))
+        run(own, folder, Reporter(quiet=True), RunOptions(resume=resume))
+    return host, name, _packed(folder)
 
 
-def survey_host(rasterisers: tuple[str, ...], devices: tuple[str, ...], code: str) -> Any:
-    """Return this host's name, and for each device the rasterisers that can be used with it."""
-    require_code(code)
-    usable = []
-    for name in rasterisers:
-        with Worker(f"rasteriser {name}") as apart:
-            found: Survey = apart.call(survey, name, (), devices)
-        usable += [(device, name) for device in devices if device in found.known]
-    return socket.gethostname(), usable
+def _knows(rasteriser: str, device: str) -> bool:
+    """Whether a rasteriser, which may be a third party's, can draw on a device of this host."""
+    with Worker(f"rasteriser {rasteriser}") as apart:
+        found: Survey = apart.call(survey, rasteriser, (), (device,))
+    return device in found.known
 
 
-def _groups(plan: Plan, crew: DaskCrew, code: str, reporter: Reporter) -> list[Group]:
-    """Ask each worker that offers devices what it can do, and spell out the groups."""
+def _wanted(plan: Plan, crew: DaskCrew) -> dict[tuple[str, str], list[str]]:
+    """Return by host and device the workers that offer what the plan wants."""
     offers = crew.offers()
-    tasks = {}
-    for address, names in offers.items():
-        wanted = tuple(name for name in names if not plan.devices or name in plan.devices)
-        if wanted:
-            tasks[f"survey {address}"] = (survey_host, (plan.rasterisers, wanted, code))
-    if not tasks:
-        offered = sorted({name for names in offers.values() for name in names})
+    found = {at: who for at, who in offers.items() if not plan.devices or at[1] in plan.devices}
+    if not found:
+        offered = sorted({device for _, device in offers})
         raise UsageError(
             "no worker offers a device of this run"
             + (f" (offered: {', '.join(offered)})" if offered else "")
             + '; start workers with e.g. --resources "llvmpipe=1"'
         )
-    found: dict[tuple[str, str, str], list[str]] = {}
-
-    def done(name: str, answer: tuple[str, list[tuple[str, str]]]) -> None:
-        host, usable = answer
-        for device, rasteriser in usable:
-            key = (file_stem(host), device, rasteriser)
-            found.setdefault(key, []).append(name.partition(" ")[2])
-
-    for name, why in work_through(tasks, crew, done).items():
-        reporter.warn(f"worker {name.partition(' ')[2]} is left out: {why}")
-    if not found:
-        raise UsageError("no rasteriser of this run has a device that the workers offer")
-    return [
-        Group(
-            host,
-            device,
-            tuple(sorted(workers)),
-            replace(
-                plan, rasterisers=(name,), devices=(device,), views=(view,), options=(options,)
-            ),
-        )
-        for (host, device, name), workers in sorted(found.items())
-        for view in plan.views
-        for options in plan.options
-    ]
+    return found
 
 
 class _alone:  # noqa: N801 - used as a function
@@ -206,14 +165,12 @@ def _unpack(content: bytes, folder: Path) -> None:
         archive.extractall(folder)
 
 
-def _merge(out: Path, groups: list[Group]) -> None:
+def _merge(out: Path, runs: Mapping[Path, str]) -> None:
     """Make the run of what the hosts measured; one that is there was made of fewer of them."""
-    runs = [
-        merging.on_host(latest(read_run(out / HOSTS / group.name)), group.host) for group in groups
-    ]
+    found = [merging.on_host(latest(read_run(path)), host) for path, host in runs.items()]
     with clear_errors(out):
         for file in ("run.json", CASES):
             (out / file).unlink(missing_ok=True)
         for folder in (POLYGONS, drawings.FOLDER):
             shutil.rmtree(out / folder, ignore_errors=True)
-    merging.merge(runs, out)
+    merging.merge(found, out)

@@ -14,9 +14,7 @@ from typing import Any
 from harness.errors import UsageError
 from harness.figures import processors
 from harness.measuring.plan import Case
-from harness.rasterisers.base import Options
 from harness.stored import drawings
-from harness.stored.drawings import view_of
 from harness.stored.folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
 
 AT = "@"
@@ -53,8 +51,9 @@ def on_host(run: Run, host: str) -> Run:
         if AT in record["device"]:
             raise UsageError(f"{run.path} has devices of a host already: {record['device']}")
         renamed = {**record, "device": f"{record['device']}{AT}{host}", "host": host}
-        records.append({**renamed, "key": _case_of(renamed).key, "_key": record["key"]})
-    devices = {f"{label}{AT}{host}": device for label, device in _devices(run).items()}
+        records.append({**renamed, "key": Case.of(renamed).key, "_key": record["key"]})
+    known = run.facts.get("devices") or {}
+    devices = {f"{label}{AT}{host}": device for label, device in known.items()}
     return replace(run, records=records, facts={**run.facts, "devices": devices})
 
 
@@ -88,18 +87,6 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     return len(in_order)
 
 
-def _case_of(record: Record) -> Case:
-    return Case(
-        scene=record["scene"],
-        scene_hash=record.get("scene_hash") or "",
-        view=view_of(record),
-        triangulator=record["triangulator"],
-        rasteriser=record["rasteriser"],
-        device=record["device"],
-        options=Options(**record["options"]),
-    )
-
-
 def _name(record: Record) -> str:
     view = f"{record['resolution']} px, {record['rotation']:g} degrees"
     return f"{record['triangulator']}, {view}, {record['rasteriser']} on {record['device']}"
@@ -121,13 +108,16 @@ def _by_key(runs: Iterable[Run]) -> list[_Found]:
     for key in conflicts:
         chosen.pop(key)
     if conflicts:
-        named = sorted(conflicts.values())
-        more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
         raise UsageError(
-            f"records of one case differ: {'; '.join(named[:NAMED])}{more}; "
+            f"records of one case differ: {_first(sorted(conflicts.values()))}; "
             "if the runs are of different hosts, name these with --hosts"
         )
     return list(chosen.values())
+
+
+def _first(found: Sequence[str]) -> str:
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return "; ".join(found[:NAMED]) + more
 
 
 def _rank(found: _Found) -> tuple[int, str]:
@@ -145,7 +135,7 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
         record = each.record
         if record["status"] != "ok":
             continue
-        kind = replace(_case_of(record), device=record["device"].partition(AT)[0]).key
+        kind = replace(Case.of(record), device=record["device"].partition(AT)[0]).key
         other = first.setdefault(kind, record)
         if (record["counters"], record["triangles"]) != (other["counters"], other["triangles"]):
             names = {*record["counters"], *other["counters"]}
@@ -153,9 +143,8 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
             what = min(wrong, default="triangles")
             differing.append(f"{what} of {_name(record)} and on {other['device']}")
     if differing:
-        more = f" and {len(differing) - NAMED} more" if len(differing) > NAMED else ""
         raise UsageError(
-            f"hosts count differently: {'; '.join(differing[:NAMED])}{more}; "
+            f"hosts count differently: {_first(differing)}; "
             "see that they have the same version of raster-harness and of the driver"
         )
 
@@ -258,10 +247,6 @@ def _place(record: Record, names: Sequence[str]) -> tuple[Any, ...]:
         names.index(name) if name in names else len(names),
         record["key"],
     )
-
-
-def _devices(run: Run) -> dict[str, Any]:
-    return dict(run.facts.get("devices") or {})
 
 
 def _keep_drawings(store: Store, runs: Iterable[Run]) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import psutil
 
@@ -18,6 +18,8 @@ from harness.errors import UsageError, of_system
 from harness.machine import environment
 from harness.scaling.parts import Part
 from scenes import SceneError
+
+_code_version = cache(environment.code_version)
 
 AT_A_TIME = 12_500
 """Rows that are in memory at a time; a process has 450 MB with them."""
@@ -66,34 +68,10 @@ def about(part: Part, options: Mapping[str, Any], code: str) -> dict[str, Any]:
     }
 
 
-class Clocks(NamedTuple):
-    """Seconds by the clock, and of the cores that this process had."""
-
-    wall: float
-    cores: float
-
-    @classmethod
-    def now(cls) -> Clocks:
-        """Read both."""
-        return cls(time.perf_counter(), time.process_time())
-
-
 def lasting(done: Done) -> dict[str, Any]:
     """Return what the file says: nothing that differs from one execution to the next."""
     passing = ("seconds", "cpu_seconds", "peak_bytes")
     return {name: value for name, value in asdict(done).items() if name not in passing}
-
-
-def timed(done: Done, begun: Clocks) -> Done:
-    """Return it with what it took since `begun`, and give memory back to the system."""
-    release()
-    now = Clocks.now()
-    return replace(
-        done,
-        seconds=now.wall - begun.wall,
-        cpu_seconds=now.cores - begun.cores,
-        peak_bytes=peak(),
-    )
 
 
 def make_part(
@@ -109,7 +87,7 @@ def make_part(
     UsageError
         if the part cannot be read or the file cannot be written, or this process has other code
     """
-    begun = Clocks.now()
+    begun, used = time.perf_counter(), time.process_time()
     require_code(code)
     if (there := read(place)) is not None:
         return there
@@ -121,22 +99,19 @@ def make_part(
         if (there := read(place)) is not None:  # somebody else has made it meanwhile
             return there
         raise UsageError(of_system(error)) from error
-    return timed(done, begun)
+    release()
+    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - used
+    return replace(done, seconds=seconds, cpu_seconds=cpu_seconds, peak_bytes=peak())
 
 
 def require_code(code: str) -> None:
     """Raise UsageError if this process has other code than whoever gave the task."""
-    own = _code()
+    own = _code_version()
     if own != code:
         raise UsageError(
             f"this worker has another version of raster-harness ({own}, not {code}): "
             "install the same on all machines"
         )
-
-
-@cache
-def _code() -> str:
-    return environment.code_version()
 
 
 def release() -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from harness.errors import UsageError
 from harness.export.certified import Certified
-from harness.export.export import Report, add_parts
+from harness.export.export import Meshing, Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.polygon_sources import of_file
 from harness.export.writer import Output
@@ -58,15 +58,12 @@ def do_part(part: Part, options: Options, out: str, code: str, threads: int | No
 def _write(part: Part, options: Options, place: Path, code: str, threads: int | None) -> Done:
     report = Report(certified=Certified.of(options.triangulator) if options.certify else None)
     with Output(place, forced=True) as output:
-        writer = add_parts(
-            of_file(part.path, _reading(part, options), AT_A_TIME),
-            lambda known: GeoParquetWriter(output, known),
-            options.triangulator,
-            report,
-            parameters={"threads": threads},
-            extrude=options.extrude,
-            empty=True,
-        )
+        how = Meshing(options.triangulator, {"threads": threads}, options.extrude)
+        wanted = {"layer": options.layer, "where": options.where, "rows": part.rows}
+        given = {name: value for name, value in wanted.items() if value is not None}
+        parts = of_file(part.path, given, AT_A_TIME)
+        make = partial(GeoParquetWriter, output)
+        writer = add_parts(parts, make, how, report, empty=True)
         done = _done(part, options, code, report)
         told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
         if writer is None:
@@ -75,11 +72,6 @@ def _write(part: Part, options: Options, place: Path, code: str, threads: int | 
         writer.finish(told)
         output.publish()
     return done
-
-
-def _reading(part: Part, options: Options) -> dict[str, Any]:
-    wanted = {"layer": options.layer, "where": options.where, "rows": part.rows}
-    return {name: value for name, value in wanted.items() if value is not None}
 
 
 def _done(part: Part, options: Options, code: str, report: Report) -> Done:

@@ -66,10 +66,13 @@ def move(made: Path, place: Path, *, forced: bool = False) -> None:
 
 
 @contextmanager
-def folder(place: Path) -> Iterator[Path]:
+def folder(place: Path, *, added: bool = False) -> Iterator[Path]:
     """Give a folder of the same name to make everything in; at the end it is at `place`.
 
     What a process that was killed has left is thrown away.
+
+    added : if a folder is there already, the files are moved into it one by one, each whole, those
+        of inner folders first
 
     Raises
     ------
@@ -80,7 +83,8 @@ def folder(place: Path) -> Iterator[Path]:
     """
     if place.is_dir() and not any(place.iterdir()):
         place.rmdir()
-    if place.exists() or place.is_symlink():
+    added = added and place.is_dir()
+    if not added and (place.exists() or place.is_symlink()):
         raise UsageError(f"{place} is there already: give a folder that is not there yet")
     around = place.with_name(f".{place.name}{UNFINISHED}")
     around.mkdir(parents=True, exist_ok=True)
@@ -92,6 +96,9 @@ def folder(place: Path) -> Iterator[Path]:
         try:
             made.mkdir()
             yield made
+            if added:
+                _add(made, place)
+                return
             try:
                 made.rename(place)
             except OSError as error:
@@ -100,3 +107,12 @@ def folder(place: Path) -> Iterator[Path]:
                 raise UsageError(f"{place} is there already: another process made it") from error
         finally:
             shutil.rmtree(around, ignore_errors=True)
+
+
+def _add(made: Path, place: Path) -> None:
+    """Move all files below a folder to the same places below another; the outermost last."""
+    files = [file for file in made.rglob("*") if file.is_file()]
+    for file in sorted(files, key=lambda file: (-len(file.parts), file)):
+        target = place / file.relative_to(made)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        move(file, target)

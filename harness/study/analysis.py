@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
@@ -27,6 +28,8 @@ SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
 
 TIME = "time_work_"
 """Prefix of the columns of times, by the work a fragment does."""
+
+Values = NDArray[np.float64]
 
 KEYS = ("polygon", "resolution", "rotation", "samples", "rasteriser", "device", "triangulator")
 
@@ -73,15 +76,8 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
     rows: dict[tuple[object, ...], dict[str, object]] = {}
     for record in good:
         options = record["options"]
-        key = (
-            record["scene"],
-            record["resolution"],
-            record["rotation"],
-            options["samples"],
-            record["rasteriser"],
-            record["device"],
-            record["triangulator"],
-        )
+        told = {**record, "polygon": record["scene"], "samples": options["samples"]}
+        key = tuple(told[name] for name in KEYS)
         row = rows.setdefault(key, _predictions(record))
         counted = record["counters"]
         row |= {name: counted[name] for name in measures(counted)}
@@ -126,51 +122,53 @@ def without_twins(records: Sequence[Record]) -> list[Record]:
     return list(seen.values())
 
 
-def correlate(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the contents of correlations.csv: every criterion against every measure."""
-    rows = []
-    known = [name for name in predictors() if name in table.columns]
+def _each_measure(table: pd.DataFrame) -> Iterator[tuple[dict[str, object], pd.DataFrame, str]]:
+    """Yield (columns that say where, rows of a rasteriser and device, measure that was taken)."""
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
         for measure in measures_of(part):
-            if part[measure].notna().sum() == 0:
-                continue
-            for criterion in known:
-                estimates = _estimates(part, criterion, measure)
-                rows += [
-                    {
-                        "rasteriser": rasteriser,
-                        "device": device,
-                        "criterion": written(criterion),
-                        "measure": measure,
-                        "statistic": estimate.statistic,
-                        "value": estimate.value,
-                        "ci_low": estimate.low,
-                        "ci_high": estimate.high,
-                        "polygons": estimate.polygons,
-                    }
-                    for estimate in estimates
-                ]
-    return pd.DataFrame(rows)
+            if part[measure].notna().any():
+                where = {"rasteriser": rasteriser, "device": device, "measure": measure}
+                yield where, part, measure
+
+
+def _ends(estimate: Estimate) -> dict[str, object]:
+    return {"ci_low": estimate.low, "ci_high": estimate.high, "polygons": estimate.polygons}
+
+
+def correlate(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the contents of correlations.csv: every criterion against every measure."""
+    names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
+    rows = [
+        where
+        | {"criterion": written(criterion), "statistic": found.statistic, "value": found.value}
+        | _ends(found)
+        for where, part, measure in _each_measure(table)
+        for criterion in predictors()
+        if criterion in table.columns
+        for found in _estimates(part, criterion, measure)
+    ]
+    return pd.DataFrame(rows, columns=[*names, "ci_low", "ci_high", "polygons"])
 
 
 def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimate]:
-    views, of = _views(part, criterion, measure)
-    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
+    views, of, columns = _views(part, criterion, measure)
     triangles = [view["triangles"].to_numpy(float) for view in views]
     return [*within(columns, of), *pooled(columns, triangles)]
 
 
-def _views(part: pd.DataFrame, *known: str) -> tuple[list[pd.DataFrame], list[str]]:
-    """Return the rows of each polygon's views that know the columns, and of which polygon each."""
-    rows = part[part[list(known)].notna().all(axis=1)]
+def _views(
+    part: pd.DataFrame, criterion: str, measure: str
+) -> tuple[list[pd.DataFrame], list[str], list[tuple[Values, Values]]]:
+    """Return the rows of each polygon's views that know both, of which polygon, and both."""
+    rows = part[part[[criterion, measure]].notna().all(axis=1)]
     views = [view for _, view in rows.groupby(["polygon", "resolution", "rotation", "samples"])]
-    return views, [str(view["polygon"].iloc[0]) for view in views]
+    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
+    return views, [str(view["polygon"].iloc[0]) for view in views], columns
 
 
 def ranks(part: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
     """Return by polygon how well a criterion, a column of `part`, ranks a measure."""
-    views, of = _views(part, criterion, measure)
-    columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
+    _, of, columns = _views(part, criterion, measure)
     return pd.Series(by_polygon("spearman_within", columns, of), list(dict.fromkeys(of)), float)
 
 
@@ -186,26 +184,14 @@ def compare_all(table: pd.DataFrame) -> pd.DataFrame:
     """Return the contents of criteria_compared.csv: each two criteria, by paired differences."""
     rows = []
     known = [name for name in predictions() if name in table.columns]
-    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
-        for measure in measures_of(part):
-            ranked = {name: ranks(part, name, measure) for name in known}
-            for criterion, other in combinations(known, 2):
-                found = difference(ranked[criterion], ranked[other])
-                if found.polygons:
-                    rows.append(
-                        {
-                            "rasteriser": rasteriser,
-                            "device": device,
-                            "measure": measure,
-                            "criterion": written(criterion),
-                            "other": written(other),
-                            "difference": found.value,
-                            "ci_low": found.low,
-                            "ci_high": found.high,
-                            "polygons": found.polygons,
-                            "verdict": found.verdict,
-                        }
-                    )
+    for where, part, measure in _each_measure(table):
+        ranked = {name: ranks(part, name, measure) for name in known}
+        for one, other in combinations(known, 2):
+            found = difference(ranked[one], ranked[other])
+            if found.polygons:
+                names = {"criterion": written(one), "other": written(other)}
+                value = {"difference": found.value}
+                rows.append(where | names | value | _ends(found) | {"verdict": found.verdict})
     return pd.DataFrame(rows)
 
 

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon
 
 from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
-from harness.frame import SUBPIXEL, Frame, View, make_frame, on_grid
+from harness.frame import SUBPIXEL, Frame, View, frame_as_it_is, make_frame, on_grid
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
+from harness.stored import atomic
 from harness.study import cost_model, model_terms
 from harness.study.design import STEERED, Design
 from harness.study.subjects import choose_polygons
@@ -125,7 +125,7 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw]
     draws: list[Draw] = []
     sets: list[int] = []
     for number, polygons in enumerate(cost_model.designed_polygons(resolution, seed)):
-        frame = _frame_as_it_is(polygons, resolution)
+        frame = frame_as_it_is(resolution, *on_grid(polygons))
         for name in cost_model.CUTS:
             triangles = frame.join(bench.triangulate(parse(name, seed=seed), polygons).parts)
             if len(triangles) > 0:
@@ -134,21 +134,10 @@ def designed_draws(bench: Bench, resolution: int, seed: int) -> tuple[list[Draw]
     return draws, sets
 
 
-def _frame_as_it_is(polygons: Sequence[Polygon], resolution: int) -> Frame:
-    """Return a frame of polygons that are in px and on the grid already."""
-    points, offsets, ring_ends = on_grid(polygons)
-    source = np.arange(len(polygons), dtype=np.int64)
-    return Frame(resolution, resolution, 1.0, View(resolution), source, points, offsets, ring_ends)
-
-
 def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
     """Return (k, 9) rows of `cost_model.TERMS`, from coordinates alone."""
-    return np.array(
-        [
-            cost_model.terms(predict(frame.points / SUBPIXEL, triangles))
-            for frame, triangles in draws
-        ]
-    )
+    predicted = (predict(frame.points / SUBPIXEL, triangles) for frame, triangles in draws)
+    return np.array([cost_model.terms(figures) for figures in predicted])
 
 
 def held_out_draws(
@@ -241,7 +230,7 @@ def write(
     if not validation.good:
         file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    atomic.write(file, (json.dumps(content, indent=2) + "\n").encode())
     return file
 
 

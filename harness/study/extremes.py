@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from rich.console import Console
-from rich.table import Table
 
 from harness.figures.groups import groups, time_ratio
 from harness.figures.registry import find, measures, predictions
-from harness.pictures.style import COLOURS, draw
+from harness.pictures.style import COLOURS, draw, plain_table
 from harness.stored.folder import Record
-from harness.study.analysis import label, without_twins
+from harness.study.analysis import TIME, label, without_twins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,17 +71,9 @@ def _rows(good: Sequence[Record], criterion: str) -> list[dict[str, Any]]:
             ratio = _over(worst, best, "counters", measure)
             if ratio is not None:
                 rows.append({**shared, "measure": measure, "ratio": ratio})
-        timed = time_ratio(worst, best)
-        if timed is not None:
-            rows.append(
-                {
-                    **shared,
-                    "measure": f"time_work_{best['options']['work']}",
-                    "ratio": timed.value,
-                    "ratio_low": timed.low,
-                    "ratio_high": timed.high,
-                }
-            )
+        if (timed := time_ratio(worst, best)) is not None:
+            span = {"ratio": timed.value, "ratio_low": timed.low, "ratio_high": timed.high}
+            rows.append(shared | {"measure": f"{TIME}{best['options']['work']}"} | span)
     return rows
 
 
@@ -106,20 +97,22 @@ def print_claim(table: pd.DataFrame, criterion: str, console: Console) -> None:
     for among, rows in part.groupby("among", sort=False):
         predicted = rows.drop_duplicates("scene")["predicted_ratio"].median()
         word = ", with T-junctions," if among == "all" else ""
-        console.print(
-            f"worst triangulation by {criterion}{word} in ratio to the best: predicted "
-            f"{predicted:.2f}, measured:",
-            style="italic",
-            highlight=False,
-        )
-        shown = Table(box=None, pad_edge=False, header_style="bold")
-        for heading in ("rasteriser", "device", "measure"):
-            shown.add_column(heading)
-        shown.add_column("ratio", justify="right")
+        title = f"worst triangulation by {criterion}{word} in ratio to the best: predicted "
+        title += f"{predicted:.2f}, measured:"
+        shown = plain_table(title, "rasteriser", "device", "measure", ">ratio")
         for names, ratios in rows.groupby(["rasteriser", "device", "measure"], sort=False)["ratio"]:
             rasteriser, device, measure = (str(name) for name in names)
             shown.add_row(rasteriser, device, label(measure), f"{ratios.median():.3f}")
         console.print(shown)
+
+
+def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
+    """Write extremes.csv into `folder`, and the plots where there is one polygon; returns it."""
+    table = extremes_table(records)
+    table.to_csv(folder / "extremes.csv", index=False, float_format="%.6g")
+    if table["scene"].nunique() == 1:
+        plot_polygon(records, folder / "plots")
+    return table
 
 
 def plot_polygon(records: Sequence[Record], folder: Path) -> list[Path]:

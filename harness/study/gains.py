@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -56,15 +56,9 @@ def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | 
         return None
     lanes = [find("helper_lanes")(entry) for entry in (record, base)]
     return {
-        "scene": record["scene"],
-        "rasteriser": record["rasteriser"],
-        "device": record["device"],
-        "resolution": record["resolution"],
-        "rotation": record["rotation"],
-        "fit": record["fit"],
-        "work": record["options"]["work"],
-        "samples": record["options"]["samples"],
-        "order": record["options"]["order"],
+        **{each: record[each] for each in ("scene", "rasteriser", "device")},
+        **{each: record[each] for each in ("resolution", "rotation", "fit")},
+        **{each: record["options"][each] for each in ("work", "samples", "order")},
         "triangulator": record["triangulator"],
         "base": name,
         "time_ratio": ratio.value,
@@ -142,22 +136,10 @@ def _figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
         if name == base:
             continue
         line = line.sort_values(axis)
-        axes.plot(
-            line[axis],
-            line["time_ratio"],
-            color=shown[str(name)].colour,
-            marker=shown[str(name)].marker,
-            markersize=3,
-            label=str(name),
-        )
-        axes.fill_between(
-            line[axis],
-            line["time_ratio_low"],
-            line["time_ratio_high"],
-            color=shown[str(name)].colour,
-            alpha=0.2,
-            linewidth=0,
-        )
+        look, ends = shown[str(name)], (line["time_ratio_low"], line["time_ratio_high"])
+        style: Any = {"color": look.colour, "marker": look.marker, "markersize": 3}
+        axes.plot(line[axis], line["time_ratio"], label=str(name), **style)
+        axes.fill_between(line[axis], *ends, color=look.colour, alpha=0.2, linewidth=0)
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
     if axis == "resolution":
         axes.set_xscale("log", base=2)

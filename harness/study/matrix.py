@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER = "overdraw"
+
+CENTRED: Any = {"ha": "center", "va": "center", "fontsize": 6}
 
 OVER_RESOLUTION = ("expected_quads", "half_perimeter", "edge_length", "overdraw", "shape")
 """Criteria whose correlations are drawn over the resolution; more would hide each other."""
@@ -35,10 +38,9 @@ def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         measures = list(dict.fromkeys(part["measure"]))
-        table = plain_table(f"rank correlation within polygons: {rasteriser} on {device}")
-        table.add_column("criterion", no_wrap=True)
-        for measure in measures:
-            table.add_column(label(measure), justify="right")
+        title = f"rank correlation within polygons: {rasteriser} on {device}"
+        headings = (f">{label(measure)}" for measure in measures)
+        table = plain_table(title, "criterion", *headings)
         for criterion in dict.fromkeys(part["criterion"]):
             row = part[part["criterion"] == criterion].set_index("measure")["value"]
             cells = [row.get(measure, np.nan) for measure in measures]
@@ -46,31 +48,28 @@ def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
         console.print(table)
 
 
-def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw each device's matrix and scatter plots into `folder`/plots."""
-    plots = folder / "plots"
+def plot_study(
+    correlations: pd.DataFrame, sizes: pd.DataFrame, table: pd.DataFrame, folder: Path
+) -> list[Path]:
+    """Draw each device's matrix and scatter plots into `folder`/plots.
+
+    sizes : what `analysis.by_resolution` gives: how criteria's rank correlations depend on the
+        resolution; a panel for the main counter and one for each time
+    """
     files = []
+    by_size = {} if sizes.empty else select(sizes, "spearman_within")
     for (rasteriser, device), part in select(correlations, "spearman_within").items():
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         title, name = f"{rasteriser} on {device}", f"{rasteriser}-{device}"
-        files += draw(plots, f"matrix-{name}", _heatmap, part, title)
-        files += draw(plots, f"predicted-vs-measured-{name}", _scatter, rows, part, title)
-    return files
-
-
-def plot_sizes(sizes: pd.DataFrame, folder: Path) -> list[Path]:
-    """Draw how the criteria's rank correlations depend on the resolution, one figure per device.
-
-    sizes : what `analysis.by_resolution` gives; one panel for helper lanes and one for each time
-    """
-    files: list[Path] = []
-    if sizes.empty:
-        return files
-    for (rasteriser, device), part in select(sizes, "spearman_within").items():
-        wanted = _main(list(dict.fromkeys(part["measure"])))
-        name = f"criteria-over-resolution-{rasteriser}-{device}"
-        title = f"{rasteriser} on {device}"
-        files += draw(folder / "plots", name, _lines, part, wanted, title)
+        figures: list[tuple[str, Callable[..., Figure | None], tuple[Any, ...]]] = [
+            ("matrix", _heatmap, (part,)),
+            ("predicted-vs-measured", _scatter, (rows, part)),
+        ]
+        if (own := by_size.get((rasteriser, device))) is not None:
+            wanted = _main(list(dict.fromkeys(own["measure"])))
+            figures.append(("criteria-over-resolution", _lines, (own, wanted)))
+        for kind, make, content in figures:
+            files += draw(folder / "plots", f"{kind}-{name}", make, *content, title)
     return files
 
 
@@ -87,19 +86,16 @@ def _lines(part: pd.DataFrame, measures: list[str], title: str) -> Figure | None
             line = part[known & (part["measure"] == measure)]
             # Beside each other, so that intervals can be told apart.
             aside = 1 + 0.03 * (index - len(OVER_RESOLUTION) // 2)
+            below, above = line["value"] - line["ci_low"], line["ci_high"] - line["value"]
+            style: Any = {"markersize": 4, "linewidth": 1, "elinewidth": 0.7}
             axes.errorbar(
                 line["resolution"] * aside,
                 line["value"],
-                yerr=[
-                    (line["value"] - line["ci_low"]).fillna(0.0),
-                    (line["ci_high"] - line["value"]).fillna(0.0),
-                ],
+                yerr=[below.fillna(0.0), above.fillna(0.0)],
                 color=look_of(index).colour,
                 marker=look_of(index).marker,
-                markersize=4,
-                linewidth=1,
-                elinewidth=0.7,
                 label=predictors()[criterion],
+                **style,
             )
         axes.set_xscale("log", base=2)
         axes.xaxis.set_major_formatter("{x:g}")
@@ -141,20 +137,13 @@ def _heatmap(part: pd.DataFrame, title: str) -> Figure:
 def _annotate(axes: Axes, row: int, column: int, cell: Any) -> None:
     value = float(cell["value"])
     if np.isnan(value):
-        axes.text(column, row, "constant", ha="center", va="center", fontsize=6, color="#777777")
+        axes.text(column, row, "constant", color="#777777", **CENTRED)
         return
     dark = abs(value) < 0.6
     told = not np.isnan(cell["ci_low"])
     interval = f"\n{cell['ci_low']:.2f} to {cell['ci_high']:.2f}" if told else ""
-    axes.text(
-        column,
-        row,
-        f"{value:.3f}{interval}",
-        ha="center",
-        va="center",
-        fontsize=6,
-        color="white" if dark else "black",
-    )
+    colour = "white" if dark else "black"
+    axes.text(column, row, f"{value:.3f}{interval}", color=colour, **CENTRED)
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | None:
@@ -180,13 +169,8 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure | Non
             panel.set_xlabel(f"predicted by {predictors()[criterion]}, over median")
             panel.set_ylabel(f"measured {label(measure)},\nover median")
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(
-        handles[::-1],
-        labels[::-1],
-        loc="outside lower center",
-        ncols=2 * len(measures),
-        markerscale=2,
-    )
+    look: Any = {"loc": "outside lower center", "ncols": 2 * len(measures), "markerscale": 2}
+    figure.legend(handles[::-1], labels[::-1], **look)
     figure.suptitle(
         f"How well do the paper's A and the best criterion predict? {title}\n"
         "one mark per triangulation, over its polygon's median; dashed: as predicted",

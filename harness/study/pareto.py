@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.figures.groups import groups, time_ratio
 from harness.figures.polygons import PREDICTED, columns_of
+from harness.figures.ratios import Ratio
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.stored.folder import Record, Run
@@ -91,11 +92,6 @@ class MeasuredFront:
     everything: NDArray[np.float64] | None = None
 
 
-def label_of(scene: str, polygon: int) -> str:
-    """Return what records call one polygon of a scene."""
-    return f"{scene}#{polygon}"
-
-
 def named() -> tuple[str, ...]:
     """Return those of `NAMED` that are installed."""
     return tuple(name for name in NAMED if registry.parse(name).entry.available() is None)
@@ -124,7 +120,7 @@ def take_apart(
                 continue
             points = tuple(f"pareto#{k}" for k in front.chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
-            name = label_of(label, number)
+            name = f"{label}#{number}"
             parts.append(Part(name, part, parse_all((*points, *named(), *sweep))))
             fronts[name] = front
     if not alone:
@@ -154,9 +150,9 @@ def _front(number: int, scene: Scene, view: View) -> MeasuredFront | None:
 def front_table(fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     """Return the contents of fronts.csv: one row per point, measured or not."""
     rows = [
-        {"polygon": front.polygon, "k": k, "overdraw": a, "shape": d, "measured": k in front.chosen}
+        (front.polygon, k, *cost, k in front.chosen)
         for front in fronts.values()
-        for k, (a, d) in enumerate(front.costs.tolist())
+        for k, cost in enumerate(front.costs.tolist())
     ]
     return pd.DataFrame(rows, columns=["polygon", "k", "overdraw", "shape", "measured"])
 
@@ -189,29 +185,23 @@ def least_overdraw_end(records: Sequence[Record]) -> Record | None:
 def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
     name = record["triangulator"]
     ratio = time_ratio(record, base)
-    overdraw, shape = _normalised(run, record, base)
-    counters = record["counters"]
     return {
         "polygon": WHOLE if front is None else str(front.polygon),
         "kind": _kind(name),
         "triangulator": name,
         **_weights(name),
-        "overdraw": record["predicted"]["overdraw"],
-        "shape": record["predicted"]["shape"],
-        "half_perimeter": record["predicted"]["half_perimeter"],
+        **{which: record["predicted"][which] for which in ("overdraw", "shape", "half_perimeter")},
         "same_as_end": same(record, base),
-        "overdraw_over_area": overdraw,
-        "shape_a_triangle": shape,
-        "helper_lanes": counters.get("helper_lanes"),
-        "bbox_tests": counters.get("bbox_tests"),
-        "rasteriser": record["rasteriser"],
-        "device": record["device"],
-        "resolution": record["resolution"],
-        "time_ratio": None if ratio is None else ratio.value,
-        "ci_low": None if ratio is None else ratio.low,
-        "ci_high": None if ratio is None else ratio.high,
-        "verdict": None if ratio is None else ratio.verdict,
+        **dict(zip(NORMALISED, _normalised(run, record, base), strict=True)),
+        **{which: record["counters"].get(which) for which in ("helper_lanes", "bbox_tests")},
+        **{which: record[which] for which in ("rasteriser", "device", "resolution")},
+        **_of_ratio(ratio),
     }
+
+
+def _of_ratio(ratio: Ratio | None) -> dict[str, object]:
+    columns = {"time_ratio": "value", "ci_low": "low", "ci_high": "high", "verdict": "verdict"}
+    return {name: None if ratio is None else getattr(ratio, of) for name, of in columns.items()}
 
 
 def same(record: Record, base: Record) -> bool:

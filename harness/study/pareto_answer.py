@@ -32,43 +32,30 @@ def points(part: pd.DataFrame) -> pd.DataFrame:
     return chosen.sort_values("overdraw_over_area", kind="stable")
 
 
-def others(part: pd.DataFrame) -> pd.DataFrame:
-    """Return the points that were timed against the least-A end and are not that triangulation."""
-    return _other(points(part))
-
-
-def _other(rows: pd.DataFrame) -> pd.DataFrame:
+def others(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return what was timed against the least-A end and is not that triangulation."""
     return rows[~rows["same_as_end"]].dropna(subset=["time_ratio"])
 
 
 def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """Print a row for each polygon, rasteriser and device."""
     title = f"{scene}: time in ratio to the least-A end of the front of A and D"
-    shown = plain_table(title, padding=(0, 1, 0, 0))
-    shown.add_column("polygon")
-    shown.add_column("rasteriser")
-    for heading in ("points", "slower", "faster", "best"):
-        shown.add_column(heading, justify="right")
-    shown.add_column("fastest of all")
+    headings = ("polygon", "rasteriser", ">points", ">slower", ">faster", ">best", "fastest of all")
+    shown = plain_table(title, *headings, padding=(0, 1, 0, 0))
     for (polygon, rasteriser, _), part in subjects(table):
-        rows = others(part)
+        rows = others(points(part))
         verdicts = rows["verdict"].value_counts()
+        every = others(part).sort_values("time_ratio").head(1)
+        fastest = [f"{r.time_ratio:.3f} {r.triangulator}" for r in every.itertuples()]
         shown.add_row(
             polygon,
             rasteriser,
             str(len(rows) + 1),
             *(str(verdicts.get(name, 0)) for name in (SLOWER, FASTER)),
             "-" if rows.empty else f"{rows['time_ratio'].min():.3f}",
-            _fastest(_other(part)),
+            *(fastest or ["-"]),
         )
     console.print(shown)
-
-
-def _fastest(rows: pd.DataFrame) -> str:
-    if rows.empty:
-        return "-"
-    best = rows.sort_values("time_ratio").iloc[0]
-    return f"{best['time_ratio']:.3f} {best['triangulator']}"
 
 
 def sentences(table: pd.DataFrame) -> list[str]:
@@ -91,7 +78,7 @@ def _about(subjects_: list[pd.DataFrame], *, whole: bool) -> str:
         where = _count(len(subjects_), "polygon", "polygons")
         noun = ("point of the front", "points of the fronts")
     notes = []
-    single = sum(len(others(rows)) == 0 for rows in subjects_)
+    single = sum(others(points(rows)).empty for rows in subjects_)
     if single:
         of_them = "" if len(subjects_) == 1 else f" on {single} of them"
         notes.append(f"A and D agree{of_them}, so that the front is one point")
@@ -104,8 +91,9 @@ def _about(subjects_: list[pd.DataFrame], *, whole: bool) -> str:
 
 def _with_distance(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a subject's compared points with `more`: how much greater A is than at the end."""
-    least = float(points(rows)["overdraw"].iloc[0])
-    found = others(rows)
+    front = points(rows)
+    least = float(front["overdraw"].iloc[0])
+    found = others(front)
     return found.assign(more=found["overdraw"] / least - 1)
 
 
@@ -180,7 +168,9 @@ def remarks(records: Sequence[Record], fronts: Mapping[str, MeasuredFront]) -> l
         "were measured, at even steps with both ends"
         for front in long
     ]
-    most = {r["scene"]: max(o["polygons"] for o in _ok(records, r["scene"])) for r in _ok(records)}
+    most: dict[str, int] = {}
+    for record in (record for record in records if record["status"] == "ok"):
+        most[record["scene"]] = max(most.get(record["scene"], 0), record["polygons"])
     partial = [
         record["triangulator"]
         for record in records
@@ -188,13 +178,6 @@ def remarks(records: Sequence[Record], fronts: Mapping[str, MeasuredFront]) -> l
         or (record["status"] == "ok" and record["polygons"] < most[record["scene"]])
     ]
     if partial:
-        said.append(f"cannot do every polygon, and left some out: {', '.join(_once(partial))}")
+        names = ", ".join(dict.fromkeys(partial))
+        said.append(f"cannot do every polygon, and left some out: {names}")
     return said
-
-
-def _ok(records: Sequence[Record], scene: str | None = None) -> list[Record]:
-    return [r for r in records if r["status"] == "ok" and scene in (None, r["scene"])]
-
-
-def _once(names: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(names))

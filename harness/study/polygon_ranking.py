@@ -19,8 +19,9 @@ from shapely import Polygon
 
 from harness.figures.registry import predictions
 from harness.frame import SUBPIXEL, View
+from harness.measuring.worker import Worker
 from harness.rasterisers.reference import Reference, predict
-from harness.stored import drawings
+from harness.stored import atomic, drawings
 from harness.stored.folder import Run
 from harness.study.analysis import SAME
 from harness.study.statistics import Estimate, median_within
@@ -49,11 +50,14 @@ def write(run: Run) -> Path | None:
     for record in run.records:
         view = drawings.view_of(record)
         if record["status"] == "ok" and (kept := drawings.read(run, view)) is not None:
-            table = _table(kept, view)
-            if table.empty:
+            with Worker("the criteria's judge") as worker:
+                rows = worker.call(_rows, kept, view)
+            if not rows:
                 return None
+            # Two names for one triangulation must not count twice.
+            table = pd.DataFrame(rows).drop_duplicates(["polygon", *SAME, *MEASURES])
             file = run.path / FILE
-            table.to_csv(file, index=False, float_format="%.9g")
+            atomic.write(file, table.to_csv(index=False, float_format="%.9g").encode())
             return file
     return None
 
@@ -88,14 +92,14 @@ def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
     return {name: each for name, each in found.items() if np.isfinite(each.value)}
 
 
-def _table(kept: drawings.Geometry, view: View) -> pd.DataFrame:
+def _rows(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
+    """Return each triangulation's criteria and counts; this needs compiled code."""
     rows = []
     for number, points in _chosen(kept):
-        own = []
         for name, triangles in _triangulations(Polygon(points / SUBPIXEL)):
             counts = predict(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)
-            own.append(
+            rows.append(
                 {
                     "polygon": number,
                     "resolution": view.resolution,
@@ -106,9 +110,7 @@ def _table(kept: drawings.Geometry, view: View) -> pd.DataFrame:
                     **{name: int(counts[name].sum()) for name in MEASURES},
                 }
             )
-        # Two names for one triangulation must not count twice.
-        rows.append(pd.DataFrame(own).drop_duplicates([*SAME, *MEASURES]))
-    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
+    return rows
 
 
 def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:

@@ -180,11 +180,12 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
-    """Write regret.csv and regret_by_polygon.csv into `folder`; returns the first."""
+    """Write regret.csv, regret_by_polygon.csv and their plots into `folder`; returns the first."""
     table = regret_table(records)
     summary = summarise(table)
     table.to_csv(folder / "regret_by_polygon.csv", index=False, float_format="%.6g")
     summary.to_csv(folder / "regret.csv", index=False, float_format="%.6g")
+    plot_regret(summary, folder)
     return summary
 
 
@@ -200,10 +201,8 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
     wanted = summary[summary["kind"] == "criterion"]
     for (rasteriser, device, resolution, *_), part in wanted.groupby(list(VIEW), sort=False):
         shown = main_measures(list(dict.fromkeys(part["measure"])))
-        table = plain_table(f"regret, by criterion: {rasteriser} on {device}, {resolution} px")
-        table.add_column("criterion", no_wrap=True)
-        for measure in shown:
-            table.add_column(label(measure), justify="right")
+        title = f"regret, by criterion: {rasteriser} on {device}, {resolution} px"
+        table = plain_table(title, "criterion", *(f">{label(measure)}" for measure in shown))
         cells = part.set_index(["name", "measure"])
         for name in dict.fromkeys(part["name"]):
             row = [
@@ -250,11 +249,8 @@ def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
     for panel, measure in zip(row, shown, strict=True):
         _panel(panel, part[part["measure"] == measure], names)
         panel.set_xlabel(f"{label(measure)}\nabove the best there is")
-    row[0].set_yticks(
-        range(len(names)),
-        [find(name).title if kind == "criterion" else name for kind, name in names],
-        fontsize=6.5,
-    )
+    titles = [find(name).title if kind == "criterion" else name for kind, name in names]
+    row[0].set_yticks(range(len(names)), titles, fontsize=6.5)
     handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2)
     known = float(first["least_known"].mean()) if len(first) else 0.0
@@ -273,27 +269,15 @@ def _panel(panel: Axes, rows: pd.DataFrame, names: Sequence[tuple[str, str]]) ->
         ("criterion", COLOURS[0], "o", "the triangulation that a criterion calls best"),
         ("triangulator", COLOURS[1], "s", "a triangulator"),
     ):
-        drawn = np.array([key in place for key in _pairs(rows)], np.bool_)
-        own = rows[(rows["kind"] == kind) & drawn]
-        y = [place[key] for key in _pairs(own)]
+        pairs = list(zip(rows["kind"], rows["name"], strict=True))
+        own = rows[(rows["kind"] == kind) & np.array([pair in place for pair in pairs], np.bool_)]
+        y = [place[kind, name] for name in own["name"]]
         # A line of no length where the polygons tell no interval.
         low = (own["mean"] - own["ci_low"]).clip(lower=0.0).fillna(0.0)
         high = (own["ci_high"] - own["mean"]).clip(lower=0.0).fillna(0.0)
-        panel.errorbar(
-            own["mean"],
-            y,
-            xerr=[low, high],
-            fmt=marker,
-            color=colour,
-            markersize=3.5,
-            elinewidth=1,
-            label=words,
-        )
+        style: Any = {"fmt": marker, "color": colour, "markersize": 3.5, "elinewidth": 1}
+        panel.errorbar(own["mean"], y, xerr=[low, high], label=words, **style)
     panel.set_xscale("symlog", linthresh=0.001)
     panel.xaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
     panel.tick_params(axis="x", labelsize=6)
     panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
-
-
-def _pairs(rows: pd.DataFrame) -> list[tuple[str, str]]:
-    return list(zip(rows["kind"], rows["name"], strict=True))

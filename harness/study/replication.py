@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,7 +60,7 @@ class Figure:
     value: float
     low: float
     high: float
-    holds: bool
+    holds: bool = True
     percent: bool = False
     beside: str = ""
     few: bool = False
@@ -77,6 +78,10 @@ class Figure:
         point = np.isnan(self.low) or self.low == self.high
         return (value if point else f"{value} ({low} to {high})") + self.beside
 
+    def provided(self, holds: Callable[[Figure], bool]) -> Figure:
+        """Return the figure of a claim that holds where `holds` says so."""
+        return replace(self, holds=bool(holds(self)))
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -91,35 +96,48 @@ class Claim:
     check: Callable[[Evidence], Figure | None]
 
 
-def _correlation(
-    table: pd.DataFrame, criterion: str, measure: str, walker: bool = False
-) -> Figure | None:
-    """Return a rank correlation within polygons, on OpenGL or on the walker of bounding boxes."""
+def _row(table: pd.DataFrame, *, walker: bool = False, **where: str) -> pd.Series[Any] | None:
+    """Return the row with these values, of the largest view, on OpenGL or the walker of boxes.
+
+    The CPU reference counts what OpenGL counts, and stands in where there is none.
+    """
     if table.empty:
         return None
-    rows = table[
-        (table["statistic"] == "spearman_within")
-        & (table["criterion"] == criterion)
-        & (table["measure"] == measure)
-        & ((table["rasteriser"] == BOX_WALKER) == walker)
-    ]
-    # The CPU reference counts what OpenGL counts, and stands in where there is none.
-    rows = rows[rows["value"].notna()].sort_values(
-        "rasteriser", key=lambda names: names.isin(["reference"]), kind="stable"
-    )
-    if rows.empty:
+    for name, value in where.items():
+        table = table[table[name] == value]
+    rows = table[(table["rasteriser"] == BOX_WALKER) == walker]
+    if "resolution" in rows:
+        rows = rows[rows["resolution"] == rows["resolution"].max()]
+    rows = rows.sort_values("rasteriser", key=lambda n: n == "reference", kind="stable")
+    return None if rows.empty else rows.iloc[0]
+
+
+def _figure(row: pd.Series[Any] | None, *names: str, **more: Any) -> Figure | None:
+    """Return a row's figure: value, low and high are its columns `names`."""
+    if row is None:
         return None
-    row = rows.iloc[0]
-    ends = float(row["value"]), float(row["ci_low"]), float(row["ci_high"])
-    return Figure(*ends, holds=True, few=row["polygons"] < FEWEST)
+    few = row.get("polygons", FEWEST) < FEWEST
+    value, low, high = (float(row[name]) for name in names)
+    return Figure(value, low, high, few=bool(few), **more)
+
+
+def _correlation(
+    evidence: Evidence, criterion: str, measure: str, *, walker: bool = False
+) -> Figure | None:
+    """Return a rank correlation within polygons."""
+    table = evidence.correlations
+    if not table.empty:
+        table = table[(table["statistic"] == "spearman_within") & table["value"].notna()]
+    row = _row(table, walker=walker, criterion=criterion, measure=measure)
+    return _figure(row, "value", "ci_low", "ci_high")
 
 
 def _at_least(
-    criterion: str, measure: str, least: float, walker: bool = False
+    criterion: str, measure: str, least: float, *, walker: bool = False
 ) -> Callable[[Evidence], Figure | None]:
     def check(evidence: Evidence) -> Figure | None:
-        found = _correlation(evidence.correlations, criterion, measure, walker)
-        return None if found is None else replace(found, holds=found.value >= least)
+        found = _correlation(evidence, criterion, measure, walker=walker)
+        return found and found.provided(lambda figure: figure.value >= least)
 
     return check
 
@@ -128,8 +146,7 @@ def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Fig
     """Check that a criterion ranks better than another, by differences within each polygon."""
 
     def check(evidence: Evidence) -> Figure | None:
-        one = _correlation(evidence.correlations, criterion, measure)
-        two = _correlation(evidence.correlations, other, measure)
+        one, two = (_correlation(evidence, name, measure) for name in (criterion, other))
         if one is None or two is None:
             return None
         beside = f", {find(other).symbol} {two.written}"
@@ -144,45 +161,30 @@ def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Fig
 
 def _difference(table: pd.DataFrame, criterion: str, other: str, measure: str) -> Figure | None:
     """Return how much better a criterion ranks than another, of the pair as either is named."""
-    for first, second, sign in ((criterion, other, 1.0), (other, criterion, -1.0)):
-        if table.empty:
-            continue
-        rows = table[(table["criterion"] == first) & (table["other"] == second)]
-        rows = rows[(rows["measure"] == measure) & (rows["rasteriser"] != BOX_WALKER)]
-        rows = rows.sort_values(
-            "rasteriser", key=lambda names: names.isin(["reference"]), kind="stable"
-        )
-        if len(rows):
-            row = rows.iloc[0]
-            low, high = sorted(sign * float(row[name]) for name in ("ci_low", "ci_high"))
-            few = row["polygons"] < FEWEST
-            return Figure(sign * float(row["difference"]), low, high, holds=low > 0, few=few)
-    return None
+    names = ("difference", "ci_low", "ci_high")
+    found = _figure(_row(table, measure=measure, criterion=criterion, other=other), *names)
+    if found is not None:
+        return found
+    turned = _figure(_row(table, measure=measure, criterion=other, other=criterion), *names)
+    return turned and replace(turned, value=-turned.value, low=-turned.high, high=-turned.low)
 
 
 def _shape_is_last(evidence: Evidence) -> Figure | None:
-    found = {name: _correlation(evidence.correlations, name, "helper_lanes") for name in RANKED}
+    found = {name: _correlation(evidence, name, "helper_lanes") for name in RANKED}
     values = {name: each.value for name, each in found.items() if each is not None}
     shape = found["shape"]
     if shape is None or len(values) < len(RANKED):
         return None
-    return replace(shape, holds=min(values, key=values.__getitem__) == "shape")
+    return shape.provided(lambda _: min(values, key=values.__getitem__) == "shape")
 
 
-def _faster(table_name: str, base: str) -> Callable[[Evidence], Figure | None]:
+def _faster(table: str, base: str) -> Callable[[Evidence], Figure | None]:
     """Check that the best for H is drawn faster than `base` in the largest view."""
 
     def check(evidence: Evidence) -> Figure | None:
-        table: pd.DataFrame = getattr(evidence, table_name)
-        if table.empty:
-            return None
-        rows = table[(table["triangulator"] == BEST) & (table["base"] == base)]
-        rows = rows[rows["rasteriser"] != BOX_WALKER]
-        if rows.empty:
-            return None
-        row = rows.sort_values("resolution").iloc[-1]
-        value, low, high = (float(row[f"time_ratio{end}"]) for end in ("", "_low", "_high"))
-        return Figure(value, low, high, holds=high < 1)
+        row = _row(getattr(evidence, table), triangulator=BEST, base=base)
+        found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
+        return found and found.provided(lambda figure: figure.high < 1)
 
     return check
 
@@ -191,24 +193,18 @@ def _regret(criterion: str, measure: str, most: float) -> Callable[[Evidence], F
     """Check that trusting a criterion costs at most a share `most`, in the largest view."""
 
     def check(evidence: Evidence) -> Figure | None:
-        table = evidence.regret
-        if table.empty:
+        row = _row(evidence.regret, kind="criterion", name=criterion, measure=measure)
+        found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
+        if found is None or row is None:
             return None
-        rows = table[(table["kind"] == "criterion") & (table["name"] == criterion)]
-        rows = rows[(rows["measure"] == measure) & (rows["rasteriser"] != BOX_WALKER)]
-        if rows.empty:
-            return None
-        row = rows.sort_values("resolution").iloc[-1]
-        figures = (float(row["mean"]), float(row["ci_low"]), float(row["ci_high"]))
-        few = row["polygons"] < FEWEST
         # Where all lose the same, the most that any lost has to do.
-        least_known = row["worst"] if np.isnan(figures[2]) else figures[2]
-        return Figure(*figures, holds=least_known <= most, percent=True, few=few)
+        least_known = float(row["worst"]) if np.isnan(found.high) else found.high
+        return found.provided(lambda _: least_known <= most)
 
     return check
 
 
-def _turned(triangulator: str, most: float) -> Callable[[Evidence], Figure | None]:
+def _turned(triangulator: str, holds: Callable[[Figure], bool]) -> Callable[..., Figure | None]:
     """Check the helper lanes of what was triangulated once, over ear clipping's, at the worst."""
 
     def check(evidence: Evidence) -> Figure | None:
@@ -218,10 +214,8 @@ def _turned(triangulator: str, most: float) -> Callable[[Evidence], Figure | Non
         rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
         rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
         ratios = rows["helper_lanes_ratio"].dropna()
-        if ratios.empty:
-            return None
         worst = float(ratios.max())
-        return Figure(worst, worst, worst, holds=worst <= most)
+        return None if ratios.empty else Figure(worst, worst, worst).provided(holds)
 
     return check
 
@@ -276,18 +270,14 @@ CLAIMS = (
         "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
         " or less",
         "0.92 at the worst angle (city, 512 px)",
-        _turned(BEST, 0.95),
+        _turned(BEST, lambda worst: worst.value <= 0.95),
     ),
     Claim(
         "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
         "0.99 at the worst angle (city, 512 px)",
-        lambda evidence: _inverted(_turned("optimal:overdraw", 0.95)(evidence)),
+        _turned("optimal:overdraw", lambda worst: worst.value > 0.95),
     ),
 )
-
-
-def _inverted(found: Figure | None) -> Figure | None:
-    return None if found is None else replace(found, holds=not found.holds)
 
 
 def judge(evidence: Evidence) -> list[tuple[Claim, Figure | None]]:

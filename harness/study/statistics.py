@@ -13,15 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
 
+from harness.figures.correlation import Column, ranks, spearman
 from harness.figures.intervals import UNKNOWN, mean_interval, median_over
 
 FEWEST = 5
 """Different triangulations a polygon must have for a correlation within it."""
-
-Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,13 +46,10 @@ class Estimate:
 ABOVE, BELOW, NOT_SHOWN, TOO_FEW = "better", "worse", "no difference shown", "too few"
 
 
-def spearman(x: Column, y: Column) -> float:
-    """Return Spearman's rank correlation; NaN where either column is constant."""
-    return float(stats.spearmanr(x, y).statistic) if _vary(x, y) else float("nan")
-
-
 def kendall(x: Column, y: Column) -> float:
     """Return Kendall's tau-b; NaN where either column is constant."""
+    from scipy import stats
+
     return float(stats.kendalltau(x, y).statistic) if _vary(x, y) else float("nan")
 
 
@@ -67,15 +61,17 @@ def log_slope(x: Column, y: Column) -> float:
     fits = (x > 0) & (y > 0)
     if not _vary(x[fits], y[fits]):
         return float("nan")
+    from scipy import stats
+
     return float(stats.linregress(np.log(x[fits]), np.log(y[fits])).slope)
 
 
 def partial_spearman(x: Column, y: Column, given: Column) -> float:
     """Return the rank correlation of x and y with `given` partialled out of both."""
-    ranks = [stats.rankdata(column) for column in (x, y, given)]
-    if np.ptp(ranks[2]) == 0:
+    *own, held = (ranks(column) for column in (x, y, given))
+    if np.ptp(held) == 0:
         return spearman(x, y)
-    left = [rank - np.polyval(np.polyfit(ranks[2], rank, 1), ranks[2]) for rank in ranks[:2]]
+    left = [rank - np.polyval(np.polyfit(held, rank, 1), held) for rank in own]
     if min(float(np.ptp(part)) for part in left) < 1e-9:
         return float("nan")
     return float(np.corrcoef(left[0], left[1])[0, 1])

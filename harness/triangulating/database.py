@@ -10,6 +10,7 @@ import hashlib
 import importlib.metadata
 import json
 import logging
+import math
 import os
 import sqlite3
 import struct
@@ -41,15 +42,10 @@ _Result = TypeVar("_Result")
 
 
 class Timed(NamedTuple):
-    """The (m, 3) triangles of a polygon and the seconds that computing them took."""
+    """The (m, 3) triangles of a polygon, and the seconds that they took, NaN if not known."""
 
     triangles: NDArray[np.int32]
-    seconds: float
-
-
-class _Model(NamedTuple):
-    triangles: NDArray[np.int32]
-    seconds: float | None = None
+    seconds: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -104,19 +100,24 @@ class ModelDatabase:
 
     def get_timed(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
         """Like `get_many`, of those that were put with the time that computing them took."""
-        return {
-            key: Timed(model.triangles, model.seconds)
-            for key, model in self._found(keys).items()
-            if model.seconds is not None
-        }
+        found = self._found(keys).items()
+        return {key: model for key, model in found if not math.isnan(model.seconds)}
 
     def put_many(self, triangulator: str, items: Iterable[tuple[bytes, NDArray[np.int32]]]) -> None:
         """Keep triangulations; what is there already under the same key is replaced."""
-        self._put(triangulator, [(key, _Model(triangles)) for key, triangles in items])
+        self.put_timed(triangulator, [(key, Timed(triangles)) for key, triangles in items])
 
     def put_timed(self, triangulator: str, items: Iterable[tuple[bytes, Timed]]) -> None:
         """Like `put_many`, with the seconds that each took."""
-        self._put(triangulator, [(key, _Model(*timed)) for key, timed in items])
+        if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
+            size = f"{LIMIT_BYTES / 2**30:g} GiB"
+            self._say(
+                f"model database {self.path} is full ({size}), keeps no more; to empty it: "
+                "raster-harness cache clear"
+            )
+            return
+        rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
+        self._safely(lambda: self._write(rows), None)
 
     def clear(self) -> int:
         """Forget everything; returns how many triangulations there were."""
@@ -131,23 +132,12 @@ class ModelDatabase:
         entries = sum(count for count, _ in kinds.values())
         return DatabaseInfo(self.path, entries, self.path.stat().st_size, kinds)
 
-    def _put(self, triangulator: str, items: list[tuple[bytes, _Model]]) -> None:
-        if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
-            size = f"{LIMIT_BYTES / 2**30:g} GiB"
-            self._say(
-                f"model database {self.path} is full ({size}), keeps no more; to empty it: "
-                "raster-harness cache clear"
-            )
-            return
-        rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
-        self._safely(lambda: self._write(rows), None)
-
-    def _found(self, keys: Sequence[bytes]) -> dict[bytes, _Model]:
-        nothing: dict[bytes, _Model] = {}
+    def _found(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
+        nothing: dict[bytes, Timed] = {}
         return self._safely(lambda: self._read(keys), nothing)
 
-    def _read(self, keys: Sequence[bytes]) -> dict[bytes, _Model]:
-        found: dict[bytes, _Model] = {}
+    def _read(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
+        found: dict[bytes, Timed] = {}
         for batch in _batches(keys):
             marks = ",".join("?" * len(batch))
             query = f"SELECT key, value FROM model WHERE key IN ({marks})"
@@ -273,15 +263,15 @@ def _checksum(key: bytes, data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8, key=key).digest()
 
 
-def _sealed(key: bytes, model: _Model) -> bytes:
+def _sealed(key: bytes, model: Timed) -> bytes:
     """Checksum, triangles of 12 bytes each and, where it was measured, 8 bytes of seconds."""
     data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
-    if model.seconds is not None:
+    if not math.isnan(model.seconds):
         data += struct.pack("<d", model.seconds)
     return _checksum(key, data) + data
 
 
-def _unsealed(key: bytes, value: Any) -> _Model | None:
+def _unsealed(key: bytes, value: Any) -> Timed | None:
     if not isinstance(value, bytes) or len(value) % 12 not in (8, 4):
         return None
     checksum, data = value[:8], value[8:]
@@ -290,7 +280,7 @@ def _unsealed(key: bytes, value: Any) -> _Model | None:
     count = len(data) // 12
     triangles = np.frombuffer(data, "<i4", count=3 * count).reshape(-1, 3).astype(np.int32)
     rest = data[12 * count :]
-    return _Model(triangles, struct.unpack("<d", rest)[0] if rest else None)
+    return Timed(triangles, *struct.unpack("<d", rest)) if rest else Timed(triangles)
 
 
 def _batches(keys: Sequence[bytes]) -> Iterator[list[bytes]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,11 +18,24 @@ from harness.frame import Frame
 from harness.triangulating.cached import Lookup
 from harness.triangulating.recipes import Recipe
 from triangulators import Skipped, vertices
+from triangulators.batch.doubtful import doubtful
 from triangulators.batch.triangulate_many import ragged
+from triangulators.criteria import predict
 from triangulators.verify import verify
 
 MOST_SAID = 300
 """Characters of an error that are kept."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Criteria of one triangulation of a frame: `columns` (p,) a polygon, `totals` of all.
+
+    Lengths are in px, areas in px^2.
+    """
+
+    columns: dict[str, NDArray[np.float64]]
+    totals: dict[str, float]
 
 
 @dataclass
@@ -39,6 +52,7 @@ class FrameTriangulation:
         what computing them took when they were
     gaps : of an optimum, for each polygon that it gave triangles, how far these may be from the
         least cost, relative to it: 0 where they are proven optimal, infinite where nothing is known
+    predicted : every criterion's sum over each polygon's triangles
     notes : what the user should know of the model database
     trace : the traceback of the first error of a triangulator's code, "" where there was none
     """
@@ -51,6 +65,7 @@ class FrameTriangulation:
     t_junctions: list[int] = field(default_factory=list)
     cached: int = 0
     gaps: list[float] = field(default_factory=list)
+    predicted: Prediction = field(default_factory=lambda: Prediction({}, {}))
     notes: list[str] = field(default_factory=list)
     trace: str = ""
 
@@ -85,7 +100,31 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
             result.failed.append((number, problem))
         result.parts.append(part)
         result.t_junctions.append(junctions)
+    result.predicted = predict_polygons(turned.polygons, result.parts)
     return result
+
+
+def predict_polygons(
+    polygons: Sequence[Polygon], parts: Sequence[NDArray[np.int32] | None]
+) -> Prediction:
+    """Sum every criterion over each polygon's (m, 3) triangles; 0 where there are none."""
+    empty = np.empty((0, 3), np.int32)
+    rows = [
+        predict(points, empty if part is None else part)
+        for points, part in zip(_points_of(polygons), parts, strict=True)
+    ]
+    names = list(rows[0]) if rows else []
+    columns = {name: np.array([row[name] for row in rows], np.float64) for name in names}
+    return Prediction(columns, {name: float(column.sum()) for name, column in columns.items()})
+
+
+def _points_of(polygons: Sequence[Polygon]) -> list[NDArray[np.float64]]:
+    """Return each polygon's (n, 2) vertices."""
+    if not polygons:
+        return []
+    arrays = ragged(polygons)
+    ends = np.asarray(arrays.ring_ends)[np.asarray(arrays.polygon_ends) - 1]
+    return np.split(arrays.coordinates, ends[:-1])
 
 
 def triangulate_polygons(
@@ -106,17 +145,15 @@ def triangulate_polygons(
             warm_up(recipe)
         unknown = [number for number, timed in enumerate(known) if timed is None]
         batch = _batch(recipe, [polygons[number] for number in unknown], result)
-        at_once = {unknown[place]: part for place, part in batch.items()}
+        given = {number: timed.triangles for number, timed in enumerate(known) if timed is not None}
+        given |= {unknown[place]: part for place, part in batch.items()}
+        checked = _check_all(polygons, given)
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
             each = _Computed(None, 0, 0.0, None)
-            if timed is not None:
-                part, junctions, _ = check(polygon, timed.triangles)
-                each = _Computed(part, junctions, timed.seconds, recipe.gap_of_kept(polygon))
-            if each.part is not None:
-                result.cached += 1
-            elif number in at_once:
-                part, junctions, _ = check(polygon, at_once[number])
-                each = _Computed(part, junctions, 0.0, recipe.gap_of_kept(polygon))
+            if number in given and (found := checked[number])[0] is not None:
+                seconds = 0.0 if timed is None else timed.seconds
+                result.cached += timed is not None
+                each = _Computed(*found[:2], seconds, recipe.gap_of_kept(polygon))
             if each.part is None:
                 each = _compute(recipe, polygon, number, result)
                 # Kept means proven, where that can be: what a search found is computed again.
@@ -128,6 +165,7 @@ def triangulate_polygons(
             if each.part is not None and each.gap is not None:
                 result.gaps.append(each.gap)
     result.notes = kept.notes
+    result.predicted = predict_polygons(polygons, result.parts)
     return result
 
 
@@ -257,6 +295,18 @@ def small_polygons() -> Iterator[Polygon]:
     turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     reach = np.where(np.arange(200) % 2, 50.0, 400.0)
     yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))
+
+
+def _check_all(
+    polygons: Sequence[Polygon], given: Mapping[int, NDArray[np.int32]]
+) -> dict[int, tuple[NDArray[np.int32] | None, int, str | None]]:
+    """Return what `check` does of the triangles of some polygons, by their numbers."""
+    found = {number: (part, 0, None) for number, part in given.items()}
+    doubted = {
+        number: check(polygons[number], given[number])
+        for number in doubtful(ragged(polygons), given)
+    }
+    return found | doubted
 
 
 def check(

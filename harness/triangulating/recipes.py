@@ -21,14 +21,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError, did_you_mean
-from triangulators import (
-    UnknownName,
-    criteria,
-    full_name,
-    registry,
-    triangulate_with_gap,
-    vertices,
-)
+from triangulators import UnknownName, criteria, full_name, registry, triangulate_with_gap, vertices
 from triangulators.batch.triangulate_many import Ragged, attempt_many
 from triangulators.methods.optimal import LIMIT
 

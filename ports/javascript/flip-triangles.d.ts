@@ -9,7 +9,8 @@ export interface Options {
 }
 
 /** Three indices a triangle, all wound alike, as earcut returns them. */
-export type Triangles = number[] | Uint16Array | Uint32Array | Int16Array | Int32Array;
+export type Triangles = number[] | Int8Array | Uint8Array | Uint8ClampedArray | Int16Array | Uint16Array
+    | Int32Array | Uint32Array | Float32Array | Float64Array;
 
 /** Flip diagonals in place while a flip gains; return how many flips were made. */
 export default function flip(triangles: Triangles, vertices: ArrayLike<number>, options?: Options): number;

@@ -15,7 +15,6 @@ from scenes.cleaning.contours import mended
 from scenes.scene import Note
 
 _POLYGON = shapely.GeometryType.POLYGON
-_AREAL = (_POLYGON, shapely.GeometryType.MULTIPOLYGON)
 _REASONS = {
     "Self-intersection": "self-intersects",
     "Ring Self-intersection": "touches itself",

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from scenes.readers.lines import LONGEST
+from scenes.readers.opening import LONGEST
 from scenes.scene import SceneError
 
 _EDGE = 4096

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.readers.lines import LONGEST, numbered_lines
+from scenes.readers.opening import LONGEST, numbered_lines
 from scenes.scene import SceneError
 
 

@@ -1,12 +1,15 @@
-"""What may be opened: files and folders that exist. A pipe or a device might never end."""
+"""What may be opened, and read by lines: nothing that might never end, or fill the memory."""
 
 from __future__ import annotations
 
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from scenes.scene import SceneError
+
+LONGEST = 64 * 2**20
+"""Characters of the longest line that is read; a coastline of a million vertices has 40 million."""
 
 
 def existing(path: str) -> Path:
@@ -42,3 +45,17 @@ def refuse_special(paths: Iterable[Path]) -> None:
 def _refuse_special(path: str, mode: int) -> None:
     if not stat.S_ISREG(mode):
         raise SceneError(f"{path} is a pipe, socket or device, not a file: save it as a file first")
+
+
+def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """(number from 1, text) of each line. Raises SceneError for a line longer than `LONGEST`."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        number = 0
+        while line := stream.readline(LONGEST):
+            number += 1
+            if len(line) == LONGEST:
+                raise SceneError(
+                    f"{path} line {number} has more than {LONGEST} characters: it is damaged, "
+                    "or not a text file"
+                )
+            yield number, line

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-from scenes.readers.lines import numbered_lines
+from scenes.readers.opening import numbered_lines
 from scenes.readers.reader import Raw
 from scenes.scene import Note
 

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 
 from scenes.readers import cut_off
-from scenes.readers.lines import numbered_lines
 from scenes.readers.nesting import DEEPEST, text_too_deep, too_deep
+from scenes.readers.opening import numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note
 

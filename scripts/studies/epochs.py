@@ -28,7 +28,6 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.figures.intervals import share_interval
 from harness.figures.ratios import UNDECIDED, Ratio, paired_ratio
 from harness.frame import View, make_frame
 from harness.measuring import tasks
@@ -36,6 +35,7 @@ from harness.measuring.timing import Times, TimingSettings
 from harness.rasterisers import Options, find_device
 from scenes import load
 from scripts.studies.aa import disturb
+from scripts.studies.interval_coverage import share_interval
 from triangulators import triangulate
 
 NAMES = 6

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.figures.intervals import mean_interval, share_interval
+from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval
 from harness.figures.ratios import paired_ratio
 from harness.study.statistics import by_polygon, median_estimate, regret_ends, regret_interval
 
@@ -30,6 +30,24 @@ COLUMNS = ("interval", "data", "number", "trials", "told", "covered", "before")
 
 Values = NDArray[np.float64]
 Ends = tuple[float, float]
+
+
+def share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % interval of a mean share, of (g,) independent groups' shares.
+
+    Comparisons that share rounds are not independent, and count as one group. Where no group, or
+    every one, is affected, it is what as many groups can rule out: with 95 % confidence at most
+    1 - 0.05^(1/g) of groups are otherwise.
+    """
+    if len(shares) == 0:
+        return UNKNOWN
+    seen = 1 - (1 - CONFIDENCE) ** (1 / len(shares))
+    if (shares == 0).all():
+        return 0.0, seen
+    if (shares == 1).all():
+        return 1 - seen, 1.0
+    low, high = mean_interval(shares)
+    return max(0.0, low), min(1.0, high)
 
 
 class Trial(NamedTuple):

@@ -14,7 +14,7 @@ from markdown_it import MarkdownIt
 
 from harness.compare import compare_runs, no_baseline
 from harness.compare.gate_settings import Settings
-from harness.compare.html import to_html
+from harness.compare.html import counter_figure, time_figure, to_html
 from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import LIMIT, MARKER, to_markdown
@@ -185,3 +185,16 @@ def test_markdown_calls_nobody_and_obeys_nothing(tmp_path):
     assert "#7" not in text.replace("\\#7", "")
     assert "<b>" not in text.replace("\\<b\\>", "")
     assert all(letter.isprintable() or letter in "\n\u200b" for letter in text)
+
+
+def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
+    base = read_run(write_run(tmp_path / "base", seed=1))
+    costly = read_run(write_run(tmp_path / "head", seed=2, edits={"delaunay": costlier(0.1)}))
+    same = compare_runs(base, read_run(write_run(tmp_path / "same", seed=2)))
+    assert counter_figure(same) is None
+    grown = compare_runs(base, costly, Settings(thresholds={"time": 0.25}))
+    axes = counter_figure(grown).axes[0]
+    (row,) = [label.get_text() for label in axes.get_yticklabels()]
+    assert "delaunay" in row
+    band = time_figure(grown).axes[0].patches[0]
+    assert (band.get_x(), band.get_width()) == pytest.approx((1 / 1.25, 1.25 - 1 / 1.25))

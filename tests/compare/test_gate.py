@@ -17,7 +17,7 @@ from harness.compare.html import to_html
 from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import to_markdown
-from harness.compare.outcomes import decide
+from harness.compare.rounds import decide
 from harness.compare.rows import groups
 from harness.compare.wording import headline
 from harness.rasterisers.binning import Binning

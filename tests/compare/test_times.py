@@ -214,3 +214,14 @@ def test_times_that_cannot_be_compared_are_inconclusive_with_the_reason(base, he
 
 def test_cases_that_were_never_timed_have_no_verdict():
     assert read_pair({}, {"time": None}, same_work=True) is None
+
+
+def test_two_cases_that_draw_the_same_are_peers_enough():
+    """By these the third one grew, and by the reference draw, which drifts otherwise, it shrank."""
+    rng = np.random.default_rng(12)
+    dear = pairs(rng, [0.2], drift=1.0, reference_drift=1.6, same_work=False)
+    same = pairs(rng, [0, 0], drift=1.0, reference_drift=1.6)
+    (change, *_), _ = judge([*dear, *same])
+    assert (change.outcome, change.against) == ("regressed", "peers")
+    (change, *_), _ = judge([*dear, *same[:1]])
+    assert change.against == "reference"

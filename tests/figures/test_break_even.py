@@ -96,6 +96,8 @@ def test_an_interval_is_never_one_number_and_may_have_no_end():
     assert BreakEven("after", 3.6, 3.4, 3.9).written == "after 4 draws (3 to 4)"
     assert BreakEven("after", 10.2, 4.0, math.inf).written == "after 11 draws (3 or more)"
     assert BreakEven("after", 0.3, 0.2, 0.4).written == "after 1 draw (0 to 1)"
+    assert BreakEven("after", -0.2, -2.0, 2.4).written == "at once (0 to 3 draws)"
+    assert BreakEven("after", 0.0, 0.0, math.inf).written == "at once (0 or more draws)"
 
 
 def test_the_table_has_it_beside_each_row():

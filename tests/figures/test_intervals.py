@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.figures.intervals import mean_interval, median_over, share_interval
+from harness.figures.intervals import mean_interval, median_over
 from harness.figures.ratios import blocks, paired_ratio
-from scripts.studies.interval_coverage import Kind, kinds, simulate
+from scripts.studies.interval_coverage import Kind, kinds, share_interval, simulate
 
 TRIALS = 200
 WANTED = 0.90

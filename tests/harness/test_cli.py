@@ -267,6 +267,7 @@ def test_limits_of_options_are_those_of_what_they_set():
     ("command", "option", "value"),
     [
         ("run", "--seed", "-1"),
+        ("run", "--repeats", "99999999999999999999"),
         *(("run", "--timeout", value) for value in ("nan", "inf", "0", "-1")),
         *(("run", "--budget", value) for value in ("nan", "inf", "0", "-1")),
         *(("run", "--precision", value) for value in ("nan", "-1", "0")),

@@ -87,6 +87,21 @@ def test_the_cache_can_be_looked_at_and_emptied(harness):
     assert_one_line(err, "info or clear")
 
 
+@pytest.mark.parametrize("many", [False, True])
+def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harness, many):
+    """The fan leaves out the courtyard: two of three footprints are in the file."""
+    out = ("-o", "out") if many else ("-o", "block.npz")
+    source = str(block.with_name("*.geojson")) if many else str(block)
+    code, said, err = harness("triangulate", source, *out, "--triangulator", "fan", "--no-cache")
+    assert code == 5
+    assert "2 polygons, " in said
+    assert f"error: 1 polygon failed; the rest is in {out[1]}" in err
+    assert "failed 1: " in err
+    assert Path(out[1]).exists()
+    given = ("triangulate", source, *out, "--triangulator", "strip", "--no-cache")
+    assert not many or harness(*given)[0] == 2  # the folder is of another triangulator
+
+
 def test_inspect_draws_a_picture(harness, block):
     code, _, _ = harness("inspect", "--scene", str(block), "--out", "picture.png")
     assert code == 0
@@ -219,7 +234,7 @@ def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
 
 
 def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):
-    from harness.commands.results import default_folder
+    from harness.commands.running import default_folder
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("time.strftime", lambda form: "20260101-120000")

@@ -75,9 +75,8 @@ def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = Fal
             plan,
             Path(out),
             Reporter(quiet=True),
-            resume=resume,
+            running.RunOptions(resume=resume, beside=Beside(place)),
             open_worker=lambda *_: Inline(),
-            beside=Beside(place),
         )
 
 

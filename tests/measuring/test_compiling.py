@@ -17,7 +17,7 @@ from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from tests.measuring.test_run import plan_for
 from triangulators import triangulate
-from triangulators.compute import kernels
+from triangulators.compute import compiled_files
 
 
 class Slow(Inline):
@@ -93,7 +93,7 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
         (False, 1, []),
     ):
         log: list[tuple[str, list[str]]] = []
-        monkeypatch.setattr(processes.kernels, "is_kept", lambda _, kept=kept: kept)
+        monkeypatch.setattr(processes, "is_kept", lambda _, kept=kept: kept)
         monkeypatch.setattr(processes, "cores", lambda cores=cores: cores)
         bench = processes.Bench(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
         bench.compile_ahead(recipes)
@@ -105,6 +105,6 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
 
 def test_what_is_compiled_late_is_a_module_with_kernels():
     triangulate(box(0, 0, 2, 1), "optimal:half-perimeter")
-    assert kernels.is_kept(processes.COMPILED_LATE)
-    assert not kernels.is_kept("triangulators.errors")
-    assert not kernels.is_kept("triangulators.not_there")
+    assert compiled_files.is_kept(processes.COMPILED_LATE)
+    assert not compiled_files.is_kept("triangulators.errors")
+    assert not compiled_files.is_kept("triangulators.not_there")

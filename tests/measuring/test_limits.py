@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 import shapely
@@ -10,7 +12,7 @@ from harness.figures.registry import LEAST, OUTLINE, find
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
-from harness.measuring.worker import TaskFailed
+from harness.measuring.worker import TaskFailed, Worker
 from scenes import load
 from tests.measuring.test_run import inline
 from triangulators import triangulate
@@ -26,9 +28,8 @@ def test_it_lies_between_the_outline_and_every_triangulation():
     found = limits_of(frame)
     assert (found[OUTLINE] <= found[LEAST]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
-        triangles = frame.join([triangulate(polygon, name) for polygon in frame.polygons])
-        quads = lower_limits.predict(frame.points, triangles)["quads"]
-        of_polygon = lower_limits.per_polygon(frame, triangles, quads)
+        parts = [triangulate(polygon, name) for polygon in frame.polygons]
+        of_polygon = lower_limits.quads_of(frame, parts)
         assert (found[LEAST] <= of_polygon).all()
         assert (found[LEAST] < of_polygon).any()
 
@@ -87,3 +88,11 @@ def test_a_record_compares_the_polygons_that_are_known():
 
 
 COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
+
+
+def test_what_a_triangulator_may_take_does_not_limit_what_is_ours():
+    bench = Bench(Worker, 0.05)
+    try:
+        assert bench.compute(time.sleep, 0.3) is None
+    finally:
+        bench.close(at_once=True)

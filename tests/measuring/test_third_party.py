@@ -78,7 +78,8 @@ def module(tmp_path, monkeypatch):
 def test_a_module_that_dies_when_imported_costs_its_case(
     block, tmp_path, module, statement, reason
 ):
-    module("dying", f"import os, sys\n{statement}\n")
+    said = tmp_path / "imported"
+    module("dying", f"import os, sys\nopen({str(said)!r}, 'a').write('x')\n{statement}\n")
     plan = plan_for(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
     start = time.monotonic()
     records = run(plan, tmp_path / "out", quiet(), open_worker=Worker).records
@@ -87,6 +88,7 @@ def test_a_module_that_dies_when_imported_costs_its_case(
     assert found["delaunay"]["status"] == "ok"
     assert found["dying:cut"]["status"] == "failed"
     assert reason in found["dying:cut"]["reason"]
+    assert said.read_text() == "x"  # imported once: how it ended is known then
 
 
 @pytest.mark.parametrize(

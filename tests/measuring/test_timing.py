@@ -317,3 +317,19 @@ def test_with_few_epochs_or_damaged_ones_the_rounds_alone_speak(epochs):
     samples = np.random.default_rng(4).lognormal(0.0, 0.01, 36)
     ratio = paired_ratio(samples, np.ones(36), epochs)
     assert (ratio.low, ratio.high) == median_interval(samples.tolist())
+
+
+def test_epochs_are_as_many_whenever_the_clock_began():
+    counts = []
+    for began in (0.0, 1e4):
+        renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.0, 1)
+        renewed.clock.now = began
+        times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
+        counts.append(len(times["a"].epochs))
+    assert counts[0] == counts[1] >= 6
+
+
+def test_a_batch_that_is_a_little_too_short_has_one_draw_more():
+    drawings, clock, _ = scripted({"a": 0.9e-3})
+    times = time_together(drawings, TimingSettings(min_batch_s=1e-3), WALL, clock=clock)
+    assert times["a"].repeats == 2

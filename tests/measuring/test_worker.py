@@ -56,6 +56,19 @@ def leave_a_child(path: str, code: int | None) -> int:
     return 17
 
 
+def leave_a_daemon(path: str, code: int | None) -> None:
+    """Start what is in a session of its own and has lost its parent, then return, or end."""
+    if (child := os.fork()) == 0:
+        os.setsid()
+        if (daemon := os.fork()) == 0:
+            time.sleep(3600)
+        Path(path).write_text(str(daemon))
+        os._exit(0)
+    os.waitpid(child, 0)
+    if code is not None:
+        os._exit(code)
+
+
 def fork_and_return() -> str:
     return "child" if os.fork() == 0 else "parent"
 
@@ -149,12 +162,32 @@ def test_a_forked_child_holds_nothing_up_and_ends_with_the_worker(tmp_path, code
                 forking.call(leave_a_child, str(tmp_path / "pid"), code, timeout_s=300)
         child = int((tmp_path / "pid").read_text())
     assert time.monotonic() - start < 60
+    assert_ends(child)
+
+
+def assert_ends(child: int) -> None:
     for _ in range(600):  # it is killed, but the system may take its time
         if not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE:
             break
         time.sleep(0.1)
     else:
         pytest.fail("the child lives on")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux lets orphans be adopted")
+@pytest.mark.parametrize("code", [None, 1])
+def test_a_process_in_a_session_of_its_own_ends_with_the_worker(tmp_path, code):
+    """As a daemon that a plugin starts, twice forked off; another worker lives on."""
+    with Worker("another") as other:
+        with Worker("the daemon's") as starting:
+            if code is None:
+                starting.call(leave_a_daemon, str(tmp_path / "pid"), code, timeout_s=300)
+            else:
+                with pytest.raises(TaskFailed, match="died: exit code 1"):
+                    starting.call(leave_a_daemon, str(tmp_path / "pid"), code, timeout_s=300)
+            daemon = int((tmp_path / "pid").read_text())
+        assert_ends(daemon)
+        assert other.call(environment_of, "MOCK_SETTING")[0] is None
 
 
 def test_a_child_that_comes_back_from_the_task_answers_nothing(worker):

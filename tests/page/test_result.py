@@ -296,3 +296,74 @@ def test_a_single_round_is_no_time(saved, tmp_path):
 
     folder = import_result(read_result(saved(one_round)), tmp_path / "run", "phone")
     assert all("time" not in record for record in read_run(folder).records)
+
+
+def test_a_time_that_is_not_precise_says_so(saved, tmp_path):
+    """Half of the samples are twice the others."""
+
+    def spread(result):
+        times = result["views"][0]["times"]["delaunay"]
+        times["samples_s"] = [1e-3, 2e-3] * (ROUNDS // 2)
+
+    folder = import_result(read_result(saved(spread)), tmp_path / "run", "phone")
+    found = {
+        (record["triangulator"], record["resolution"]): record["time"]["precision_reached"]
+        for record in read_run(folder).records
+    }
+    imprecise = [case for case, reached in found.items() if not reached]
+    assert ("delaunay", first_size(saved())) in imprecise
+    assert ("delaunay", 64) not in imprecise
+
+
+def first_size(file):
+    return read_result(file).views[0].resolution
+
+
+def test_polygons_that_were_left_out_count_among_those_counted(saved, tmp_path):
+    def left_out(result):
+        record = first_case(result)["record"]
+        record["polygons"] -= 3
+        record |= {"polygons_skipped": 1, "polygons_failed": 2}
+
+    def miscounted(result):
+        left_out(result)
+        first_case(result)["record"]["polygons_skipped"] = 3
+
+    assert read_result(saved(left_out))
+    with pytest.raises(UsageError, match="polygons and counters of"):
+        read_result(saved(miscounted))
+
+
+def test_a_device_on_our_grid_moves_nothing(harness, saved):
+    code, _, err = harness("import", str(saved()), "--out", "phone")
+    assert code == 0
+    assert "snaps" not in err
+
+
+def test_polygons_counted_otherwise_are_as_many_as_the_file_says(saved, small_run, tmp_path):
+    """Three have one fragment less than the reference counts."""
+
+    def changed(result):
+        counters = first_case(result)["counters"]
+        places = [k for k, (f, q) in enumerate(zip(*counters.values(), strict=True)) if f > q]
+        for place in places[:3]:
+            counters["fragments"][place] -= 1
+        first_case(result)["differing"] = 3
+
+    def miscounted(result):
+        changed(result)
+        first_case(result)["differing"] = 2
+
+    assert import_result(read_result(saved(changed)), tmp_path / "run", "phone", small_run).is_dir()
+    with pytest.raises(UsageError, match="do not differ from the exact reference in 2"):
+        import_result(read_result(saved(miscounted)), tmp_path / "again", "phone", small_run)
+
+
+def test_the_renderer_is_what_the_browser_calls_it_or_the_device(saved, tmp_path):
+    def described(result):
+        result["device"]["description"] = "Apple M1"
+
+    for name, change, renderer in (("a", described, "Apple M1"), ("b", lambda _: None, "phone")):
+        folder = import_result(read_result(saved(change)), tmp_path / name, "phone")
+        (device,) = read_run(folder).facts["devices"].values()
+        assert device["details"]["renderer"] == renderer

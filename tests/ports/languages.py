@@ -14,6 +14,7 @@ import mapbox_earcut
 import numpy as np
 
 from triangulators.geometry import flips
+from triangulators.geometry.half_edges import link
 
 HERE = Path(__file__).resolve().parent
 PACKAGES = HERE / "node_modules"
@@ -66,7 +67,7 @@ def in_python(cases: Cases, by: str) -> tuple[np.ndarray, np.ndarray]:
     ):
         points, own = cases.polygon(index)
         corner = own.copy()
-        counts.append(test(points, corner, flips.link(corner)))
+        counts.append(test(points, corner, link(corner)))
         result[begin:end] = corner
     return result, np.array(counts, dtype=np.int32)
 
@@ -84,14 +85,12 @@ def node() -> str | None:
     return shutil.which("node")
 
 
-def compiler() -> list[str] | None:
-    """Return the command of a C++ compiler: the system's, or the pinned one of the wheel."""
-    for name in ("g++", "clang++"):
-        if found := shutil.which(name):
-            return [found]
+def compilers() -> list[list[str]]:
+    """Return the commands of C++ compilers: the system's, then the pinned one of the wheel."""
+    found = [[path] for name in ("g++", "clang++") if (path := shutil.which(name))]
     if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "c++"]
-    return None
+        found.append([sys.executable, "-m", "ziglang", "c++"])
+    return found
 
 
 def earcut() -> Path | None:
@@ -109,9 +108,13 @@ def compile_flips(folder: Path, command: list[str], *flags: str) -> Path:
     return program
 
 
-def in_others(cases: Cases, folder: Path, program: Path, module: Path | None) -> None:
-    """Run the programs of both other languages on the cases."""
-    cases.write(folder)
+def in_cpp(folder: Path, program: Path) -> None:
+    """Run the compiled program on the cases that were written to the folder."""
     subprocess.run([str(program), str(folder)], check=True)
+
+
+def in_javascript(folder: Path) -> None:
+    """Run flips.mjs on the cases that were written to the folder; npm's earcut, too, if here."""
+    module = earcut()
     script = [str(node()), str(HERE / "flips.mjs"), str(folder)]
     subprocess.run([*script, *([str(module)] if module else [])], check=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +14,7 @@ from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Rasteriser, find_device, get, names, probing
 from harness.rasterisers.opengl import egl
 from triangulators.devices import matches
+from triangulators.gpu import known_devices
 
 
 def test_every_name_leads_to_a_rasteriser_of_that_name():
@@ -116,8 +120,9 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
     }
     ways = [("zink", {"WAY": "first"}), ("zink", {"WAY": "second"}), ("zink", {"WAY": "second"})]
     monkeypatch.setattr(egl, "recipes", lambda: ways)
-    monkeypatch.setattr(egl, "_start", lambda kind, environment: environment["WAY"])
-    monkeypatch.setattr(probing, "finish", lambda way: answers[way])
+    monkeypatch.setattr(
+        probing, "ask", lambda asked: [answers[each.environment["WAY"]] for each in asked]
+    )
     devices, problems = egl.probe.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in devices] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
@@ -129,8 +134,7 @@ def test_two_gpus_are_numbered(monkeypatch):
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
     monkeypatch.setattr(egl, "recipes", lambda: [("gpu", {})])
-    monkeypatch.setattr(egl, "_start", lambda kind, environment: kind)
-    monkeypatch.setattr(probing, "finish", lambda kind: {"devices": cards, "problems": []})
+    monkeypatch.setattr(probing, "ask", lambda asked: [{"devices": cards, "problems": []}])
     devices, problems = egl.probe.__wrapped__()
     assert [(d.name, d.details["egl_index"], d.software) for d in devices] == [
         ("gpu0", 0, False),
@@ -149,3 +153,62 @@ def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, t
         devices, problems = egl.probe.__wrapped__()
         assert devices == ()
         assert all(problem in found for found in problems)
+
+
+@pytest.fixture
+def program(monkeypatch, tmp_path) -> Path:
+    """A program that finds one device, and counts how often it was asked."""
+    monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache" / "database.sqlite"))
+    file = tmp_path / "probe.py"
+    file.write_text(
+        f"import sys; open({str(tmp_path / 'asked')!r}, 'a').write(sys.argv[1])\n"
+        """print('{"devices": [{"renderer": "x"}], "problems": []}')"""
+    )
+    return file
+
+
+def times_asked(program: Path) -> int:
+    return len((program.parent / "asked").read_text())
+
+
+def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatch, tmp_path):
+    monkeypatch.setattr(probing, "ROOT", tmp_path)
+    (drivers := tmp_path / "usr/share/vulkan/icd.d").mkdir(parents=True)
+    question = probing.Question(program, "a", {})
+    for _ in range(3):
+        assert probing.ask([question])[0]["devices"] == [{"renderer": "x"}]
+    assert times_asked(program) == 1
+    os.utime(drivers, (1, 1))
+    probing.ask([question])
+    assert times_asked(program) == 2
+    monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
+    probing.ask([question])
+    assert times_asked(program) == 3
+    probing.ask([question._replace(environment={"OTHER": "1"}), question._replace(mode="b")])
+    assert times_asked(program) == 5
+    probing.forget()
+    probing.ask([question])
+    assert times_asked(program) == 6
+
+
+def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
+    question = probing.Question(program, "a", {})
+    for damaged in ("", "[]", '{"x": 1}', '{"x": {"devices": 1}}'):
+        probing.ask([question])
+        (tmp_path / "cache" / "drivers.json").write_text(damaged)
+    assert probing.ask([question])[0]["problems"] == []
+    assert times_asked(program) == 5
+    program.write_text("raise SystemExit('no')")
+    for _ in range(2):
+        assert probing.ask([question])[0]["problems"] == ["the driver failed: no"]
+    assert len(json.loads((tmp_path / "cache" / "drivers.json").read_text())) == 1
+
+
+def test_what_is_kept_of_drivers_leaves_the_chosen_device_alone(program, tmp_path):
+    chosen = tmp_path / "cache" / known_devices.path().name
+    assert known_devices.path() == chosen
+    chosen.parent.mkdir()
+    chosen.write_text('{"measured": 1}')
+    probing.ask([probing.Question(program, "a", {})])
+    probing.forget()
+    assert chosen.read_text() == '{"measured": 1}'

@@ -197,9 +197,8 @@ def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, s
 def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, names):
     monkeypatch.setattr(adapters.sys, "platform", system)
     monkeypatch.setattr(adapters.egl, "lavapipe_environment", lambda: None)
-    monkeypatch.setattr(probing, "start", lambda program, backends, environment: backends)
-    answers = {"devices": found, "problems": []}
-    monkeypatch.setattr(probing, "finish", lambda backends: answers)
+    answer = {"devices": found, "problems": []}
+    monkeypatch.setattr(probing, "ask", lambda asked: [answer for _ in asked])
     devices, problems = adapters.probe.__wrapped__()
     described = [
         f"{device.name}: {device.details['device']} on {device.details['backend_type']}"

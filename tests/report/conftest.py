@@ -16,7 +16,6 @@ from rich.console import Console
 
 from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
-from harness.measuring.records import predict_frame
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
@@ -26,7 +25,7 @@ from harness.rasterisers.reference import predict
 from harness.report import write_report
 from harness.stored import drawings
 from harness.stored.folder import Store, read_run
-from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.frames import predict_polygons, triangulate_polygons
 from harness.triangulating.recipes import parse, parse_all
 from scenes import load
 from tests.chromium import Chromium
@@ -109,7 +108,7 @@ def _drawn(store: Store) -> dict[str, dict[str, NDArray[Any]]]:
         parts = triangulate_polygons(parse(name), frame.polygons).parts
         triangles[name] = frame.join(parts)
         counted = predict(frame.points, triangles[name])
-        predicted = predict_frame(frame, parts).columns
+        predicted = predict_polygons(frame.polygons, parts).columns
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
             key: per_polygon(frame, triangles[name], column) for key, column in counted.items()
         }

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
 
+import psutil
 import pytest
 import shapely
 
@@ -15,6 +17,7 @@ from harness.progress import Reporter
 from harness.scaling.dataset import TRIANGLES, Dataset
 from harness.scaling.task_queue import ATTEMPTS, Alone, work_through
 from harness.scaling.triangulated import Options
+from tests.paths import ROOT
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
 
@@ -97,3 +100,52 @@ def test_without_the_extra_one_line_says_what_to_install(harness, parts, monkeyp
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out", "--dask", "local")
     assert code == 2
     assert error == 'error: --dask needs Dask: pip install "raster-harness[dask]"\n'
+
+
+STOPPED_AT_ONCE = """
+import os, signal, sys
+import distributed.deploy.local
+from harness.cli import main
+
+class Stopped(distributed.Nanny):
+    def __init__(self, *arguments, **options):
+        os.kill(os.getpid(), signal.SIGTERM)  # before its process has started
+        super().__init__(*arguments, **options)
+
+distributed.deploy.local.Nanny = Stopped
+sys.argv = ["harness", "triangulate", "in", "-o", "out", "--dask", "local:1", "--no-cache"]
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_a_cluster_that_is_stopped_as_it_starts_ends_in_order(tmp_path):
+    (tmp_path / "in").mkdir()
+    for name, size in (("a", 4), ("b", 5)):
+        text = f"POLYGON ((0 0, {size} 0, {size} 4, 0 4, 0 0))\n"
+        (tmp_path / "in" / f"{name}.wkt").write_text(text)
+    (tmp_path / "stopped.py").write_text(STOPPED_AT_ONCE)
+    done = subprocess.run(
+        [sys.executable, "stopped.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("stopped")
+
+
+def test_no_other_machine_reaches_the_cluster(two_workers):
+    """Neither its dashboard, nor its scheduler, nor its workers."""
+    assert two_workers.dashboard.startswith("http://127.0.0.1:")
+    own = psutil.Process()
+    open_at = {
+        connection.laddr.ip
+        for process in [own, *own.children(recursive=True)]
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+    assert open_at == {"127.0.0.1"}

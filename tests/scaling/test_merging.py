@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from harness.errors import UsageError
 from harness.frame import View
-from harness.scaling.merging import merge, on_host
+from harness.scaling.merging import NAMED, merge, on_host
 from harness.stored.folder import Store, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 
@@ -218,3 +219,47 @@ def test_a_merge_that_was_cut_off_leaves_nothing_and_is_given_again(
     code, _, err = harness(*command)
     assert code == 2
     assert "merged is there already" in err
+
+
+def test_a_run_without_records_adds_none(runs, tmp_path):
+    first = read_run(runs["first"])
+    merge([first, replace(first, records=[])], tmp_path / "out")
+    assert read_run(tmp_path / "out").records == first.records
+    with pytest.raises(UsageError, match="no record to merge"):
+        merge([replace(first, records=[])] * 2, tmp_path / "none")
+
+
+def test_what_both_runs_say_is_said_once_however_it_is_written(runs, tmp_path):
+    first = read_run(runs["first"])
+    note = {"step": 256, "why": "snapped"}
+    turned = dict(reversed(note.items()))
+    frames = [replace(first, facts=first.facts | {"frames": [each]}) for each in (note, turned)]
+    merge(frames, tmp_path / "out")
+    assert read_run(tmp_path / "out").facts["frames"] == [note]
+
+
+def test_a_damaged_drawing_costs_that_drawing_alone(runs, tmp_path):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(runs["first"], damaged)
+    files = sorted((damaged / "frames").glob("*.npz"))
+    files[0].write_bytes(b"PK no more")
+    merge([read_run(damaged)], tmp_path / "out")
+    assert read_arrays(read_run(tmp_path / "out"), files[1].stem, "frames")
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_few_that_differ_are_named_and_the_rest_is_counted(runs, tmp_path, more):
+    left = NAMED + more
+
+    def one_more(record):
+        nonlocal left
+        if left:
+            left -= 1
+            record["triangles"] += 1
+        return record
+
+    first, third = hosted(runs, "first", "third")
+    with pytest.raises(UsageError, match="triangles of") as error:
+        merge([first, with_records(third, one_more)], tmp_path / "out")
+    assert str(error.value).count("triangles of") == NAMED
+    assert (" more" in str(error.value)) is bool(more)

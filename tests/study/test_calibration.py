@@ -163,3 +163,25 @@ def test_what_is_no_calibration_is_refused(tmp_path, content):
         file.write_text(content)
     with pytest.raises(UsageError, match="calibration"):
         read_coefficients(file)
+
+
+def test_stars_go_round_once_whatever_their_radii():
+    """Each corner is further round than the one before: no edge crosses another."""
+    for seed in range(50):
+        random = np.random.default_rng(seed)
+        xy = cost_model._star(random, 48, 0.35, 1.0)
+        turns = np.diff(np.unwrap(np.arctan2(xy[:, 1], xy[:, 0])))
+        assert (turns > 0).all()
+        assert turns.sum() < 2 * np.pi
+        radii = np.hypot(xy[:, 0], xy[:, 1])
+        assert 0.35 <= radii.min() < radii.max() <= 1
+
+
+def test_small_polygons_fill_the_viewport_in_its_middle():
+    """Squares of 8 px with 2 px between them: eight and margins of 2 px are 84 px."""
+    places = cost_model._places(84, 8.0, 1000.0)
+    assert len(places) == 64
+    assert places.min(axis=0).tolist() == [7, 7]
+    assert places.max(axis=0).tolist() == [77, 77]
+    assert len(cost_model._places(84, 8.0, 10.4)) == 10
+    assert len(cost_model._places(84, 200.0, 0.1)) == 1

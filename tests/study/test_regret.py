@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.study.regret import regret_table, summarise, written
+from harness.figures.intervals import FEWEST
+from harness.figures.registry import find
+from harness.study.regret import (
+    _figure,
+    main_measures,
+    plot_regret,
+    regret_table,
+    summarise,
+    written,
+)
 
 NAMES = ("optimal:exact-quads", "optimal:half-perimeter", "random#0", "random#1", "worst:overdraw")
 QUADS = (100, 103, 110, 120, 150)
@@ -153,3 +162,62 @@ def test_where_there_is_no_interval_it_says_why(values, words):
     table = regret_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
     table = table.assign(**dict.fromkeys(("regret", "regret_low", "regret_high"), values))
     assert written(summarise(table).iloc[0]) == words
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [
+        (["time_work_0", "fragments", "quads", "helper_lanes"], ["quads", "helper_lanes"]),
+        (["bbox_tests", "spills"], ["bbox_tests"]),
+        ([], []),
+    ],
+)
+def test_quads_are_shown_or_the_main_counter_and_all_times(names, shown):
+    times = [name for name in names if name.startswith("time")]
+    assert main_measures(names) == shown + times
+
+
+def test_the_least_of_times_is_known_of_no_drawing():
+    seconds = np.ones((len(NAMES), 24))
+    table = regret_table(records_of("one", seconds=seconds))
+    assert not table[table["measure"] == "time_work_0"]["least_known"].any()
+    assert table[table["measure"] == "quads"]["least_known"].all()
+
+
+def test_as_many_polygons_as_are_asked_for_are_not_too_few():
+    row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.1, "worst": 0.1}
+    assert written({**row, "polygons": FEWEST}) == "10.00% (all equal)"
+    assert written({**row, "polygons": FEWEST - 1}) == "10.00% (too few polygons)"
+    assert written({**row, "worst": 0.1 * FEWEST, "polygons": FEWEST}) == "10.00% (one decides)"
+
+
+def test_a_counter_that_a_drawing_lacks_is_not_judged():
+    records = records_of("one")
+    del records[2]["counters"]["quads"]
+    records[2]["counters"]["fragments"] = None
+    assert regret_table(records_of("one"))["measure"].unique().tolist()
+    assert regret_table(records).empty
+
+
+def test_the_picture_has_criteria_on_top_best_first_and_says_what_0_is():
+    counted = [r for k in range(FEWEST) for r in records_of(f"polygon {k}")]
+    summary = summarise(regret_table(counted))
+    figure = _figure(summary, ["quads"], "here")
+    axes = figure.axes[0]
+    names = [label.get_text() for label in axes.get_yticklabels()][::-1]
+    criteria = summary[summary["kind"] == "criterion"].sort_values("mean", kind="stable")
+    assert names[: len(criteria)] == [find(name).title for name in criteria["name"]]
+    assert len(names) > len(criteria)
+    assert "that there are" in figure.get_suptitle()
+    unproven = [{**record, "proven": None} for record in counted]
+    told = _figure(summarise(regret_table(unproven)), ["quads"], "here").get_suptitle()
+    assert "that were measured" in told
+
+
+def test_the_picture_of_each_view_is_named_after_it(tmp_path):
+    summary = summarise(regret_table([r for k in range(3) for r in records_of(f"p{k}")]))
+    files = plot_regret(summary, tmp_path)
+    assert {file.parent for file in files} == {tmp_path / "plots"}
+    assert {file.stem for file in files} == {"regret-reference-cpu-64-0"}
+    assert all(file.stat().st_size for file in files)
+    assert plot_regret(summary[:0], tmp_path) == []

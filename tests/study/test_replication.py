@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.study.design import Design
 from harness.study.replication import CLAIMS, Evidence, judge, page
 from tests.conftest import exit_code
@@ -210,3 +211,54 @@ def test_too_few_polygons_judge_no_claim():
     assert len(found) == 6
     assert {figure.verdict for figure in found} == {"too few"}
     assert "| city | 0 | 0 | 11 |" in page([("city", evidence)], "here")
+
+
+def _refused(**_: object) -> None:
+    raise UsageError("no polygon without holes")
+
+
+def _failed_in_part(**_: object) -> None:
+    raise Inconclusive("1 of 8 cases failed (mine:cut)")
+
+
+def _measured_nothing(**_: object) -> None:
+    raise NothingMeasured("every case was skipped")
+
+
+def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):
+    for name in ("validate", "run"):
+        monkeypatch.setattr(f"harness.commands.study.{name}", _refused)
+    code, _, err = harness("study", "city", "--out", "out")
+    assert code == 2
+    assert "error: no polygon without holes" in err
+    assert not Path("out").exists()
+
+
+def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkeypatch):
+    monkeypatch.setattr("harness.commands.study.validate", _refused)
+    monkeypatch.setattr("harness.commands.study.run", _measured_nothing)
+    code, _, err = harness("study", "city", "--out", "out")
+    assert code == 4
+    assert err.count("error: ") == 1
+    assert "no finding could be judged" in err
+    assert Path("out/findings.md").exists()
+
+
+def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch):
+    """The gains of a run some of whose cases failed are those of the others."""
+    monkeypatch.setattr("harness.commands.study.validate", lambda **_: None)
+    monkeypatch.setattr("harness.commands.study.run", _failed_in_part)
+    asked = []
+    monkeypatch.setattr("harness.commands.study.gains", lambda runs, **_: asked.extend(runs))
+    exact = _with_exact_a(correlations(**USUAL))
+    found = evidence(
+        exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
+    )
+    monkeypatch.setattr("harness.study.replication.read", lambda folder: found)
+    code, out, err = harness("study", "city", "--out", "out")
+    assert code == 5
+    assert "error: in 3 of 4 parts of the study cases failed" in err
+    assert "city: 11 of 11 findings hold" in out
+    assert [path.name for path in asked] == ["choice", "walked", "turned"]
+    monkeypatch.setattr("harness.commands.study.run", lambda **_: None)
+    assert harness("study", "city", "--out", "out")[0] == 0

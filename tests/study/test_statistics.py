@@ -9,6 +9,8 @@ import pytest
 from harness.figures.intervals import mean_interval
 from harness.study.analysis import difference
 from harness.study.statistics import (
+    FEWEST,
+    by_polygon,
     kendall,
     log_slope,
     median_estimate,
@@ -116,3 +118,44 @@ def test_the_interval_of_regret_takes_the_outer_ends():
     assert found == (mean_interval(low)[0], mean_interval(high)[1])
     assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
     assert np.isnan(regret_interval(low, np.zeros(24))).all()
+
+
+def test_three_triangulations_are_enough_and_two_are_not():
+    x, y = np.array([1.0, 2.0, 4.0]), np.array([3.0, 2.0, 1.0])
+    assert spearman(x, y) == kendall(x, y) == pytest.approx(-1)
+    assert np.isnan(spearman(x[:2], y[:2]))
+
+
+def test_a_slope_leaves_out_what_has_no_logarithm():
+    """The first pairs have a value of 0, of which there is no logarithm."""
+    x = np.array([0.0, 5.0, 1.0, 2.0, 4.0])
+    y = np.array([7.0, 0.0, 0.3, 1.2, 4.8])
+    assert log_slope(x, y) == pytest.approx(2)
+
+
+def test_what_the_triangle_count_tells_alone_is_not_known_beside_it():
+    size = np.arange(20.0)
+    assert np.isnan(partial_spearman(size**2, RANDOM.permutation(size), size))
+    assert np.isnan(partial_spearman(RANDOM.permutation(size), size**2, size))
+
+
+def test_pooled_columns_are_prediction_measure_and_triangle_count():
+    """All at once: y falls as x grows, and the number of triangles tells neither."""
+    columns = [(np.arange(8.0) + 8 * k, -np.arange(8.0) - 8 * k) for k in range(3)]
+    counts = [RANDOM.permutation(np.arange(8.0)) for _ in columns]
+    found = pooled(columns, counts)
+    assert [each.value for each in found] == pytest.approx([-1, -1], abs=0.05)
+    assert [each.polygons for each in found] == [3, 3]
+    assert pooled([], []) == []
+
+
+def test_as_many_triangulations_as_are_asked_for_are_enough():
+    x = np.arange(float(FEWEST))
+    assert by_polygon("spearman_within", [(x, x), (x[1:], x[1:])])[0] == pytest.approx(1)
+    assert np.isnan(by_polygon("spearman_within", [(x, x), (x[1:], x[1:])])[1])
+
+
+def test_what_does_not_vary_has_no_slope():
+    x = np.array([1.0, 2.0, 4.0])
+    assert np.isnan(log_slope(x, np.ones(3)))
+    assert np.isnan(log_slope(np.ones(3), x))

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.commands.results import folder_for
+from harness.commands.running import folder_for
 from harness.errors import UsageError
 from harness.figures.registry import predictions
 from harness.measuring.run import run

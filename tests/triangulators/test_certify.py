@@ -18,6 +18,7 @@ from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.certificate import proof
 from triangulators.certificate.certify import check_certificate
+from triangulators.certificate.integer_costs import noise
 from triangulators.certificate.proof import prove
 from triangulators.checking.evidence import Branch, Leaf, Refused
 from triangulators.criteria.cost import cost_of, evaluate
@@ -211,3 +212,12 @@ class TestChecker:
         polygon, triangles, certificate = self.claim()
         small = replace(certificate.evidence, factor=4)
         self.refused(replace(certificate, evidence=small), "the units", polygon, triangles)
+
+
+@pytest.mark.parametrize("bits", range(11))
+def test_noise_of_edges_is_below_its_bits_and_takes_all_values(bits):
+    """The same whichever end comes first, and none without bits."""
+    found = {int(noise(a, b, bits)) for a in range(80) for b in range(a, 80)}
+    assert found <= set(range(2**bits))
+    assert len(found) >= 0.9 * 2**bits
+    assert noise(3, 70, bits) == noise(70, 3, bits)

@@ -2,8 +2,10 @@
 
 import ast
 import json
+import math
 from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,7 @@ from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
 from triangulators.checking.claims import as_claim, from_claim
 from triangulators.checking.evidence import Evidence, Leaf, Refused
-from triangulators.checking.units import units_for
+from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
 
@@ -185,3 +187,19 @@ def test_the_plain_checker_is_short_and_needs_python_alone():
         for alias in node.names
     }
     assert names <= {"json", "math", "sys", "fractions", "itertools", "pathlib"}
+
+
+def test_a_real_cost_is_proven_within_a_unit_of_each_triangle(monkeypatch):
+    """Each triangle's cost is rounded down by less than a unit: so far below may the bound be."""
+    best = triangulate(SQUARE, "optimal:edge-length")
+    outline, corners, cost = about(SQUARE, best, "edge-length")
+    evidence = certify(SQUARE, best, "edge-length").evidence
+    units = units_for(outline, corners, cost)
+    assert units.real
+    assert not units.exact
+    total = exact_total(outline, corners, cost, units)
+    for below, proven in ((len(corners), False), (len(corners) - 1, True)):
+        bound = math.floor(total * Fraction(units.scale)) - below
+        # What the total exceeds a whole number of units by is below a unit, too.
+        monkeypatch.setattr(checker, "lower_bound", lambda *_, b=bound: b * units.factor)
+        assert certificate_of(outline, corners, cost, evidence).proven is proven

@@ -8,8 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import brute_cost, paper_polygon, star, twice_area, union_of_copies
-from triangulators import TriangulationError, UnknownName, criteria, triangulate, vertices
+from triangulators import TriangulationError, UnknownName, certify, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, FEATURES, predict
+from triangulators.methods.pareto import pareto_front
 
 numbers = st.integers(-500, 500).map(lambda value: value / 4)
 corners = st.tuples(*[st.tuples(numbers, numbers)] * 3)
@@ -147,10 +148,47 @@ def test_a_criterion_that_is_no_number_is_one_clear_error(name, holes):
     polygon = shapely.Point(0, 0).buffer(5, quad_segs=8)
     if holes:
         polygon = polygon.difference(shapely.box(-1, -1, 1, 1))
-    with pytest.raises(TriangulationError, match="gives nan: it has to be a number"):
+    with pytest.raises(
+        TriangulationError, match=r"gives nan for the triangle \(.*: it has to be a n"
+    ):
         triangulate(polygon, name, criterion=_no_number)
     with pytest.raises(TriangulationError, match="gives inf: it has to be a number"):
         triangulate(polygon, name, criterion=_beyond_sums)
+
+
+@numba.njit
+def _no_number_for_large_ones(ax, ay, bx, by, cx, cy):
+    doubled = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    return np.nan if doubled > 50 or doubled == 0 else doubled
+
+
+OCTAGON = shapely.Polygon([(0, 0), (5, -2), (10, 0), (12, 5), (10, 10), (5, 12), (0, 10), (-2, 5)])
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: triangulate(OCTAGON, "optimal", criterion=_no_number_for_large_ones),
+        lambda: triangulate(OCTAGON, "exhaustive", criterion=_no_number_for_large_ones),
+        lambda: certify(OCTAGON, triangulate(OCTAGON, "fan"), _no_number_for_large_ones),
+        lambda: pareto_front(OCTAGON, "overdraw", _no_number_for_large_ones),
+    ],
+)
+def test_a_triangle_that_is_no_number_is_named_although_none_of_the_result_is(use):
+    """The least sum leaves out such triangles, which count as dear: the error would be hidden."""
+    with pytest.raises(
+        TriangulationError, match=r"gives nan for the triangle \(.*it has to be a n"
+    ):
+        use()
+    small = shapely.box(0, 0, 5, 5)  # and it is not remembered against the next polygon
+    assert len(triangulate(small, "optimal", criterion=_no_number_for_large_ones)) == 2
+
+
+def test_triangles_without_area_may_be_no_number():
+    """As a ratio of sides is: no result has such a triangle."""
+    square = shapely.Polygon([(0, 0), (3, 0), (6, 0), (6, 3), (6, 6), (3, 6), (0, 6), (0, 3)])
+    for name in ("optimal", "refined", "flips"):
+        assert len(triangulate(square, name, criterion=_no_number_for_large_ones)) == 6
 
 
 def test_weights_whose_sums_overflow_are_refused():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from harness.frame import View, make_frame
 from scenes import load
@@ -10,7 +11,7 @@ from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
-from triangulators.optimum import edge_table
+from triangulators.optimum import edge_table, small_ring
 from triangulators.optimum.small_ring import grid_unit, ring_optimum
 from triangulators.optimum.visible_table import sparse_optimum
 from triangulators.polygon import boundary
@@ -145,3 +146,22 @@ def test_grid_unit_is_the_coarsest():
     for _, polygon in shared("helsinki.json")[:100]:
         points = vertices(polygon)
         assert (grid_unit(points) > 0.0) == on_grid(points)
+
+
+@pytest.mark.parametrize(
+    ("step", "bend", "expected"), [(1, 0.0, True), (2, 0.0, False), (1, 0.8, False)]
+)
+def test_convex_is_what_turns_left_everywhere_and_goes_round_once(step, bend, expected):
+    angle = 2.0 * np.pi * step * np.arange(5) / 5
+    radius = np.where(np.arange(5) == 2, 1.0 - bend, 1.0)
+    assert small_ring._is_convex(radius * np.cos(angle), radius * np.sin(angle), 5) == expected
+
+
+def test_off_the_grid_a_convex_ring_has_the_optimum_of_its_triangles():
+    angle = np.sort(np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 140))
+    polygon = shapely.Polygon(np.column_stack((np.cos(angle), 0.7 * np.sin(angle))))
+    ring = cycle_of(boundary(polygon), "test")
+    assert not on_grid(ring.points)
+    for name, box in (("overdraw", np.array([0.0, 1.0, 0.0])), ("half-perimeter", H)):
+        total = criteria.find(name).total(ring.points, by_ring(ring.points, box))
+        assert total == pytest.approx(by_triangles(ring, name), rel=1e-12)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.triangulators.cases import diagonals, random_simple, star
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import on_grid, orient, twice_area
-from triangulators.geometry.unfold import fold_back, grow, neighbours, unfold
+from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import boundary
 from triangulators.starting.starts import cycle_of, starts
@@ -88,7 +89,7 @@ def test_visible_pairs_are_the_diagonals():
         assert {tuple(pair) for pair in pairs.tolist()} == diagonals(polygon), polygon.wkt
         outline = boundary(polygon)
         start = starts(outline)[0]
-        everywhere = visible_sites(outline.points, start, neighbours(start, n))
+        everywhere = visible_sites(outline.points, start, twins_of(start))
         assert {tuple(pair) for pair in everywhere.tolist()} == diagonals(polygon)
 
 
@@ -97,14 +98,14 @@ def test_unfolding_and_folding_back_changes_nothing(depth_first):
     polygon = star(60)
     outline = boundary(polygon)
     triangles = np.ascontiguousarray(starts(outline)[0])
-    across = neighbours(triangles, 60)
+    twin = twins_of(triangles)
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
-        assert grow(across, root, 20, depth_first, root % 3, tree, rows) == 20
-        cycle, local, around = unfold(triangles, across, tree, root, 20)
+        assert grow(twin, root, 20, depth_first, root % 3, tree, rows) == 20
+        cycle, local, around = unfold(triangles, twin, tree, root, 20)
         assert sorted(map(sorted, cycle[local].tolist())) == sorted(
             map(sorted, triangles[rows].tolist())
         )
-        fold_back(triangles, across, rows, cycle, around, local)
-        assert np.array_equal(across, neighbours(triangles, 60))
+        fold_back(triangles, twin, rows, cycle, around, local)
+        assert np.array_equal(twin, twins_of(triangles))
     assert verify(polygon, triangles).conforming

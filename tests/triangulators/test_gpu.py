@@ -51,7 +51,7 @@ def done(monkeypatch):
 
     def counted(name, task, threads):
         attempt(name, task, threads)
-        counts.append(int(task.done.sum()))
+        counts.append(int(task.batch.done.sum()))
 
     monkeypatch.setattr(engine, "attempt", counted)
     return counts

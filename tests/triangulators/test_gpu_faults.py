@@ -93,7 +93,7 @@ def test_what_was_done_before_the_device_failed_is_kept(monkeypatch, expected, c
 
     def kept(name, task, threads):
         attempt(name, task, threads)
-        done.extend(task.done.tolist())
+        done.extend(task.batch.done.tolist())
 
     monkeypatch.setattr(engine, "attempt", kept)
     monkeypatch.setattr(engine, "chunk_bounds", lambda begins: [0, 2, 4, len(begins) - 1])

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests.paths import ROOT
-from triangulators.compute import kernels
+from triangulators.compute import compiled_files as files
+from triangulators.compute import storing
 
 INNER = """
 from triangulators.compute.kernels import njit
@@ -43,7 +44,8 @@ def sources(tmp_path, monkeypatch) -> Path:
     (package / "compute").mkdir(parents=True)
     for folder in (package, package / "compute"):
         (folder / "__init__.py").write_text("")
-    shutil.copy(ROOT / "triangulators" / "compute" / "kernels.py", package / "compute")
+    for name in ("kernels.py", "storing.py", "compiled_files.py"):
+        shutil.copy(ROOT / "triangulators" / "compute" / name, package / "compute")
     (package / "inner.py").write_text(INNER.format(added=1))
     (package / "outer.py").write_text(OUTER)
     return package
@@ -76,9 +78,14 @@ def test_a_change_in_what_a_kernel_calls_is_seen(sources, tmp_path):
 @pytest.fixture
 def in_memory(tmp_path, monkeypatch) -> Path:
     """Digests of modules in a folder of the test's own."""
-    for function in (kernels.digest, kernels._source, kernels._imported, kernels._file_of):
+    for function in (
+        files.digest,
+        files._source,
+        files._imported,
+        files._file_of,
+    ):
         function.cache_clear()
-    monkeypatch.setattr(kernels, "SOURCES", tmp_path)
+    monkeypatch.setattr(files, "SOURCES", tmp_path)
     package = tmp_path / "triangulators"
     package.mkdir()
     (package / "a.py").write_text("from triangulators import (\n    b,\n)\n")
@@ -86,44 +93,49 @@ def in_memory(tmp_path, monkeypatch) -> Path:
     (package / "c.py").write_text("def f(): ...\n")
     (package / "d.py").write_text("import numpy\n")
     yield package
-    for function in (kernels.digest, kernels._source, kernels._imported, kernels._file_of):
+    for function in (
+        files.digest,
+        files._source,
+        files._imported,
+        files._file_of,
+    ):
         function.cache_clear()
 
 
 @pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
 def test_an_edit_reaches_those_that_import_it_and_no_others(in_memory, edited, changed):
-    before = {name: kernels.digest(in_memory / f"{name}.py") for name in "abcd"}
+    before = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
     with (in_memory / f"{edited}.py").open("a") as file:
         file.write("# changed\n")
-    for function in (kernels.digest, kernels._source, kernels._imported):
+    for function in (files.digest, files._source, files._imported):
         function.cache_clear()
-    after = {name: kernels.digest(in_memory / f"{name}.py") for name in "abcd"}
+    after = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
     assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
 
 
 def test_damaged_code_is_made_again(tmp_path):
-    files = kernels._Files(tmp_path / "new", "kernel")
-    assert files.load("key") is None
-    files.save("key", [1, 2])
-    assert files.load("key") == [1, 2]
-    assert files.load("another") is None
+    stored = storing._Files(tmp_path / "new", "kernel")
+    assert stored.load("key") is None
+    stored.save("key", [1, 2])
+    assert stored.load("key") == [1, 2]
+    assert stored.load("another") is None
     (file,) = (tmp_path / "new").iterdir()
     whole = file.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"x" + whole[1:]):
         file.write_bytes(damaged)
-        assert files.load("key") is None
+        assert stored.load("key") is None
 
 
 def test_only_old_code_of_other_sources_is_removed(tmp_path, monkeypatch):
     here = tmp_path / "compiled" / "this"
-    monkeypatch.setattr(kernels, "place", lambda: here)
-    current = f"triangulators.compute.simd-{kernels.digest(ROOT / 'triangulators/compute/simd.py')}"
-    past = time.time() - 2 * kernels.OLD_S
+    monkeypatch.setattr(files, "place", lambda: here)
+    current = f"triangulators.compute.simd-{files.digest(ROOT / 'triangulators/compute/simd.py')}"
+    past = time.time() - 2 * files.OLD_S
     for name, when in ((current, past), ("gone-1", past), ("other-1", None)):
         (here / name).mkdir(parents=True)
         (here / name / "kernel.nbc").write_bytes(b"code")
         if when is not None:
             os.utime(here / name / "kernel.nbc", (when, when))
-    assert kernels.kept().files == 3
-    assert kernels.remove_old() == 1
+    assert files.kept().files == 3
+    assert files.remove_old() == 1
     assert {folder.name for folder in here.iterdir()} == {current, "other-1"}

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+import shapely
 
 from tests.triangulators.cases import (
     all_triangulations,
@@ -12,10 +13,20 @@ from tests.triangulators.cases import (
     smooth,
     star,
 )
-from triangulators import Skipped, criteria, names, triangulate, vertices
+from triangulators import (
+    Skipped,
+    criteria,
+    names,
+    triangulate,
+    triangulate_with_gap,
+    vertices,
+)
+from triangulators.checking.units import doubles_add_up
 from triangulators.criteria import CRITERIA, predict
+from triangulators.criteria.cost import cost_of
 from triangulators.criteria.features import FEATURES
 from triangulators.methods.exhaustive import enumerate_triangulations
+from triangulators.polygon import boundary
 from triangulators.registry import find
 from triangulators.verify import verify
 
@@ -146,3 +157,26 @@ def test_the_ways_of_computing_the_optimum_agree():
 def test_worst_of_a_maximum_is_refused():
     with pytest.raises(ValueError, match="minmax"):
         triangulate(star(10), "worst", criterion="minmax-overdraw")
+
+
+def test_a_gap_of_nothing_is_said_where_sums_of_doubles_are_exact():
+    polygons = [star(n, seed=n) for n in (12, 40, 150)]
+    for polygon in polygons:
+        for name in ("overdraw", "half-perimeter"):
+            assert triangulate_with_gap(polygon, "optimal", criterion=name)[1] == 0.0
+        # Whole coordinates up to 2^40: half-perimeters add up in doubles, areas do not.
+        large = shapely.transform(polygon, lambda xy: xy * 256 * (2**22 + 1))
+        assert 0.0 < triangulate_with_gap(large, "optimal", criterion="overdraw")[1] < 1e-11
+        assert triangulate_with_gap(large, "optimal", criterion="half-perimeter")[1] == 0.0
+        larger = shapely.transform(polygon, lambda xy: xy * 256 * (2**34 + 1))
+        assert 0.0 < triangulate_with_gap(larger, "optimal:half-perimeter")[1] < 1e-11
+
+
+def test_sums_that_are_exact_though_some_might_not_be_have_no_gap():
+    # A box may have 2^48 units, and eight triangles 2^53 with their areas: these have far less.
+    x = np.linspace(0.0, 2.0**24, 5)
+    top = np.column_stack((x, [3.0, 2.0, 3.0, 2.0, 3.0]))
+    polygon = shapely.Polygon([*np.column_stack((x, np.zeros(5))), *top[::-1]])
+    cost = cost_of(criteria.find("overdraw"), polygon.area, 8)
+    assert not doubles_add_up(boundary(polygon), cost)
+    assert triangulate_with_gap(polygon, "optimal:overdraw")[1] == 0.0

@@ -3,6 +3,10 @@
 import numpy as np
 import shapely
 
+from scenes import load
+from triangulators import triangulate
+from triangulators.batch.doubtful import doubtful
+from triangulators.batch.ragged import ragged
 from triangulators.polygon import boundary
 from triangulators.starting.repair import insert_dropped_vertices
 from triangulators.verify import verify
@@ -60,3 +64,30 @@ def test_rings_that_touch_and_repeated_vertices_are_counted_by_euler():
     for polygon in (at_a_side, at_a_corner, repeated):
         triangles = shapely.constrained_delaunay_triangles(polygon)
         assert len(triangles.geoms) == boundary(polygon).expected_triangles
+
+
+def damaged(triangles: np.ndarray) -> list[np.ndarray]:
+    """The triangles, and what they become in five ways of being wrong."""
+    turned, beyond, twice = triangles.copy(), triangles.copy(), triangles.copy()
+    turned[-1] = turned[-1, ::-1]
+    beyond[0, 1] = triangles.max() + 1
+    twice[0] = twice[-1]
+    below = triangles.copy()
+    below[0, 0] = -1
+    return [triangles, triangles[:-1], turned, beyond, twice, below]
+
+
+def test_many_at_once_are_judged_as_one_by_one():
+    polygons = [*load("city:buildings=20").polygons, *load("cad:parts=3").polygons]
+    cases = [
+        (polygon, part)
+        for polygon in polygons
+        for part in damaged(triangulate(polygon, "ear-clipping"))
+    ]
+    arrays = ragged([polygon for polygon, _ in cases])
+    doubted = doubtful(arrays, {k: part for k, (_, part) in enumerate(cases)})
+    wrong = [k for k, case in enumerate(cases) if not verify(*case).conforming]
+    assert doubted == wrong
+    assert len(wrong) == 5 * len(polygons)
+    assert doubtful(arrays, {}) == []
+    assert doubtful(arrays, {0: cases[0][1], 1: cases[1][1]}) == [1]

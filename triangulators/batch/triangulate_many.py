@@ -22,7 +22,7 @@ from triangulators.gpu.rings import MOST, SIZES
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
-from triangulators.optimum.many_rings import Batch, do_rings
+from triangulators.optimum.many_rings import Batch, do_rings, polygon_of
 from triangulators.optimum.small_holes import MOST_HOLES, holes_optimum
 from triangulators.optimum.small_ring import SMALL
 from triangulators.registry import parse
@@ -180,8 +180,8 @@ def _on_device(
         for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
             ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
             wanted[index] = shapely.Polygon(ring).is_valid
-    arrays = (work.coordinates, work.begins, wanted, most, bool(cost["box"][0] < 0.0))
-    engine.attempt(device, engine.Task(*arrays, work.starts, work.triangles, work.done), threads)
+    task = engine.Task(work, wanted, most, worst=bool(cost["box"][0] < 0.0))
+    engine.attempt(device, task, threads)
 
 
 def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:
@@ -205,11 +205,8 @@ def _do_holes(first: int, last: int, work: Batch, which: np.ndarray, box: np.nda
     compiled code would compile all of `small_holes` a second time.
     """
     for index in which[first:last].tolist():
-        ring, end = work.owners[index : index + 2].tolist()
-        begin, close = work.begins[index : index + 2].tolist()
         own = work.triangles[work.starts[index] : work.starts[index + 1]]
-        ends = work.rings[ring + 1 : end + 1] - begin
-        work.done[index] = holes_optimum(work.coordinates[begin:close], ends, box, own)
+        work.done[index] = holes_optimum(*polygon_of(index, *work[:4]), box, own)
 
 
 def _clipped(
@@ -235,9 +232,7 @@ def _clipped(
             ]
             bounds = np.r_[0, np.cumsum([len(indices) // 3 for indices in raw])]
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-            arrays = (coordinates, work.rings[1:], work.owners, joined, bounds)
-            out = (work.starts, work.triangles, work.done)
-            running.append(pool.submit(finish, first, last, *arrays, *how, *out))
+            running.append(pool.submit(finish, first, last, work, (joined, bounds), *how))
         _wait(running)
 
 

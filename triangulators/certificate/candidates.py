@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.certificate.sight import Sight
+from triangulators.compute.grouping import grouped
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
 
@@ -45,7 +46,10 @@ def candidates_of(sight: Sight, room: int, kept: np.ndarray) -> Candidates:
     sides = np.empty((room, 3), dtype=np.int32)
     written = _list(points, first, edges, side, sight.rings, found, sides)
     found, sides = found[:written].copy(), sides[:written].copy()
-    start, items = _by_edge(found, sides, len(edges))
+    keys = 2 * sides
+    keys += found > found[:, [1, 2, 0]]  # on the right of an edge is what runs from its higher end
+    start, items = grouped(keys.ravel(), 2 * len(edges))
+    items //= 3
     return Candidates(points, edges, side, found, sides, start, items)
 
 
@@ -139,23 +143,3 @@ def holds_ring(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, wa
         ):
             return True
     return False
-
-
-@njit(nogil=True)
-def _by_edge(triangles: np.ndarray, sides: np.ndarray, edges: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (start, items) of `Candidates`."""
-    start = np.zeros(2 * edges + 1, dtype=np.int64)
-    for t in range(len(triangles)):
-        for k in range(3):
-            right = triangles[t, k] > triangles[t, (k + 1) % 3]
-            start[2 * sides[t, k] + right + 1] += 1
-    for i in range(2 * edges):
-        start[i + 1] += start[i]
-    end = start[:-1].copy()
-    items = np.empty(3 * len(triangles), dtype=np.int32)
-    for t in range(len(triangles)):
-        for k in range(3):
-            place = 2 * sides[t, k] + (triangles[t, k] > triangles[t, (k + 1) % 3])
-            items[end[place]] = t
-            end[place] += 1
-    return start, items

@@ -15,7 +15,7 @@ from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence, Refused
 from triangulators.checking.units import Units, doubles_add_up, exact_total, units_for
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, cost_of
+from triangulators.criteria.cost import Cost, cost_of, require_numbers
 from triangulators.errors import TriangulationError
 from triangulators.optimum.simple_polygon import optimum
 from triangulators.polygon import Boundary, boundary, boundary_area, check
@@ -47,7 +47,8 @@ def certify(
     taken at its word, without evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
-    `InvalidPolygon`, `UnknownName`, and `ValueError` for a criterion that is a maximum.
+    or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`, and `ValueError`
+    for a criterion that is a maximum.
 
     >>> from shapely import Polygon
     >>> from triangulators import certify, triangulate
@@ -64,12 +65,20 @@ def certify(
         raise ValueError(f"{wanted.name}: only a sum over triangles can be certified")
     corners = _conforming(outline, triangles)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
+    found = _certified(outline, corners, cost, seconds, evidence)
+    require_numbers(wanted)
+    return found
+
+
+def _certified(
+    outline: Boundary, corners: np.ndarray, cost: Cost, seconds: float, evidence: bool
+) -> Certificate:
+    """Return the certificate of a triangulation (m, 3), between sites."""
     if outline.holes == 0 and len(outline.edges) <= TABLE:
         units = units_for(outline, corners, cost)
         if not evidence and doubles_add_up(outline, cost):
             return _by_table(outline, corners, cost, units)
-        found = ring_evidence(outline, corners, cost, units)
-        return certificate_of(outline, corners, cost, found)
+        return certificate_of(outline, corners, cost, ring_evidence(outline, corners, cost, units))
     proof = prove(outline, corners, cost, seconds)
     if proof is None:
         total = exact_total(outline, corners, cost, units_for(outline, corners, cost))

@@ -32,12 +32,11 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates, holds_ring
 from triangulators.certificate.integer_costs import weight
-from triangulators.certificate.local_minimality import seen_by_both
+from triangulators.certificate.local_minimality import seen_by_both, way_round
 from triangulators.certificate.sight import Fans, Sight
 from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.predicates import turn
 
 TOO_LARGE = 2**60  # for a potential
 _FAR = np.int64(TOO_LARGE)
@@ -148,25 +147,19 @@ def _extend_thinned(
             c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]  # p is a-c, q is b-c
             if not (given[p] and given[q]):
                 continue
-            # Counter-clockwise the triangle runs a-b-c if c is on the left (way 1), else a-c-b. A
-            # potential counts negative where its edge is run from its higher end to its lower:
-            # from_b is the sign of b-c as it is run, to_a that of a-c. A side of the boundary runs
-            # with its interior on the left, so it must not be run the other way.
-            way = 1 if turn(points, a, b, c) > 0.0 else -1
-            from_b, to_a = (way if b < c else -way), (way if c < a else -way)
-            if (
-                side[q] == -from_b
-                or side[p] == -to_a
-                or holds_ring(points, sight.rings, a, b, c, way)
-            ):
+            way = way_round(points, side, a, b, c, p, q)
+            if way == 0:
                 continue
+            # A potential counts negative where its edge is run from its higher end to its lower:
+            # from_b is the sign of b-c as the triangle runs it, to_a that of a-c.
+            from_b, to_a = (way if b < c else -way), (way if c < a else -way)
             i, j, m = (a, b, c) if way > 0 else (a, c, b)
             room = weight(points, i, j, m, cost, units)
             room -= from_b * potentials[q] + to_a * potentials[p]
-            # way * y(ab) <= room: from above on the left, from below on the right.
-            if way > 0:
-                high = min(high, room)
-            else:
-                low = max(low, -room)
+            # way * y(ab) <= room: from above on the left, from below on the right. Holes are looked
+            # for where that says more than what is known, as it takes the longest.
+            more = room < high if way > 0 else -room > low
+            if more and not holds_ring(points, sight.rings, a, b, c, way):
+                low, high = (low, room) if way > 0 else (-room, high)
         potentials[e] = _between(low, high)
         given[e] = True

@@ -17,7 +17,7 @@ more of them as they are found to be violated, and goes on from where it was.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import highspy
 import numpy as np
@@ -92,8 +92,8 @@ class Program:
         # HiGHS calls it unknown whether a solution is optimal that is not at a corner.
         ends = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
         if model.getModelStatus() not in ends:
-            return self._unsolved(np.zeros(len(self.free)))
-        return self._solved(model, rows)
+            return self._solution(np.zeros(len(self.free)))
+        return self._solution(np.array(model.getSolution().col_value), model, rows)
 
     def by_simplex(self, seconds: float) -> Solution:
         """Solve with few constraints first; those that are violated are added until none is."""
@@ -114,7 +114,7 @@ class Program:
             self._add(model, fresh)
             model.run()
             if model.getModelStatus() != highspy.HighsModelStatus.kOptimal:
-                return self._unsolved(potentials)
+                return self._solution(potentials)
             potentials = np.array(model.getSolution().col_value)
             around = (self.signs[inside] * potentials[c.sides[inside]]).sum(axis=1)
             excess = around - self.weights[inside]
@@ -122,7 +122,7 @@ class Program:
             fresh = inside[violated]
             if len(fresh) > _MOST_ADDED:
                 fresh = _per_edge(c, fresh, -excess[violated], 1)
-        return self._solved(model, rows)
+        return self._solution(np.array(model.getSolution().col_value), model, rows)
 
     def _model(self, seconds: float) -> highspy.Highs:
         model = highspy.Highs()
@@ -148,18 +148,15 @@ class Program:
             self.signs[rows].ravel(),
         )
 
-    def _solved(self, model: highspy.Highs, rows: np.ndarray) -> Solution:
-        found = model.getSolution()
+    def _solution(
+        self, potentials: np.ndarray, model: highspy.Highs | None = None, rows: Any = ()
+    ) -> Solution:
+        """Return what was found in the polygon's units; model: None if it was not solved."""
         share = np.zeros(len(self.candidates.triangles))
-        share[rows] = np.abs(found.row_dual)
-        potentials = np.array(found.col_value)
+        if model is not None:
+            share[rows] = np.abs(model.getSolution().row_dual)
         bound = float(np.dot(self.candidates.side, potentials))
-        return Solution(potentials / self.scale, share, bound / self.scale, True)
-
-    def _unsolved(self, potentials: np.ndarray) -> Solution:
-        share = np.zeros(len(self.candidates.triangles))
-        bound = float(np.dot(self.candidates.side, potentials))
-        return Solution(potentials / self.scale, share, bound / self.scale, False)
+        return Solution(potentials / self.scale, share, bound / self.scale, model is not None)
 
 
 def _per_edge(candidates: Candidates, which: np.ndarray, key: np.ndarray, most: int) -> np.ndarray:

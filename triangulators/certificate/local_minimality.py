@@ -146,22 +146,31 @@ def _apexes(
 
     both: room for what the two ends see.
     """
-    a, b, side = sight.edges[e, 0], sight.edges[e, 1], sight.side
+    points, side, a, b = sight.points, sight.side, sight.edges[e, 0], sight.edges[e, 1]
     count[:] = 0
     for k in range(seen_by_both(fans, a, b, both)):
         c, p, q = fans.near[both[k, 0]], fans.by[both[k, 0]], fans.by[both[k, 1]]
         if gone[p] or gone[q]:
             continue
-        # Counter-clockwise a-b-c runs b to c and c to a; on the other side a to c and c to b. So
-        # `way` is 1 on the left and -1 on the right, and turns round where an edge's lower end is
-        # not the first. A side of the boundary must not be run against its own direction: the
-        # triangle would lie outside.
-        left = turn(sight.points, a, b, c) > 0.0
-        way = 1 if left else -1
-        b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
-        if side[q] != -b_to_c and side[p] != -c_to_a:
-            apex[int(left), count[int(left)]] = c
-            count[int(left)] += 1
+        way = way_round(points, side, a, b, c, p, q)
+        if way != 0:
+            left = int(way > 0)
+            apex[left, count[left]] = c
+            count[left] += 1
+
+
+@njit
+def way_round(points: np.ndarray, side: np.ndarray, a: int, b: int, c: int, p: int, q: int) -> int:
+    """Return 1 if c is on the left of a-b, a < b, -1 on its right, 0 if the triangle lies outside.
+
+    p, q: the edges a-c and b-c. Counter-clockwise a-b-c runs b to c and c to a; on the other side
+    a to c and c to b. So an edge is run with `way` on the left and against it on the right, and the
+    other way round where its lower end is not the first. A side of the boundary must not be run
+    against its own direction: the triangle would lie outside.
+    """
+    way = 1 if turn(points, a, b, c) > 0.0 else -1
+    b_to_c, c_to_a = (way if b < c else -way), (way if c < a else -way)
+    return 0 if side[q] == -b_to_c or side[p] == -c_to_a else way
 
 
 @njit

@@ -15,10 +15,11 @@ from triangulators.certificate.integer_costs import weights_of
 from triangulators.certificate.linear_program import Program, Solution
 from triangulators.certificate.local_minimality import exclude, thin
 from triangulators.certificate.sight import Fans, Sight, fans_of, sight_of
-from triangulators.certificate.skeleton import Across, by_table, crossed, parts_of, ways_across
+from triangulators.certificate.skeleton import Across, by_table, parts_of, ways_across
 from triangulators.checking.evidence import Branch, Evidence, Leaf
 from triangulators.checking.units import Units, units_for
 from triangulators.criteria.cost import Cost
+from triangulators.geometry.predicates import crossed
 from triangulators.optimum.local_search import search_cuts
 from triangulators.polygon import Boundary
 

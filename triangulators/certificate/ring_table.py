@@ -23,7 +23,7 @@ from triangulators.checking.evidence import Evidence, Leaf
 from triangulators.checking.units import Units, wide_costs
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.unfold import neighbours
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.polygon import Boundary
 
@@ -41,7 +41,7 @@ def ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: U
     place[cycle] = np.arange(n, dtype=np.int32)
     local = np.ascontiguousarray(place[triangles])
     ring = outline.points[cycle]
-    start, target = visible_pairs(ring, local, neighbours(local, n), n * n)
+    start, target = visible_pairs(ring, local, twins_of(local), n * n)
     first = np.repeat(np.arange(n, dtype=np.int32), np.diff(start))
     if units.wide:
         far = _fill_wide(ring, start, target, cost)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.geometry.unfold import neighbours
+from triangulators.compute.grouping import grouped
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
 
@@ -43,7 +43,7 @@ def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    pairs = visible_sites(points, triangles, neighbours(triangles, len(points)))
+    pairs = visible_sites(points, triangles, twins_of(triangles))
     edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     side = _sides_of_boundary(edges, outline.edges, len(points))
     return Sight(points, edges, side, _ring_samples(outline))
@@ -51,7 +51,10 @@ def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
 
 def fans_of(sight: Sight) -> Fans:
     """Return the edges by their ends, from both."""
-    return Fans(*_lists(sight.edges, len(sight.points)))
+    # Edges ascend, so that with those by their higher ends first all sites that one sees ascend.
+    begin, places = grouped(sight.edges[:, ::-1].T.ravel(), len(sight.points))
+    near = np.ascontiguousarray(sight.edges.T).ravel()[places]
+    return Fans(begin, near, places % np.int32(max(len(sight.edges), 1)))
 
 
 def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> np.ndarray:
@@ -75,23 +78,3 @@ def _ring_samples(outline: Boundary) -> np.ndarray:
         ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
         samples[number] = ring + ring[-1:] * (4 - len(ring))
     return samples
-
-
-@njit(nogil=True)
-def _lists(edges: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (begin, near, by) of `Fans`."""
-    begin = np.zeros(count + 1, dtype=np.int64)
-    for e in range(len(edges)):
-        begin[edges[e, 0] + 1] += 1
-        begin[edges[e, 1] + 1] += 1
-    for v in range(count):
-        begin[v + 1] += begin[v]
-    end = begin[:-1].copy()
-    near, by = np.empty(2 * len(edges), dtype=np.int32), np.empty(2 * len(edges), dtype=np.int32)
-    # Edges ascend, so those to lower sites come first, ascending, then those to higher ones.
-    for first in (1, 0):
-        for e in range(len(edges)):
-            v = edges[e, first]
-            near[end[v]], by[end[v]] = edges[e, 1 - first], e
-            end[v] += 1
-    return begin, near, by

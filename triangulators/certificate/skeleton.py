@@ -24,9 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
+from triangulators.compute.grouping import grouped
 from triangulators.compute.kernels import njit
 from triangulators.compute.union_find import join, root_of
-from triangulators.geometry.predicates import cross, turn
+from triangulators.geometry.predicates import cross, crossed, turn
 
 _NOTHING = np.int64(2**60 - 1)  # cost where no triangles fit; thrice that is still an int64
 
@@ -36,6 +37,20 @@ class Table(NamedTuple):
 
     chosen: np.ndarray
     potentials: np.ndarray
+
+
+class _Beyond(NamedTuple):
+    """What is known of what is beyond each half-edge: the least, far (2 e,), and its choice (2 e,).
+
+    Half-edge 2 e runs edge e from its lower end to its higher, 2 e + 1 the other way; what is
+    beyond is on its left, and the choice is the triangle there. state (2 e,): 1 while what is
+    beyond is worked out, 2 where it is known; seen (t,): triangles that were tried.
+    """
+
+    far: np.ndarray
+    choice: np.ndarray
+    state: np.ndarray
+    seen: np.ndarray
 
 
 class Across(NamedTuple):
@@ -73,26 +88,33 @@ def by_table(
 
     weights, alive (t,): of the triangles. Where they make no triangulation none are chosen, and the
     potentials say so by a sum that no triangulation reaches. None where the table fails.
+
+    Three steps. `_fill` from a root works out the least beyond each half-edge that leads away from
+    it. `_trace` follows the choices and so finds the optimum, and lays out the ring. `_fill_rest`
+    goes on with triangles that the root does not lead to, whose inequalities are asked for as well.
+    A potential is what is beyond the half-edge from the lower end less what is beyond its twin.
     """
     c = candidates
     root = int(np.flatnonzero(c.side != 0)[0])
     half = 2 * root + int(c.side[root] < 0)
-    far = np.zeros(2 * len(c.edges), dtype=np.int64)
-    choice = np.full(2 * len(c.edges), -1, dtype=np.int32)
-    state = np.zeros(len(far), dtype=np.int8)
-    seen = np.zeros(len(c.triangles), dtype=np.bool_)
-    table = (*c[2:], weights, alive, cut, far, choice, state, seen)
-    if not _fill(half, *table):
+    beyond = _nothing_known(c)
+    if not _fill(half, c, weights, alive, cut, beyond):
         return None
-    if far[half] < _NOTHING:
-        chosen, places = _trace(c.triangles, c.sides, c.side, cut, choice, half)
+    if beyond.far[half] < _NOTHING:
+        chosen, places = _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
         laid_out = chosen
     else:
         chosen = np.empty(0, dtype=np.int64)
         laid_out, places = _lay_out(c, cut, half)
-    if len(laid_out) == 0 or not _fill_rest(c.points, laid_out, places, *table):
+    if len(laid_out) == 0 or not _fill_rest(laid_out, places, c, weights, alive, cut, beyond):
         return None
-    return Table(chosen, far[::2] - far[1::2])
+    return Table(chosen, beyond.far[::2] - beyond.far[1::2])
+
+
+def _nothing_known(candidates: Candidates) -> _Beyond:
+    halves, triangles = 2 * len(candidates.edges), len(candidates.triangles)
+    far, choice = np.zeros(halves, dtype=np.int64), np.full(halves, -1, dtype=np.int32)
+    return _Beyond(far, choice, np.zeros(halves, np.int8), np.zeros(triangles, np.bool_))
 
 
 def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
@@ -102,13 +124,10 @@ def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.nda
     for a, b in c.edges[cut].tolist():
         gone |= crossed(c.points, c.edges, a, b)
     free = ~gone[c.sides].any(axis=1)
-    far = np.zeros(2 * len(c.edges), dtype=np.int64)
-    choice = np.full(len(far), -1, dtype=np.int32)
-    state, seen = np.zeros(len(far), dtype=np.int8), np.zeros(len(free), dtype=np.bool_)
-    alike = np.zeros(len(free), dtype=np.int64)
-    if not _fill(half, *c[2:], alike, free, cut, far, choice, state, seen) or far[half] > 0:
+    alike, beyond = np.zeros(len(free), dtype=np.int64), _nothing_known(c)
+    if not _fill(half, c, alike, free, cut, beyond) or beyond.far[half] > 0:
         return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int32)
-    return _trace(c.triangles, c.sides, c.side, cut, choice, half)
+    return _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
 
 
 def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Across | None:
@@ -210,35 +229,15 @@ def _is_crossed(
 
 
 @njit(nogil=True)
-def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
-    """Return which edges (e,) cross the edge a-b."""
-    found = np.zeros(len(edges), dtype=np.bool_)
-    for e in range(len(edges)):
-        found[e] = cross(points, a, b, edges[e, 0], edges[e, 1])
-    return found
-
-
-@njit(nogil=True)
 def _fill(
     root: int,
-    side: np.ndarray,
-    triangles: np.ndarray,
-    sides: np.ndarray,
-    start: np.ndarray,
-    items: np.ndarray,
+    candidates: Candidates,
     weights: np.ndarray,
     alive: np.ndarray,
     cut: np.ndarray,
-    far: np.ndarray,
-    choice: np.ndarray,
-    state: np.ndarray,
-    seen: np.ndarray,
+    beyond: _Beyond,
 ) -> bool:
-    """Fill `far` and `choice` for what is beyond each half-edge that leads away from `root`.
-
-    Half-edge 2 e runs edge e from its lower end to its higher, 2 e + 1 the other way; what is
-    beyond is on its left. state: 1 while what is beyond is worked out, 2 where it is known; seen:
-    triangles that were tried. False if half-edges lead round in a circle.
+    """Fill `beyond` for each half-edge that leads away from `root`; False if they form a circle.
 
     A search in depth, with a stack in place of recursion. Each half-edge is looked at twice: once
     (state 0) to put what its triangles lead out to on the stack, and again, when it is on top once
@@ -247,6 +246,8 @@ def _fill(
     state 1 would be a circle, which a polygon without holes does not have. Every triangle is tried
     from each of its sides at most, so the time goes by their number.
     """
+    _points, _edges, side, triangles, sides, start, items = candidates
+    far, choice, state, seen = beyond
     waiting = np.empty(len(far), dtype=np.int64)
     waiting[0] = root
     height = 1
@@ -370,21 +371,13 @@ def _trace(
 
 @njit(nogil=True)
 def _fill_rest(
-    points: np.ndarray,
     chosen: np.ndarray,
     places: np.ndarray,
-    side: np.ndarray,
-    triangles: np.ndarray,
-    sides: np.ndarray,
-    start: np.ndarray,
-    items: np.ndarray,
+    candidates: Candidates,
     weights: np.ndarray,
     alive: np.ndarray,
     cut: np.ndarray,
-    far: np.ndarray,
-    choice: np.ndarray,
-    state: np.ndarray,
-    seen: np.ndarray,
+    beyond: _Beyond,
 ) -> bool:
     """Fill the table for triangles that the root does not lead to, which need potentials, too.
 
@@ -402,46 +395,25 @@ def _fill_rest(
 
     Invariant: all triangles before t that are left were tried, so that their inequality holds.
     """
-    begin, at = _corners_at(len(points), triangles, chosen)
+    points, _edges, side, triangles, sides, _start, _items = candidates
+    begin, at = grouped(triangles[chosen].ravel(), len(points))
     for t in range(len(triangles)):
-        if not alive[t] or seen[t]:
+        if not alive[t] or beyond.seen[t]:
             continue
         for k in range(3):
             out = _way_out(triangles, sides, side, cut, t, k, -2)
-            if out < 0 or state[out] == 2:
+            if out < 0 or beyond.state[out] == 2:
                 continue  # nothing is beyond this side, or it leads out of the triangle
             a, b = triangles[t, k], triangles[t, (k + 1) % 3]  # `out` runs b to a
             first = _place(points, triangles, chosen, places, begin, at, a, b)
             last = _place(points, triangles, chosen, places, begin, at, b, a)
             if first > last >= 0:
-                table = (side, triangles, sides, start, items, weights, alive, cut)
-                if not _fill(out ^ 1, *table, far, choice, state, seen):
+                if not _fill(out ^ 1, candidates, weights, alive, cut, beyond):
                     return False
                 break
-        if not seen[t]:
+        if not beyond.seen[t]:
             return False
     return True
-
-
-@njit
-def _corners_at(
-    count: int, triangles: np.ndarray, chosen: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (begin, at): `at[begin[v]:begin[v + 1]]` are 3 m + k of the corners at site v."""
-    begin = np.zeros(count + 1, dtype=np.int64)
-    for m in range(len(chosen)):
-        for k in range(3):
-            begin[triangles[chosen[m], k] + 1] += 1
-    for v in range(count):
-        begin[v + 1] += begin[v]
-    end = begin[:-1].copy()
-    at = np.empty(3 * len(chosen), dtype=np.int64)
-    for m in range(len(chosen)):
-        for k in range(3):
-            v = triangles[chosen[m], k]
-            at[end[v]] = 3 * m + k
-            end[v] += 1
-    return begin, at
 
 
 @njit
@@ -455,7 +427,10 @@ def _place(
     a: int,
     b: int,
 ) -> int:
-    """Return the place in the ring of site `a` from which b is seen; -1 if there is none."""
+    """Return the place in the ring of site `a` from which b is seen; -1 if there is none.
+
+    begin, at: `at[begin[a]:begin[a + 1]]` are 3 m + k of the corners k of rows m that are at a.
+    """
     for item in range(begin[a], begin[a + 1]):
         m, k = at[item] // 3, at[item] % 3
         t = chosen[m]

@@ -20,6 +20,8 @@ from triangulators.geometry.predicates import turn
 
 _FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 
+Fans = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 
 def check_excluded(edges: Edges, order: np.ndarray, cost: Cost, units: Units) -> None:
     """Raise `Refused` unless each edge of `order` may be excluded after those before it."""
@@ -40,31 +42,21 @@ def check_excluded(edges: Edges, order: np.ndarray, cost: Cost, units: Units) ->
         raise Refused(f"the edge {a}-{b} is excluded, but may be part of an optimum")
 
 
-@njit
-def _fans(ends: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _fans(ends: np.ndarray, n: int) -> Fans:
     """Return (start, other, over): site v sees `other[start[v]:start[v + 1]]` along edges `over`.
 
-    The sites are ascending.
+    The sites are ascending: edges ascend, and those to lower sites come before those to higher.
     """
-    start = np.zeros(n + 2, dtype=np.int64)
-    for e in range(len(ends)):
-        for v in ends[e]:
-            start[v + 2] += 1
-    start = start.cumsum()
-    other, over = np.empty(2 * len(ends), dtype=np.int32), np.empty(2 * len(ends), dtype=np.int32)
-    # start[v + 1] is where the next one of v goes; in the end it is where those of v + 1 begin.
-    for end in (1, 0):  # first the lower ones of each site
-        for e in range(len(ends)):
-            v = ends[e, end]
-            other[start[v + 1]], over[start[v + 1]] = ends[e, 1 - end], e
-            start[v + 1] += 1
-    return start[:-1].copy(), other, over
+    sites = ends[:, ::-1].T.ravel()
+    order = np.argsort(sites, kind="stable")
+    start = np.searchsorted(sites[order], np.arange(n + 1))
+    return start, ends.T.ravel()[order], (order % len(ends)).astype(np.int32)
 
 
 @njit
 def _third_corners(
     edges: Edges,
-    fans: tuple[np.ndarray, np.ndarray, np.ndarray],
+    fans: Fans,
     turn_of: np.ndarray,
     now: int,
     a: int,
@@ -102,7 +94,7 @@ def _third_corners(
 @njit(nogil=True)
 def _replay(
     edges: Edges,
-    fans: tuple[np.ndarray, np.ndarray, np.ndarray],
+    fans: Fans,
     which: np.ndarray,
     turn_of: np.ndarray,
     cost: Cost,

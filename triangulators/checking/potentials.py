@@ -5,6 +5,8 @@ Triangles are found one after the other and none is kept: the time goes by their
 by the edges.
 """
 
+from itertools import combinations
+
 import numpy as np
 
 from triangulators.checking.edges import Edges, around_hole
@@ -14,7 +16,7 @@ from triangulators.checking.weights import TOO_LARGE, weight_of
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.predicates import turn, turns
 
 _FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 
@@ -26,11 +28,11 @@ def check_potentials(
 
     They are below 2^60 where units are not wide: sums of three then fit 64 bits.
     """
+    if units.wide:
+        _check_wide(edges, potential, lift, cost)
+        return
     n = len(edges.points)
     starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
-    if units.wide:
-        _check_wide(edges, starts, potential, lift, cost)
-        return
     slices = _SLICES if len(edges.ends) > _FEW else 1
 
     def worst_of(number: int) -> list[int]:
@@ -44,60 +46,18 @@ def check_potentials(
         raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
 
 
-def _check_wide(
-    edges: Edges, starts: np.ndarray, potential: np.ndarray, lift: int, cost: Cost
-) -> None:
-    """Check in Python's numbers; a ring's triangles, without noise, are few enough to list."""
-    listed = _listed(edges, starts)
-    corners, sides = listed[:, :3], listed[:, 3:]
+def _check_wide(edges: Edges, potential: np.ndarray, lift: int, cost: Cost) -> None:
+    """Check in Python's numbers; a ring of few corners has triples of them that can be listed."""
+    corners = np.array(list(combinations(np.unique(edges.ends).tolist(), 3)), dtype=np.int32)
+    sides = np.column_stack([edges.find(corners[:, pair]) for pair in ([0, 1], [1, 2], [0, 2])])
+    corners, sides = corners[(sides >= 0).all(axis=1)], sides[(sides >= 0).all(axis=1)]
+    run = np.where(turns(edges.points, corners) > 0.0, 1, -1)  # as in `_exceeded`
+    inside = (edges.ways[sides] != run[:, None] * np.array([-1, -1, 1])).all(axis=1)
+    corners, (ab, bc, ac), run = corners[inside], sides[inside].T, run[inside].astype(object)
     room = np.array(wide_costs(edges.points, corners, cost), dtype=object) - lift
-    # As in `_exceeded`: corners a < b < c, sides a-b, b-c, a-c; a clockwise one runs the other way.
-    left = (corners[:, 1] < corners[:, 2]).astype(object) * 2 - 1
-    around = left * (potential[sides[:, 0]] + potential[sides[:, 1]] - potential[sides[:, 2]])
-    wrong = np.flatnonzero(around > room)
+    wrong = np.flatnonzero(run * (potential[ab] + potential[bc] - potential[ac]) > room)
     if len(wrong):
         raise Refused(f"the potentials exceed the weight of the triangle {corners[wrong[0]]}")
-
-
-@njit
-def _listed(edges: Edges, starts: np.ndarray) -> np.ndarray:
-    """Return the empty triangles (t, 6): corners, the lowest first, and sides a-b, b-c, a-c."""
-    ends = edges.ends
-    found = [np.int64(0) for _ in range(0)]
-    for e in range(len(ends)):
-        a, b = ends[e, 0], ends[e, 1]
-        p, q = e + 1, starts[b]
-        while p < starts[a + 1] and q < starts[b + 1]:
-            if ends[p, 1] < ends[q, 1]:
-                p += 1
-            elif ends[p, 1] > ends[q, 1]:
-                q += 1
-            else:
-                run = _run(edges, e, q, p)
-                if run != 0:
-                    c = ends[p, 1]
-                    i, j, k = (a, b, c) if run > 0 else (a, c, b)
-                    for value in np.array((i, j, k, e, q, p)):
-                        found.append(np.int64(value))
-                p += 1
-                q += 1
-    return np.array(found).reshape(-1, 6)
-
-
-@njit
-def _run(edges: Edges, e: int, q: int, p: int) -> int:
-    """Return 1 if the triangle of the edges a-b, b-c and a-c, a < b < c, turns left, -1 if right.
-
-    0 if it is none of the polygon's. Counter-clockwise, a left turn runs a to b, b to c and c to a:
-    with the first two edges and against the third; a right turn the other way. A side of the
-    boundary must be run in its own way.
-    """
-    a, b, c = edges.ends[e, 0], edges.ends[e, 1], edges.ends[p, 1]
-    run = 1 if turn(edges.points, a, b, c) > 0.0 else -1
-    ways = edges.ways
-    if ways[e] == -run or ways[q] == -run or ways[p] == run:
-        return 0
-    return 0 if around_hole(edges.points, edges.holes, a, b, c, run) else run
 
 
 @njit(nogil=True)
@@ -116,7 +76,7 @@ def _exceeded(
     From every `slices`-th edge on, which is its lowest corner's edge to the next. An empty array if
     there is none, one of length 1 where a weight is too large.
     """
-    ends = edges.ends
+    ends, ways = edges.ends, edges.ways
     for e in range(number, len(ends), slices):
         a, b = ends[e, 0], ends[e, 1]
         # Edges ascend: those of a after e lead to c > b, those of b from starts[b] on, too. What
@@ -128,15 +88,18 @@ def _exceeded(
             elif ends[p, 1] > ends[q, 1]:
                 q += 1
             else:
-                run = _run(edges, e, q, p)
-                if run != 0:
-                    c = ends[p, 1]
+                # Counter-clockwise, a left turn runs a to b, b to c and c to a: with the first two
+                # edges and against the third; a right turn the other way. A side of the boundary
+                # must be run in its own way, or the triangle is outside.
+                c = ends[p, 1]
+                run = 1 if turn(edges.points, a, b, c) > 0.0 else -1
+                outside = ways[e] == -run or ways[q] == -run or ways[p] == run
+                if not outside and not around_hole(edges.points, edges.holes, a, b, c, run):
                     i, j, k = (a, b, c) if run > 0 else (a, c, b)
                     weight = weight_of(edges.points, i, j, k, cost, units)
                     if weight >= TOO_LARGE:
                         return np.zeros(1, dtype=np.int32)
-                    # Potentials count from lower to higher end: a-b and b-c are run with `run`,
-                    # and a-c against it.
+                    # Potentials count from lower to higher end, so that a-c counts against.
                     around = run * (potential[e] + potential[q] - potential[p])
                     if weight - around < lift:
                         return np.array((i, j, k), dtype=np.int32)

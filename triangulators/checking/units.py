@@ -45,7 +45,7 @@ _ROOM = 2**61  # four times the weight of the triangulation stays below
 _MOST_WEIGHT = 2**59  # of a triangle, without its noise
 _DIGITS = 36  # a real total has up to 2^36 units
 _LARGEST_COEFFICIENT = 1024
-_EXACT = 2.0**52  # steps up to which sums and halves of doubles are exact
+EXACT = 2.0**52  # steps up to which sums and halves of doubles are exact
 _EXACT_FACTOR = 2.0**25  # the same of factors, whose product is then exact
 
 
@@ -69,7 +69,7 @@ def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
     """Return the units of claims about a triangulation (m, 3), between sites, of a polygon."""
     total = math.fsum(np.abs(costs_of(outline.points, triangles, cost)).tolist())
     count = outline.expected_triangles
-    scale, whole, _ = _whole_scale(outline.points, cost)
+    scale, whole, _ = whole_scale(outline.points, cost)
     if scale > 0.0:
         for bits in (*range(NOISE_BITS, 1, -1), 0):
             factor = factor_for(count, bits)
@@ -94,8 +94,8 @@ def factor_for(count: int, bits: int) -> int:
 
 def doubles_add_up(outline: Boundary, cost: Cost) -> bool:
     """Whether doubles compute every cost, and every sum of as many as there are, exactly."""
-    scale, _, most = _whole_scale(outline.points, cost)
-    return scale > 0.0 and most * outline.expected_triangles < _EXACT
+    scale, _, most = whole_scale(outline.points, cost)
+    return scale > 0.0 and most * outline.expected_triangles < EXACT
 
 
 def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Fraction:
@@ -121,7 +121,7 @@ def wide_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> list[in
     return list(whole.tolist())
 
 
-def _whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
+def whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
     """Return units in 1 in which doubles compute every cost exactly, 0 if there are none.
 
     With it, whether costs are whole because all coordinates are, however large; and the units that
@@ -140,7 +140,7 @@ def _whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
     k = _binary_places(points)
     steps = float(np.ptp(points, axis=0).max()) * 2.0**k if abs(k) < 900 else math.inf
     most = max(1.0, np.abs(coefficients).sum() * (2.0 * steps * steps if box else 2.0 * steps))
-    if most < _EXACT and (not box or steps < _EXACT_FACTOR):
+    if most < EXACT and (not box or steps < _EXACT_FACTOR):
         return (2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)), k <= 0, most
     return 0.0, k <= 0, most
 

@@ -4,9 +4,14 @@ A segment is a diagonal if it starts into the interior at both ends and meets no
 edge. Boundary edges are kept by the cells of a grid, and a segment looks only into the cells that
 it runs through: which cells is computed with a margin, orientations are exact.
 
-Not every pair is tried: boxes of sites that one edge hides are passed over (`checker_boxes`), and
-those outside the angle between the sides at a site.
+Order. For each site, boxes of the sites after it are looked at, the nearest first (see `boxes`).
+Those outside the angle between the sides at the site, and those that one edge hides, are passed
+over with all sites in them; of the others each site is tried. Every edge that was met so is asked
+about the boxes that follow. So the time goes by the pairs that see each other and by what blocks
+the others, no longer by all n^2 / 2.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,39 +32,80 @@ _FEW, _SLICES = 2000, 16  # sites from which on they are shared out among thread
 _HIDING = 8  # edges that are asked whether they hide a box
 
 
+class _Sides(NamedTuple):
+    """The boundary: points (n, 2), edges (b, 2), interior left, and the edge following (b,) each.
+
+    The edges that end at site v are `ending[first[v]:first[v + 1]]`: several where rings touch, and
+    the interior there is what all these corners have on their left.
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    following: np.ndarray
+    ending: np.ndarray
+    first: np.ndarray
+
+
+class _Grid(NamedTuple):
+    """Cells x cells boxes from `low` (2,) on, of `size` (2,).
+
+    Cell i, column after column, has the edges `items[start[i]:start[i + 1]]`.
+    """
+
+    low: np.ndarray
+    size: np.ndarray
+    cells: int
+    start: np.ndarray
+    items: np.ndarray
+
+
+class _Sites(NamedTuple):
+    """The sites in the order of a curve, and the tree of their boxes, see `boxes_of`."""
+
+    order: np.ndarray
+    boxes: np.ndarray
+
+
 def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarray:
-    """Return the diagonals (k, 2) between sites, a < b; edges (b, 2) have the interior left."""
-    n = len(points)
-    # The corners of the boundary: at a site, edge in and edge out; a site has several where rings
-    # touch, and the interior there is what all of them have on their left.
-    following = np.full(len(edges), -1, dtype=np.int32)
+    """Return the diagonals (k, 2) between sites; edges (b, 2) have the interior left.
+
+    site (n,): see `Boundary`. The lower site of a pair need not be the first.
+    """
+    following = np.arange(1, len(edges) + 1, dtype=np.int32)
     ring_start = 0
     for e in range(len(edges)):
-        following[e] = e + 1
         if edges[e, 1] == edges[ring_start, 0]:
             following[e] = ring_start
             ring_start = e + 1
-    corner_of = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
-    first = np.searchsorted(edges[corner_of, 1], np.arange(n + 1))
+    ending = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
+    first = np.searchsorted(edges[ending, 1], np.arange(len(points) + 1))
+    sides = _Sides(points, edges, following, ending, first)
     cells = max(1, min(512, int(np.sqrt(len(edges) / 2.0))))
-    low = points.min(axis=0)
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
-    start, items = _fill(points, edges, low, size, cells)
+    low = points.min(axis=0)
+    grid = _Grid(low, size, cells, *_fill(points, edges, low, size, cells))
     order = near_each_other(points, np.unique(site).astype(np.int32))
-    boxes = boxes_of(points, order)
-    sides = (points, edges, following, corner_of, first)
-    grid = (low, size, cells, start, items)
+    sites = _Sites(order, boxes_of(points, order))
     slices = _SLICES if len(order) > _FEW else 1
 
     def each(number: int) -> np.ndarray:
-        found: np.ndarray = _diagonals(*sides, order, boxes, number, slices, *grid)
+        found: np.ndarray = _diagonals(sides, grid, sites, number, slices)
         return found
 
     return np.concatenate(shared_out(each, slices))
 
 
 @njit
-def _span(
+def _cells(a: float, b: float, low: float, size: float, cells: int) -> tuple[int, int]:
+    """Return the first and last cell, along one axis, of what is between a and b, with a margin."""
+    margin = 1e-6 * size
+    first = int(np.floor((min(a, b) - margin - low) / size))
+    last = int(np.floor((max(a, b) + margin - low) / size))
+    return max(0, first), min(cells - 1, last)
+
+
+@njit
+def _rows(
     ax: float,
     ay: float,
     bx: float,
@@ -69,7 +115,7 @@ def _span(
     cells: int,
     column: int,
 ) -> tuple[int, int]:
-    """Return the first and last row of cells that a segment meets in a column, with a margin."""
+    """Return the first and last row of cells that a segment meets in a column."""
     left, right = low[0] + column * size[0], low[0] + (column + 1) * size[0]
     if bx < ax:
         ax, ay, bx, by = bx, by, ax, ay
@@ -79,35 +125,26 @@ def _span(
             y0 = ay + (by - ay) * ((left - ax) / (bx - ax))
         if right < bx:
             y1 = ay + (by - ay) * ((right - ax) / (bx - ax))
-    margin = 1e-6 * size[1]
-    bottom = int(np.floor((min(y0, y1) - margin - low[1]) / size[1]))
-    top = int(np.floor((max(y0, y1) + margin - low[1]) / size[1]))
-    return max(0, bottom), min(cells - 1, top)
-
-
-@njit
-def _columns(ax: float, bx: float, low: float, size: float, cells: int) -> tuple[int, int]:
-    margin = 1e-6 * size
-    first = int(np.floor((min(ax, bx) - margin - low) / size))
-    last = int(np.floor((max(ax, bx) + margin - low) / size))
-    return max(0, first), min(cells - 1, last)
+    return _cells(y0, y1, low[1], size[1], cells)
 
 
 @njit
 def _fill(
     points: np.ndarray, edges: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return (start, items) of `_Grid`: edges are counted in one sweep and written in another."""
     start = np.zeros(cells * cells + 2, dtype=np.int64)
     items = np.empty(0, dtype=np.int32)
     for sweep in range(2):
         for e in range(len(edges)):
             a, b = edges[e, 0], edges[e, 1]
             ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-            first, last = _columns(ax, bx, low[0], size[0], cells)
+            first, last = _cells(ax, bx, low[0], size[0], cells)
             for column in range(first, last + 1):
-                bottom, top = _span(ax, ay, bx, by, low, size, cells, column)
+                bottom, top = _rows(ax, ay, bx, by, low, size, cells, column)
                 for row in range(bottom, top + 1):
                     cell = column * cells + row
+                    # start[cell + 1] is where the next one of `cell` goes: in the end its end.
                     if sweep == 0:
                         start[cell + 2] += 1
                     else:
@@ -124,14 +161,14 @@ def _starts_inside(
     points: np.ndarray,
     edges: np.ndarray,
     following: np.ndarray,
-    corner_of: np.ndarray,
+    ending: np.ndarray,
     first: np.ndarray,
     a: int,
     b: int,
 ) -> bool:
-    """Whether the segment from a to b starts strictly into the interior."""
+    """Whether the segment from a to b starts strictly into the interior; see `_Sides`."""
     for place in range(first[a], first[a + 1]):
-        e = corner_of[place]
+        e = ending[place]
         before, after = edges[e, 0], edges[following[e], 1]
         left_of_out = turn(points, a, after, b) > 0.0
         left_of_in = turn(points, before, a, b) > 0.0
@@ -169,11 +206,7 @@ def _meeting(
     edges: np.ndarray,
     a: int,
     b: int,
-    low: np.ndarray,
-    size: np.ndarray,
-    cells: int,
-    start: np.ndarray,
-    items: np.ndarray,
+    grid: _Grid,
     asked: np.ndarray,
     stamp: int,
 ) -> int:
@@ -181,19 +214,20 @@ def _meeting(
 
     asked (b,): the stamp of the segment that each edge was last asked about.
     """
+    low, size, cells, start, items = grid
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-    first, last = _columns(ax, bx, low[0], size[0], cells)
-    step = 1 if bx >= ax else -1  # from a on: what blocks is often near
+    first, last = _cells(ax, bx, low[0], size[0], cells)
     for index in range(last - first + 1):
-        column = first + index if step > 0 else last - index
-        bottom, top = _span(ax, ay, bx, by, low, size, cells, column)
+        column = first + index if bx >= ax else last - index  # from a on: what blocks is often near
+        bottom, top = _rows(ax, ay, bx, by, low, size, cells, column)
         for row in range(bottom, top + 1):
             cell = column * cells + row
             for place in range(start[cell], start[cell + 1]):
-                if asked[items[place]] == stamp:  # long edges are in many cells
+                e = items[place]
+                if asked[e] == stamp:  # long edges are in many cells
                     continue
-                asked[items[place]] = stamp
-                c, d = edges[items[place], 0], edges[items[place], 1]
+                asked[e] = stamp
+                c, d = edges[e, 0], edges[e, 1]
                 if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
                     # Edges at an end leave it elsewhere, or the segment would not start inside;
                     # unless one is the segment itself.
@@ -201,7 +235,7 @@ def _meeting(
                         return -2
                     continue
                 if _meets(points, a, b, c, d):
-                    return items[place]
+                    return e
     return -1
 
 
@@ -210,15 +244,15 @@ def _outside(
     points: np.ndarray,
     edges: np.ndarray,
     following: np.ndarray,
-    corner_of: np.ndarray,
+    ending: np.ndarray,
     first: np.ndarray,
     a: int,
     box: np.ndarray,
 ) -> bool:
-    """Whether no segment from a into a box starts into the interior."""
+    """Whether no segment from a into a box starts into the interior; see `_Sides`."""
     ax, ay = points[a, 0], points[a, 1]
     for place in range(first[a], first[a + 1]):
-        e = corner_of[place]
+        e = ending[place]
         before, after = edges[e, 0], edges[following[e], 1]
         qx, qy, px, py = points[after, 0], points[after, 1], points[before, 0], points[before, 1]
         right_of_out = right_of_in = True
@@ -233,45 +267,15 @@ def _outside(
 
 
 @njit(nogil=True)
-def _diagonals(
-    points: np.ndarray,
-    edges: np.ndarray,
-    following: np.ndarray,
-    corner_of: np.ndarray,
-    first: np.ndarray,
-    order: np.ndarray,
-    boxes: np.ndarray,
-    number: int,
-    slices: int,
-    low: np.ndarray,
-    size: np.ndarray,
-    cells: int,
-    start: np.ndarray,
-    items: np.ndarray,
-) -> np.ndarray:
+def _diagonals(sides: _Sides, grid: _Grid, sites: _Sites, number: int, slices: int) -> np.ndarray:
     """Return the pairs of every `slices`-th site of `order`, from `number` on, with later ones."""
+    order, edges = sites.order, sides.edges
     found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
     count = 0
     seen = np.empty(len(order), dtype=np.int32)
     asked = np.full(len(edges), -1, dtype=np.int64)
     for i in range(number, len(order), slices):
-        more = _seen_after(
-            points,
-            edges,
-            following,
-            corner_of,
-            first,
-            order,
-            boxes,
-            i,
-            seen,
-            low,
-            size,
-            cells,
-            start,
-            items,
-            asked,
-        )
+        more = _seen_after(sides, grid, sites, i, seen, asked)
         if count + more > len(found):
             grown = np.empty((2 * (count + more), 2), dtype=np.int32)
             grown[:count] = found[:count]
@@ -284,23 +288,23 @@ def _diagonals(
 
 @njit
 def _seen_after(
-    points: np.ndarray,
-    edges: np.ndarray,
-    following: np.ndarray,
-    corner_of: np.ndarray,
-    first: np.ndarray,
-    order: np.ndarray,
-    boxes: np.ndarray,
-    i: int,
-    seen: np.ndarray,
-    low: np.ndarray,
-    size: np.ndarray,
-    cells: int,
-    start: np.ndarray,
-    items: np.ndarray,
-    asked: np.ndarray,
+    sides: _Sides, grid: _Grid, sites: _Sites, i: int, seen: np.ndarray, asked: np.ndarray
 ) -> int:
-    """Write the sites after `order[i]` that it sees to `seen`; return how many there are."""
+    """Write the sites after `order[i]` that it sees to `seen`; return how many there are.
+
+    seen (n,): room; asked (b,): see `_meeting`.
+
+    The tree of boxes is walked from its root with a stack, of which 64 places are more than it has
+    levels, as every level leaves one box waiting. Invariant: each site after place i is in `seen`,
+    is in a box on the stack, or was shown not to be seen. So every site after i is decided once;
+    that those before see it was decided at their turn, and the pair is found from one side only.
+
+    `hiding` holds up to eight edges that met a segment from here, with this site on their left, and
+    `known` says how many; the one that hid something last comes first. It only saves time: an edge
+    that is not in it is met in `_meeting`.
+    """
+    points, edges, following, ending, first = sides
+    order, boxes = sites
     a, leaves = order[i], len(boxes) // 2
     waiting = np.empty(64, dtype=np.int64)
     hiding = np.empty((_HIDING, 2), dtype=np.int32)
@@ -313,12 +317,13 @@ def _seen_after(
         begin, end = places_of(node, leaves, len(order))
         if (
             end <= max(begin, i + 1)
-            or _outside(points, edges, following, corner_of, first, a, boxes[node])
+            or _outside(points, edges, following, ending, first, a, boxes[node])
             or is_hidden(points, a, hiding, known, boxes[node])
         ):
             continue
         if node < leaves:
-            # The nearer one first: what is near hides what is far.
+            # The nearer one on top, to be looked at first: what is near hides what is far. Its
+            # number differs from the other's in the last bit.
             nearer = 2 * node + int(
                 distance(points, a, boxes[2 * node + 1]) < distance(points, a, boxes[2 * node])
             )
@@ -327,20 +332,20 @@ def _seen_after(
             continue
         for b in order[max(begin, i + 1) : end]:
             if (
-                not _starts_inside(points, edges, following, corner_of, first, a, b)
-                or not _starts_inside(points, edges, following, corner_of, first, b, a)
+                not _starts_inside(points, edges, following, ending, first, a, b)
+                or not _starts_inside(points, edges, following, ending, first, b, a)
                 or is_behind_one(points, a, hiding, known, b)
             ):
                 continue
-            stamp = np.int64(a) * len(points) + b
-            met = _meeting(points, edges, a, b, low, size, cells, start, items, asked, stamp)
+            stamp = np.int64(a) * len(points) + b  # of this segment and no other
+            met = _meeting(points, edges, a, b, grid, asked, stamp)
             if met == -1:
                 seen[count] = b
                 count += 1
             elif met >= 0:
                 c, d = edges[met, 0], edges[met, 1]
                 way = turn(points, c, d, a)
-                if way != 0.0:
+                if way != 0.0:  # in line with a it hides nothing but itself
                     known = min(known + 1, _HIDING)
                     hiding[known - 1, 0] = c if way > 0.0 else d
                     hiding[known - 1, 1] = d if way > 0.0 else c

@@ -10,14 +10,14 @@ as one vector operation there is nothing to ask.
 
 from typing import Any
 
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
-from numba.extending import intrinsic
+from triangulators.compute.kernels import intrinsic
 
 
 @intrinsic
-def _fmin(_typing: Any, _a: Any, _b: Any) -> Any:
+def fmin(_typing: Any, _a: Any, _b: Any) -> Any:
     """Smaller of two float64 that are not NaN."""
+    from llvmlite import ir  # type: ignore[import-untyped]
+    from numba import types
 
     def emit(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         double = ir.DoubleType()
@@ -29,8 +29,6 @@ def _fmin(_typing: Any, _a: Any, _b: Any) -> Any:
     return types.float64(types.float64, types.float64), emit
 
 
-fmin: Any = _fmin
-
 FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 """What may be assumed of floats: all but that there are no infinities."""
 
@@ -39,8 +37,14 @@ LANES = 8
 
 
 @intrinsic
-def _push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
-    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x."""
+def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
+    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x.
+
+    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): LANES columns of `rows`
+    (C-ordered int32) from `lane` on. The first tuple is of numbers of rows, the second of int32.
+    """
+    from llvmlite import ir
+    from numba import types
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word, vector = ir.IntType(32), ir.VectorType(ir.IntType(32), LANES)
@@ -77,8 +81,3 @@ def _push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> A
 
     numbers, values = types.UniTuple(types.intp, 5), types.UniTuple(types.int32, 4)
     return types.void(rows, numbers, types.intp, values), emit
-
-
-push: Any = _push
-"""push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): LANES columns of `rows`
-(C-ordered int32) from `lane` on. The first tuple is of numbers of rows, the second of int32."""

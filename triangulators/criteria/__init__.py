@@ -19,7 +19,7 @@ from triangulators.criteria.catalogue import (
     predict,
     predicted,
 )
-from triangulators.criteria.names import FEATURES
+from triangulators.criteria.weights import FEATURES
 
 __all__ = [
     "CALIBRATED",

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.criteria.names import FEATURES
-from triangulators.criteria.weights import MARK, read_weights, write_weights
+from triangulators.criteria.weights import FEATURES, MARK, read_weights, write_weights
 from triangulators.errors import UnknownName
 
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
@@ -111,16 +110,17 @@ CALIBRATED = (
 """Features that a device's time may be made of."""
 
 
-def _linear(name: str, description: str, **coefficients: float) -> Criterion:
-    weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
-    return Criterion(name, description, weights)
-
-
-def _shown(
-    name: str, label: str, symbol: str, unit: str, description: str, **coefficients: float
+def _linear(
+    name: str,
+    description: str,
+    label: str,
+    symbol: str,
+    unit: str,
+    **coefficients: float,
 ) -> Criterion:
-    linear = _linear(name, description, **coefficients)
-    return replace(linear, label=label, symbol=symbol, unit=unit)
+    """Return a weighted sum of features; what is not named has no weight."""
+    weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
+    return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
 def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
@@ -141,88 +141,75 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     linear = _linear(
         "mixed" if weights == (1, 1, 1) else f"mixed{MARK}{write_weights(weights)}",
         "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
+        "mixture",
+        "F",
+        "1",
         triangles=gamma,
         area=-alpha,
         bbox_area=alpha,
         shape=beta / WORST_SHAPE,
     )
-    return replace(linear, normalise=_per_polygon, label="mixture", symbol="F", parameters=True)
+    return replace(linear, normalise=_per_polygon, parameters=True)
 
 
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
     """A device's fitted cost: coefficients of some of `CALIBRATED`. Raises `ValueError`."""
-    known = CALIBRATED
-    unknown = set(coefficients) - set(known)
+    unknown = sorted(set(coefficients) - set(CALIBRATED))
     if unknown:
         raise ValueError(
-            f"calibrated: unknown coefficients {sorted(unknown)}; expected some of {list(known)}"
+            f"calibrated: unknown coefficients {unknown}; expected some of {list(CALIBRATED)}"
         )
-    linear = _linear(
-        "calibrated", "T, S, H, w*h, D, Q, P and R at the rates fitted on a device", **coefficients
-    )
-    return replace(linear, label="calibrated time", unit="s", parameters=True)
+    description = "T, S, H, w*h, D, Q, P and R at the rates fitted on a device"
+    linear = _linear("calibrated", description, "calibrated time", "", "s", **coefficients)
+    return replace(linear, parameters=True)
 
 
 CRITERIA: dict[str, Criterion] = {
     criterion.name: criterion
     for criterion in (
-        _shown(
+        _linear(
             "overdraw",
-            "the paper's overdraw",
-            "A",
-            "px^2",
             "bounding-box area minus triangle area",
+            *("the paper's overdraw", "A", "px^2"),
             bbox_area=1,
             area=-1,
         ),
-        _shown(
+        _linear(
             "half-perimeter",
-            "half-perimeter",
-            "H",
-            "px",
             "bounding-box width plus height",
+            *("half-perimeter", "H", "px"),
             half_perimeter=1,
         ),
-        _shown(
+        _linear(
             "expected-quads",
-            "expected quads",
-            "Q",
-            "quads",
             "2x2 pixel quads to shade, the mean over all positions on the grid",
+            *("expected quads", "Q", "quads"),
             expected_quads=1,
         ),
-        _shown(
+        _linear(
             "expected-blocks",
-            "expected 4x4 blocks",
-            "P",
-            "blocks",
             "4x4 pixel blocks touched, the mean over all positions on the grid",
+            *("expected 4x4 blocks", "P", "blocks"),
             expected_blocks=1,
         ),
-        _shown("edge-length", "edge length", "E", "px", "perimeter", edge_length=1),
-        _shown(
+        _linear("edge-length", "perimeter", "edge length", "E", "px", edge_length=1),
+        _linear(
             "rotation-averaged-overdraw",
-            "rotation-averaged overdraw",
-            "",
-            "px^2",
             "overdraw averaged over all rotations",
+            *("rotation-averaged overdraw", "", "px^2"),
             rotated_bbox_area=1,
             area=-1,
         ),
-        _shown(
+        _linear(
             "shape",
-            "the paper's shape deviation",
-            "D",
-            "degrees",
             "deviation of the angles from 60 degrees",
+            *("the paper's shape deviation", "D", "degrees"),
             shape=1,
         ),
-        _shown(
+        _linear(
             "complexity",
-            "the paper's complexity",
-            "C",
-            "bytes",
             "24 bytes a triangle",
+            *("the paper's complexity", "C", "bytes"),
             triangles=BYTES_PER_TRIANGLE,
         ),
         Criterion(

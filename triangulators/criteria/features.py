@@ -2,7 +2,7 @@
 
 One definition of each serves the optimiser, the predictions and the tests: a Numba function of
 three points given as six numbers. `FEATURES` names them in the order that weights have; a new one
-is added there (`names`), in `weighted` and in `feature_sums`.
+is added there (`weights`), in `weighted` and in `feature_sums`.
 
 Units are those of the coordinates: pixels for a frame.
 """
@@ -10,13 +10,12 @@ Units are those of the coordinates: pixels for a frame.
 import math
 
 import numpy as np
-from numba import types
 
 from triangulators.compute.kernels import njit
-from triangulators.criteria.names import FEATURES
+from triangulators.criteria.weights import FEATURES
 from triangulators.geometry.predicates import twice_area
 
-SIGNATURE = types.float64(*[types.float64] * 6)
+SIGNATURE = f"float64({', '.join(['float64'] * 6)})"
 """The form of a feature and of a user's own criterion: three points as six numbers."""
 
 

@@ -1,8 +1,25 @@
-"""The weights in a criterion's name: `mixed=1/0.5/0` is alpha 1, beta 0.5, gamma 0."""
+"""What weights are of, and how a criterion's name has them.
+
+`mixed=1/0.5/0` is alpha 1, beta 0.5, gamma 0. Apart from the features' compiled code.
+"""
 
 import math
 
 from triangulators.errors import UnknownName
+
+FEATURES = (
+    "triangles",
+    "area",
+    "half_perimeter",
+    "bbox_area",
+    "edge_length",
+    "shape",
+    "rotated_bbox_area",
+    "expected_quads",
+    "expected_blocks",
+    "expected_setups",
+)
+"""What one triangle is made of (see `features`), in the order that weights have."""
 
 MARK = "="
 """Between a criterion's name and its weights."""

@@ -17,45 +17,12 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
+from triangulators.geometry.half_edges import link
 
 _WHOLE = 2.0**25  # whole coordinates up to this have exact turns and lengths in doubles
 _EXACT = 1.6e8  # a sum of three squared distances up to which whole in-circle tests are exact
 _NOTHING = 1e-300  # more than what underflow takes from a product
 _PIECE = 27  # bits
-
-
-@njit(nogil=True)
-def link(corner: np.ndarray) -> np.ndarray:
-    """Return the other half-edge of each of (3 m,) half-edges, or -1.
-
-    corner: where each begins; triangle t has 3 t, 3 t + 1 and 3 t + 2. One that has several is
-    linked with the first that has none yet.
-    """
-    count = len(corner)
-    bits = 4
-    while 1 << bits < count + (count >> 1):
-        bits += 1
-    mask = (1 << bits) - 1
-    slots = np.full(mask + 1, -1, dtype=np.int32)
-    twin = np.full(count, -1, dtype=np.int32)
-    for e in range(count):
-        tail, head = np.int64(corner[e]), np.int64(corner[e + 1 if e % 3 < 2 else e - 2])
-        low, high = min(tail, head), max(tail, head)
-        at = (((low + high * 0x9E3779B1) * 0x85EBCA6B) & 0xFFFFFFFF) >> (32 - bits)
-        found = slots[at]
-        while found >= 0 and not (
-            corner[found] == head
-            and twin[found] < 0
-            and corner[found + 1 if found % 3 < 2 else found - 2] == tail
-        ):
-            at = (at + 1) & mask
-            found = slots[at]
-        if found < 0:
-            slots[at] = e
-        else:
-            twin[e] = found
-            twin[found] = e
-    return twin
 
 
 @njit(nogil=True, inline="always")
@@ -64,9 +31,14 @@ def run(
 ) -> int:
     """Flip in place until no flip gains; return how many were made.
 
-    corner, twin: (3 m,), see `link`; gains(points, a, b, c, d, how): whether the diagonal a-d is
-    better than b-c, which lies between the triangles a, b, c and d, c, b; convex(points, a, b, c,
-    d): whether their quadrilateral is.
+    corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, how): whether the diagonal a-d
+    is better than b-c, which lies between the triangles a, b, c and d, c, b; convex(points, a, b,
+    c, d): whether their quadrilateral is.
+
+    Order: diagonals wait on a stack, at first each once, by the later of its half-edges. The one on
+    top is tried; after a flip the four sides of the quadrilateral wait again, unless they do.
+    Invariant: a diagonal that does not wait would not gain. So a flip costs a constant time, and
+    the stack has room, as `waiting` lets no half-edge in twice.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)

@@ -3,46 +3,24 @@
 A region whose triangles hang together as a tree is a simple polygon, if vertices are told apart by
 where on its outline they are met. So choosing a tree of neighbouring triangles *is* choosing the
 cuts, holes need no geometry, and the triangulation at hand is one of the polygon's own.
+
+`grow` chooses the tree, `unfold` walks it from its root and gives the polygon as a cycle of
+corners, and `fold_back` puts another triangulation of that cycle in the place of the tree's. All
+take a time that goes by the triangles of the tree, but for `grow` and `fold_back`, which also clear
+a mark for each triangle of the whole.
+
+Half-edges are numbers as in `half_edges`; twin (m, 3) is what `twins_of` gives.
 """
 
 import numpy as np
 
 from triangulators.compute.kernels import njit
-
-
-def neighbours(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return (m, 3): the triangle across the edge from corner e to corner e + 1, or -1.
-
-    triangles: (m, 3), of `count` points, all wound the same way.
-    """
-    return neighbours_of(np.ascontiguousarray(triangles, dtype=np.int32), count)
-
-
-@njit(nogil=True)
-def neighbours_of(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Do the work of `neighbours`, for int32 triangles."""
-    # Half-edges are chained by their tail; the twin of a-b is looked for among those that leave b.
-    half_edges = 3 * len(triangles)
-    chain = np.empty(half_edges, dtype=np.int32)
-    latest = np.full(count, -1, dtype=np.int32)
-    result = np.full((len(triangles), 3), -1, dtype=np.int32)
-    for h in range(half_edges):
-        row, e = h // 3, h % 3
-        tail, head = triangles[row, e], triangles[row, (e + 1) % 3]
-        twin = latest[head]
-        while twin >= 0 and triangles[twin // 3, (twin + 1) % 3] != tail:
-            twin = chain[twin]
-        if twin >= 0:
-            result[row, e] = twin // 3
-            result[twin // 3, twin % 3] = row
-        chain[h] = latest[tail]
-        latest[tail] = h
-    return result
+from triangulators.geometry.half_edges import link
 
 
 @njit(nogil=True)
 def grow(
-    across: np.ndarray,
+    twin: np.ndarray,
     root: int,
     most: int,
     depth_first: bool,
@@ -57,48 +35,51 @@ def grow(
     triangles to `rows` and marks, in `tree` (m, 3), the edges crossed, from both sides. `tree`
     comes in without marks.
     """
-    ahead = np.empty((3 * most + 3, 2), dtype=np.int32)  # (triangle, the one it was reached from)
-    ahead[0, 0], ahead[0, 1] = root, -1
+    # Half-edges over which to enter triangles; one is there once for each neighbour in the tree,
+    # and counts the first time. Less than all of the root's is -1: it is entered over none.
+    ahead = np.empty(3 * most + 3, dtype=np.int32)
+    ahead[0] = 3 * root
     first, last, size = 0, 1, 0
-    seen = np.zeros(len(across), dtype=np.bool_)
+    seen = np.zeros(len(twin), dtype=np.bool_)
     while first < last and size < most:
         if depth_first:
             last -= 1
-            row, parent = ahead[last, 0], ahead[last, 1]
+            entry = ahead[last]
         else:
-            row, parent = ahead[first, 0], ahead[first, 1]
+            entry = ahead[first]
             first += 1
+        row = entry // 3
         if seen[row]:
             continue
         seen[row] = True
         rows[size] = row
         size += 1
-        if parent >= 0:
-            e = 0
-            while across[row, e] != parent:
-                e += 1
-            f = 0
-            while across[parent, f] != row:
-                f += 1
-            tree[row, e] = tree[parent, f] = True
+        if size > 1:
+            back = twin[row, entry % 3]
+            tree[row, entry % 3] = tree[back // 3, back % 3] = True
         for step in range(3):
-            other = across[row, (step + turn) % 3]
-            if other >= 0 and not seen[other]:
-                ahead[last, 0], ahead[last, 1] = other, row
+            other = twin[row, (step + turn) % 3]
+            if other >= 0 and not seen[other // 3]:
+                ahead[last] = other
                 last += 1
     return size
 
 
 @njit(nogil=True)
 def unfold(
-    triangles: np.ndarray, across: np.ndarray, tree: np.ndarray, root: int, size: int
+    triangles: np.ndarray, twin: np.ndarray, tree: np.ndarray, root: int, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cut a tree of triangles out; return (cycle, local triangles, outline).
 
-    triangles: (m, 3); across: their neighbours; tree: (m, 3), as left by `grow`; size: triangles
-    in the tree, that of `root`. With k = size + 2: cycle (k,) holds the corners counter-clockwise,
-    as indices of points; local triangles (size, 3) are the tree's, as positions in the cycle;
-    outline (k,) holds the half-edge 3 * row + e that follows each corner.
+    triangles: (m, 3); tree: (m, 3), as left by `grow`; size: triangles in the tree, that of `root`.
+    With k = size + 2: cycle (k,) holds the corners counter-clockwise, as indices of points; local
+    triangles (size, 3) are the tree's, as positions in the cycle; outline (k,) holds the half-edge
+    that follows each corner.
+
+    The outline is a linked list, at first of the root's three corners. A triangle that is reached
+    over the side tail-head puts its apex between them, as a corner of its own, whether or not its
+    point is a corner already: that is the cut. Invariant: the first `done` triangles have met all
+    their neighbours, those up to `known` are on the outline.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the corner next on the outline
@@ -118,14 +99,8 @@ def unfold(
         for e in range(3):
             if e == entered[done] or not tree[row, e]:
                 continue
-            other = across[row, e]
+            other, entry = twin[row, e] // 3, twin[row, e] % 3  # entry runs from head to tail
             tail, head = local[done, e], local[done, (e + 1) % 3]
-            entry = 0
-            while (
-                triangles[other, entry] != corner[head]
-                or triangles[other, (entry + 1) % 3] != corner[tail]
-            ):
-                entry += 1
             apex = known + 2
             corner[apex] = triangles[other, (entry + 2) % 3]
             after[tail], after[apex] = apex, head
@@ -152,55 +127,43 @@ def unfold(
 
 
 @njit(nogil=True)
-def _twins(triangles: np.ndarray, across: np.ndarray, half_edges: np.ndarray) -> np.ndarray:
-    """Return the half-edge on the other side of each of `half_edges`, or -1."""
-    result = np.full(len(half_edges), -1, dtype=np.int32)
-    for index in range(len(half_edges)):
-        row, e = half_edges[index] // 3, half_edges[index] % 3
-        other = across[row, e]
-        if other >= 0:
-            f = 0
-            while triangles[other, f] != triangles[row, (e + 1) % 3]:
-                f += 1
-            result[index] = 3 * other + f
-    return result
-
-
-@njit(nogil=True)
 def fold_back(
     triangles: np.ndarray,
-    across: np.ndarray,
+    twin: np.ndarray,
     rows: np.ndarray,
     cycle: np.ndarray,
     outline: np.ndarray,
     better: np.ndarray,
 ) -> None:
-    """Replace the triangles `rows` by `better` (positions in `cycle`), neighbours included."""
+    """Replace the triangles `rows` by `better` (positions in `cycle`), twins included.
+
+    Row r of `better` takes the place of triangle rows[r]. Its half-edges are linked among
+    themselves (`inner`); what has no twin there is a side of the cycle, from a position to the
+    next, and takes over the twin of the half-edge that was on the outline there. That is one
+    outside or, across a cut, on another place of the outline, which was replaced as well.
+    """
     size = len(cycle)
-    inner = neighbours_of(better, size)
-    row_at = np.empty(size, dtype=np.int32)
-    edge_at = np.empty(size, dtype=np.int32)
+    inner = link(better.reshape(-1))
+    fresh = np.empty(size, dtype=np.int32)  # the new half-edge at each position
+    beyond = np.empty(size, dtype=np.int32)  # the twin that the old one had
+    position_of = np.full(twin.size, -1, dtype=np.int32)  # of the old one
     for index in range(len(rows)):
         for e in range(3):
-            position = better[index, e]
-            if inner[index, e] < 0:
-                row_at[position], edge_at[position] = index, e
-    # Beyond an outline edge lies a triangle outside or, across a cut, another outline edge.
-    position_of = np.full(across.size, -1, dtype=np.int32)
+            if inner[3 * index + e] < 0:
+                fresh[better[index, e]] = 3 * rows[index] + e
     for position in range(size):
         position_of[outline[position]] = position
-    beyond = _twins(triangles, across, outline)
+        beyond[position] = twin[outline[position] // 3, outline[position] % 3]
     for index in range(len(rows)):
         for e in range(3):
             triangles[rows[index], e] = cycle[better[index, e]]
-            if inner[index, e] >= 0:
-                across[rows[index], e] = rows[inner[index, e]]
+            other = inner[3 * index + e]
+            if other >= 0:
+                twin[rows[index], e] = 3 * rows[other // 3] + other % 3
     for position in range(size):
-        row, e = rows[row_at[position]], edge_at[position]
-        if beyond[position] < 0:
-            across[row, e] = -1
-        elif position_of[beyond[position]] >= 0:
-            across[row, e] = rows[row_at[position_of[beyond[position]]]]
-        else:
-            across[row, e] = beyond[position] // 3
-            across[beyond[position] // 3, beyond[position] % 3] = row
+        own, other = fresh[position], beyond[position]
+        if other >= 0 and position_of[other] >= 0:
+            other = fresh[position_of[other]]
+        twin[own // 3, own % 3] = other
+        if other >= 0:
+            twin[other // 3, other % 3] = own

@@ -12,6 +12,7 @@ vertices given, and then to the next vertex by number.
 
 import numpy as np
 
+from triangulators.compute.grouping import grouped
 from triangulators.compute.kernels import njit
 
 CACHE_SIZE = 16
@@ -30,7 +31,9 @@ def vertex_cache_order(
 def _rows_of(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     """Return the (m,) rows of triangles in the order of Tipsify."""
     m = len(triangles)
-    left, offsets, around = _around(triangles, count)
+    begin, places = grouped(triangles.reshape(-1), count)
+    around = places // np.int32(3)  # the rows of each vertex's triangles
+    left = np.diff(begin).astype(np.int32)  # how many of them are not given yet
     entered = np.zeros(count, dtype=np.int64)  # the time at which a vertex entered the cache
     time = cache_size + 1
     given = np.zeros(m, dtype=np.bool_)
@@ -39,8 +42,8 @@ def _rows_of(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     height, done, following = 0, 0, 0
     fan = 0 if count > 0 else -1
     while fan >= 0:
-        begin = height
-        for at in range(offsets[fan], offsets[fan + 1]):
+        bottom = height
+        for at in range(begin[fan], begin[fan + 1]):
             row = around[at]
             if not given[row]:
                 given[row] = True
@@ -54,7 +57,7 @@ def _rows_of(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
                     if time - entered[vertex] > cache_size:  # it is not in the cache: it is shaded
                         entered[vertex] = time
                         time += 1
-        fan = _next_fan(back[begin:height], left, entered, time, cache_size)
+        fan = _next_fan(back[bottom:height], left, entered, time, cache_size)
         while fan < 0 and height > 0:
             height -= 1
             if left[back[height]] > 0:
@@ -79,23 +82,3 @@ def _next_fan(
             if priority > best:
                 fan, best = vertex, priority
     return fan
-
-
-@njit(nogil=True)
-def _around(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how many triangles each vertex has, where its rows begin in the last, and the rows."""
-    left = np.zeros(count, dtype=np.int32)
-    for row in range(len(triangles)):
-        for corner in range(3):
-            left[triangles[row, corner]] += 1
-    offsets = np.zeros(count + 1, dtype=np.int64)
-    for vertex in range(count):
-        offsets[vertex + 1] = offsets[vertex] + left[vertex]
-    place = offsets[:-1].copy()
-    around = np.empty(3 * len(triangles), dtype=np.int32)
-    for row in range(len(triangles)):
-        for corner in range(3):
-            vertex = triangles[row, corner]
-            around[place[vertex]] = row
-            place[vertex] += 1
-    return left, offsets, around

@@ -33,35 +33,24 @@ from triangulators.geometry.predicates import turn
 
 
 @njit(nogil=True)
-def _find_sides(triangles: np.ndarray, row_of: np.ndarray, edge_of: np.ndarray) -> None:
-    """Find, for each corner, the triangle and its edge that is the side to the next corner."""
-    n = len(row_of)
-    for row in range(len(triangles)):
-        for e in range(3):
-            corner = triangles[row, e]
-            if triangles[row, (e + 1) % 3] == (corner + 1) % n:
-                row_of[corner], edge_of[corner] = row, e
-
-
-@njit(nogil=True)
 def visible_pairs(
-    points: np.ndarray, triangles: np.ndarray, across: np.ndarray, most: int
+    points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): corner i sees `target[start[i]:start[i + 1]]`, ascending, all > i.
 
     points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of it, and
-    `across` (n - 2, 3), its neighbours. Sides of the polygon are included; a diagonal counts if its
+    `twin` (n - 2, 3), see `half_edges`. Sides of the polygon are included; a diagonal counts if its
     open segment meets the boundary nowhere. Stops early, with `start[n] > most`, if there are more
     than `most` pairs.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
     target = np.empty(max(4 * n, 16), dtype=np.int32)
-    first_row = np.empty(n, dtype=np.int32)
-    first_edge = np.empty(n, dtype=np.int32)
-    _find_sides(triangles, first_row, first_edge)
-    # Work to do, last first: (row beyond an edge, right end, left end, right and left of the view),
-    # or a corner to report, written (-1, corner, ...).
+    side = np.empty(n, dtype=np.int32)  # the half-edge from each corner to the next
+    for row in range(len(triangles)):
+        for e in range(3):
+            if triangles[row, (e + 1) % 3] == (triangles[row, e] + 1) % n:
+                side[triangles[row, e]] = 3 * row + e
     stack = np.empty((3 * n + 16, 5), dtype=np.int32)
     found = 0
     for v in range(n):
@@ -73,26 +62,22 @@ def visible_pairs(
         if found > most:
             start[n] = found
             return start, target
-        row, e = first_row[v], first_edge[v]
-        while row >= 0:
+        # The triangles at v, counter-clockwise: h is the half-edge of the next one that leaves v.
+        h = side[v]
+        while h >= 0:
+            row, e = h // 3, h % 3
             right, left = triangles[row, (e + 1) % 3], triangles[row, (e + 2) % 3]
             if right < v:
                 break
             target[found] = right
             found += 1
-            beyond = across[row, (e + 1) % 3]
-            if beyond >= 0:
-                stack[0, 0], stack[0, 1], stack[0, 2] = beyond, right, left
-                found = _look(points, triangles, across, v, v, stack, target, found)
-            following = across[row, (e + 2) % 3]
-            if following < 0 and left > v:
+            if twin[row, (e + 1) % 3] >= 0:
+                stack[0, 0], stack[0, 1], stack[0, 2] = twin[row, (e + 1) % 3], right, left
+                found = _look(points, triangles, twin, v, v, stack, target, found)
+            h = twin[row, (e + 2) % 3]
+            if h < 0 and left > v:
                 target[found] = left
                 found += 1
-            row = following
-            if row >= 0:
-                e = 0
-                while triangles[row, e] != v:
-                    e += 1
     start[n] = found
     return start, target[:found]
 
@@ -101,7 +86,7 @@ def visible_pairs(
 def _look(
     points: np.ndarray,
     triangles: np.ndarray,
-    across: np.ndarray,
+    twin: np.ndarray,
     v: int,
     floor: int,
     stack: np.ndarray,
@@ -110,23 +95,23 @@ def _look(
 ) -> int:
     """Append the corners > floor seen from v through a window to `target`, in order.
 
-    The window is on the stack: (row beyond it, right end, left end).
+    stack: work to do, the last first: (the window's half-edge in the triangle beyond, which runs
+    left to right; right end, left end, right and left of the view), or a corner to report, written
+    (-1, corner, ...). The window is in its first row, without the view.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
     while height > 0:
         height -= 1
-        row, right, left = stack[height, 0], stack[height, 1], stack[height, 2]
-        if row < 0:
+        window, right, left = stack[height, 0], stack[height, 1], stack[height, 2]
+        if window < 0:
             target[found] = right
             found += 1
             continue
         view_right, view_left = stack[height, 3], stack[height, 4]
-        e = 0
-        while triangles[row, e] != left:
-            e += 1
+        row, e = window // 3, window % 3
         apex = triangles[row, (e + 2) % 3]
-        over_right, over_left = across[row, (e + 1) % 3], across[row, (e + 2) % 3]
+        over_right, over_left = twin[row, (e + 1) % 3], twin[row, (e + 2) % 3]
         hidden_right = turn(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and turn(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
@@ -149,10 +134,10 @@ def _look(
 
 
 @njit
-def visible_sites(points: np.ndarray, triangles: np.ndarray, across: np.ndarray) -> np.ndarray:
+def visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
     """Return the pairs (p, 2) of points, a < b, that see each other in any triangulated polygon.
 
-    points: (n, 2); triangles: (m, 3), with their neighbours. Edges of triangles are included.
+    points: (n, 2); triangles: (m, 3), with their twins. Edges of triangles are included.
     """
     n = len(points)
     stack = np.empty((3 * len(triangles) + 16, 5), dtype=np.int32)
@@ -165,13 +150,12 @@ def visible_sites(points: np.ndarray, triangles: np.ndarray, across: np.ndarray)
             right, left = triangles[row, (e + 1) % 3], triangles[row, (e + 2) % 3]
             seen[0] = right
             count = 1
-            if across[row, (e + 2) % 3] < 0:
+            if twin[row, (e + 2) % 3] < 0:
                 seen[1] = left
                 count = 2
-            beyond = across[row, (e + 1) % 3]
-            if beyond >= 0:
-                stack[0, 0], stack[0, 1], stack[0, 2] = beyond, right, left
-                count = _look(points, triangles, across, v, -1, stack, seen, count)
+            if twin[row, (e + 1) % 3] >= 0:
+                stack[0, 0], stack[0, 1], stack[0, 2] = twin[row, (e + 1) % 3], right, left
+                count = _look(points, triangles, twin, v, -1, stack, seen, count)
             if found + count > len(pairs):
                 grown = np.empty((2 * (found + count), 2), dtype=np.int32)
                 grown[:found] = pairs[:found]

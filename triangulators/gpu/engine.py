@@ -23,6 +23,7 @@ from triangulators.gpu.found_triangles import place
 from triangulators.gpu.large import LargeRings, large
 from triangulators.gpu.rings import LARGE, MOST, ON_CPU, Rings, prepare
 from triangulators.gpu.small import CHUNK, SmallRings
+from triangulators.optimum.many_rings import Batch
 
 NONE = (1 << 30) - 1
 """Cost of a ring that has no triangulation, as shaders have it."""
@@ -31,21 +32,15 @@ _LOG = logging.getLogger(__name__)
 
 
 class Task(NamedTuple):
-    """Rings that are wanted of p polygons, and where their triangles go.
+    """Rings that are wanted of the p polygons of a batch.
 
-    coordinates (n, 2) float64; begins (p + 1,): bounds of polygons in it; wanted (p,); most: up to
-    so many corners; worst: whether the longest diagonals are looked for; starts (p + 1,): bounds of
-    polygons in triangles (m, 3); done (p,): marked where they are found.
+    wanted (p,); most: up to so many corners; worst: whether the longest diagonals are looked for.
     """
 
-    coordinates: np.ndarray
-    begins: np.ndarray
+    batch: Batch
     wanted: np.ndarray
     most: int
     worst: bool
-    starts: np.ndarray
-    triangles: np.ndarray
-    done: np.ndarray
 
 
 class Engine:
@@ -64,7 +59,7 @@ _said: set[str] = set()
 
 
 def attempt(name: str, task: Task, threads: int) -> None:
-    """Do what the device can, and mark it in `task.done`; what is not done is for the CPU.
+    """Do what the device can, and mark it in `task.batch.done`; what is not done is for the CPU.
 
     One line is logged where that is a failure, or a ring has more than `task.most` corners.
     """
@@ -78,7 +73,7 @@ def attempt(name: str, task: Task, threads: int) -> None:
     if doubtful:
         _say(f"{name}: {doubtful:,} results are wrong, and the CPU does them")
         given_up.add(name)
-    too_large = int(np.count_nonzero(task.wanted & (np.diff(task.begins) > task.most)))
+    too_large = int(np.count_nonzero(task.wanted & (np.diff(task.batch.begins) > task.most)))
     if too_large:
         _say(f"{name}: {too_large:,} polygons have over {task.most:,} vertices; the CPU does them")
 
@@ -167,7 +162,7 @@ class _Run:
 
     def __init__(self, engine: Engine, task: Task, pool: ThreadPoolExecutor) -> None:
         self.engine, self.task, self.pool = engine, task, pool
-        self.rings = Rings.of(task.begins)
+        self.rings = Rings.of(task.batch.begins)
         self.bases = np.zeros(len(self.rings.corners), dtype=np.uint32)
         self.placing: list[Future[None]] = []
 
@@ -181,11 +176,11 @@ class _Run:
             future.result()
         tried = self.rings.kind != ON_CPU
         cost = self.bases[np.minimum(self.rings.begins[:-1], len(self.bases) - 1)]
-        return int(np.count_nonzero(tried & ~self.task.done & (cost != NONE)))
+        return int(np.count_nonzero(tried & ~self.task.batch.done & (cost != NONE)))
 
     def _small(self) -> None:
         task, rings = self.task, self.rings
-        chunks = list(pairwise(chunk_bounds(task.begins)))
+        chunks = list(pairwise(chunk_bounds(task.batch.begins)))
         ready = [self.pool.submit(self._prepare, *chunk) for chunk in chunks]
         turn, before = 0, None
         for chunk, prepared in zip(chunks, ready, strict=True):
@@ -201,7 +196,7 @@ class _Run:
     def _prepare(self, first: int, last: int) -> None:
         task = self.task
         most = min(task.most, MOST)
-        prepare(first, last, task.coordinates, task.wanted, most, self.rings)
+        prepare(first, last, task.batch.coordinates, task.wanted, most, self.rings)
 
     def _take_down(self, turn: int, first: int, last: int) -> None:
         begins, kind = self.rings.begins, self.rings.kind
@@ -211,7 +206,7 @@ class _Run:
 
     def _place(self, which: np.ndarray) -> None:
         task, rings = self.task, self.rings
-        out = (task.starts, task.triangles, task.done)
+        out = (task.batch.starts, task.batch.triangles, task.batch.done)
         for part in np.array_split(which, -(-len(which) // 4096)):
             self.placing.append(self.pool.submit(place, part, self.bases, task.worst, rings, *out))
 

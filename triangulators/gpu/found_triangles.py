@@ -32,7 +32,7 @@ def place(
     """Write the triangles of the rings `which`; mark those in `done` that are as they should be.
 
     bases: (n,) uint32, as many as corners: the cost of the ring at its first, i | j << 16 at apex
-    k; worst: whether the longest diagonals were looked for. For the others see `engine.Task`.
+    k; worst: whether the longest diagonals were looked for. For the others see `Batch`.
     """
     begins, corners, longest, turned = rings.begins, rings.corners, rings.longest, rings.turned
     below = np.empty((MOST, 2), dtype=np.int32)

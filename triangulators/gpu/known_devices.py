@@ -13,7 +13,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
 from platformdirs import user_cache_path
 
 MARGIN = 0.8
@@ -98,7 +97,7 @@ def facts() -> dict[str, Any]:
     return {
         "machine": f"{platform.node()} {platform.machine()}",
         "cores": os.cpu_count(),
-        "numba": numba.__version__,
+        "numba": version("numba"),
         "version": _version(),
     }
 

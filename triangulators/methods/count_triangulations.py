@@ -51,7 +51,10 @@ def count_of_cycle(ring: Cycle, most: int | None = None) -> int:
 def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the logarithm of the number of triangulations beneath each visible pair, (pairs,).
 
-    start, target: the `visible_pairs` of a cycle. Logarithms, as the numbers outgrow any float.
+    start, target: the `visible_pairs` of a cycle. Logarithms, as the numbers outgrow any float; a
+    sum of them is taken relative to its largest, `top`. Corner i descends, so that the apexes'
+    numbers are known: `row[k]` is that of i..k, `below[j, k]` that of k..j, and what does not see
+    each other has minus infinity, which adds nothing. n^2 numbers; n^3 / 6 steps at most.
     """
     n = len(start) - 1
     result = np.full(len(target), -np.inf)

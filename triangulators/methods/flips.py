@@ -17,12 +17,11 @@ from triangulators.geometry.flips import (
     by_euclidean,
     by_l1,
     convex,
-    link,
     run,
 )
-from triangulators.geometry.predicates import turn
+from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.libraries import ear_clipping
-from triangulators.optimum.many_rings import polygon_of
+from triangulators.optimum.many_rings import Batch, polygon_of
 from triangulators.polygon import Boundary
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first as in FLIP_TESTS
@@ -57,68 +56,61 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
     return _by_cost(points, corner, twin, cost) if test == COST else 0
 
 
-@njit(nogil=True)
-def is_triangulation(
-    points: np.ndarray, ends: np.ndarray, corner: np.ndarray, twin: np.ndarray
-) -> bool:
-    """Whether triangles all turn left and what they do not share is the rings' edges, once each.
+@njit(nogil=True, inline="always")
+def each(
+    first: int,
+    last: int,
+    batch: Batch,
+    raw: tuple[np.ndarray, np.ndarray],
+    test: int,
+    cost: Cost,
+    improved: Any,
+) -> None:
+    """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
-    corner, twin: (3 m,), as `geometry.flips.link` has them.
+    raw: triangles (m, 3), which are overwritten, and bounds: those of polygon i are from
+    bounds[i - first] to bounds[i - first + 1]. improved(points, ends, corner, twin, test, cost)
+    returns what becomes of one polygon's, (m, 3), or no rows where that does not conform.
     """
-    n = len(points)
-    if len(corner) != 3 * (n + 2 * (len(ends) - 1) - 2):
-        return False
-    following = np.arange(1, n + 1)
-    start = 0
-    for end in ends:
-        following[end - 1] = start
-        start = end
-    edges = 0
-    for row in range(0, len(corner), 3):
-        a, b, c = corner[row], corner[row + 1], corner[row + 2]
-        if turn(points, a, b, c) <= 0.0:
-            return False
-        for e in range(3):
-            if twin[row + e] < 0:
-                edges += 1
-                if following[a] != b and following[b] != a:
-                    return False
-            a, b, c = b, c, a
-    return edges == n
+    given, bounds = raw
+    coordinates, rings, owners, begins, starts, triangles, done = batch
+    for index in range(first, last):
+        points, ends = polygon_of(index, coordinates, rings, owners, begins)
+        own = given[bounds[index - first] : bounds[index - first + 1]]
+        room = triangles[starts[index] : starts[index + 1]]
+        if len(own) > 0 and len(own) == len(room):
+            corner = own.reshape(-1)
+            better = improved(points, ends, corner, link(corner), test, cost)
+            if len(better) > 0:
+                copy_rows(better, room)
+                done[index] = True
+
+
+@njit(nogil=True, inline="always")
+def _flipped(
+    points: np.ndarray,
+    ends: np.ndarray,
+    corner: np.ndarray,
+    twin: np.ndarray,
+    test: int,
+    cost: Cost,
+) -> np.ndarray:
+    flip_by(points, corner, twin, test, cost)
+    rows = corner.reshape(-1, 3)
+    return rows if is_triangulation(points, ends, corner, twin) else rows[:0]
 
 
 @njit(nogil=True)
 def flip_many(
     first: int,
     last: int,
-    coordinates: np.ndarray,
-    ring_ends: np.ndarray,
-    owners: np.ndarray,
-    raw: np.ndarray,
-    bounds: np.ndarray,
+    batch: Batch,
+    raw: tuple[np.ndarray, np.ndarray],
     test: int,
     cost: Cost,
-    starts: np.ndarray,
-    triangles: np.ndarray,
-    done: np.ndarray,
 ) -> None:
-    """Do `flip_by` for the polygons first..last - 1; mark in `done` those that are conforming.
-
-    raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i; they
-    are overwritten.
-    """
-    for index in range(first, last):
-        points, ends = polygon_of(index, coordinates, ring_ends, owners)
-        own = raw[bounds[index - first] : bounds[index - first + 1]]
-        room = triangles[starts[index] : starts[index + 1]]
-        if len(own) == 0 or len(own) != len(room):
-            continue
-        corner = own.reshape(-1)
-        twin = link(corner)
-        flip_by(points, corner, twin, test, cost)
-        if is_triangulation(points, ends, corner, twin):
-            copy_rows(own, room)
-            done[index] = True
+    """Do `flip_by` for each of many polygons, see `each`."""
+    each(first, last, batch, raw, test, cost, _flipped)
 
 
 def test_of(cost: Cost) -> int:

@@ -4,7 +4,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import Skipped
-from triangulators.geometry.unfold import neighbours
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
 from triangulators.starting.diagonals import by_length, shortest_first
@@ -15,8 +15,14 @@ LIMIT = 3000  # vertices, as pairs of them are looked at
 
 @njit
 def _keep_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
-    """Mark the pairs (i, j) of a cycle's corners, i < j, that cross no earlier one kept."""
-    least, most = np.arange(n), np.arange(n)  # range of what each corner is joined to
+    """Mark the pairs (i, j) of a cycle's corners, i < j, that cross no earlier one kept.
+
+    Diagonals of a cycle cross if the ends of one are apart on the cycle between those of the other:
+    no coordinates are needed. least, most: the range of corners that each is joined to by what is
+    kept. So i-j crosses one of them if a corner strictly between i and j is joined to one outside
+    i..j; a pair takes j - i steps.
+    """
+    least, most = np.arange(n), np.arange(n)
     kept = np.zeros(len(pairs), dtype=np.bool_)
     for index in range(len(pairs)):
         i, j = pairs[index]
@@ -49,7 +55,7 @@ def _sides(n: int) -> np.ndarray:
 
 def _of_plane(outline: Boundary) -> np.ndarray:
     start = starts(outline)[0]
-    pairs = visible_sites(outline.points, start, neighbours(start, len(outline.points)))
+    pairs = visible_sites(outline.points, start, twins_of(start))
     return shortest_first(outline, pairs)
 
 

@@ -16,6 +16,13 @@ LIMIT = 1500  # corners; the search takes a time that grows with their cube
 
 @njit
 def _largest_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
+    """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2); sees (n, n), i < j.
+
+    A stack of sub-polygons, each the corners of it in the cycle's order, so that every triangle
+    i < k < j of corners that see each other turns left, and its doubled area needs no sign. The
+    largest one cuts three sub-polygons off, of the corners p to q, q to r, and r round to p; those
+    that are a side only are not kept. Of equal areas it is the first, by i, k and j.
+    """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     found = 0

@@ -17,13 +17,15 @@ from triangulators import criteria
 from triangulators.certificate.certify import certificate_of, certify
 from triangulators.certificate.proof import SECONDS, prove, prove_best
 from triangulators.checking.evidence import Certificate
-from triangulators.criteria.cost import cost_of
+from triangulators.checking.units import EXACT, whole_scale
+from triangulators.criteria.cost import cost_of, evaluate, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.optimum.simple_polygon import TABLE_ONLY, optimum, small_optimum
+from triangulators.optimum.small_ring import box_of, grid_unit
 from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.starting.starts import best_start, ring_triangulation
 
@@ -39,53 +41,60 @@ worst is never proven: local minimality excludes next to nothing there.
 """
 
 
-def triangulate(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    limit: int = LIMIT,
-    seed: int = 0,
-    **parameters: Any,
-) -> np.ndarray:
+def triangulate(outline: Boundary, **how: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that minimises `criterion`.
 
-    limit: vertices up to which a polygon is optimised as a whole, at a time that grows with their
-    cube at worst; beyond it windows of a triangulation are. seed: choices of the local search.
-    parameters: the criterion's (see `criteria.find`).
+    criterion: as `criteria.find` takes it, "overdraw" by default; limit: vertices up to which a
+    polygon is optimised as a whole, 2,000 by default, at a time that grows with their cube at
+    worst; beyond it windows of a triangulation are. seed: choices of the local search, 0 by
+    default. Other parameters are the criterion's.
     """
-    wanted = criteria.find(criterion, **parameters)
-    return _optimise(outline, wanted, 1.0, limit, seed).triangles
+    return _optimise(outline, 1.0, **how).triangles
 
 
-def triangulate_with_gap(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    limit: int = LIMIT,
-    seed: int = 0,
-    **parameters: Any,
-) -> tuple[np.ndarray, float]:
+def triangulate_worst(outline: Boundary, **how: Any) -> np.ndarray:
+    """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
+    return _optimise(outline, -1.0, **how).triangles
+
+
+def triangulate_with_gap(outline: Boundary, **how: Any) -> tuple[np.ndarray, float]:
     """Return what `triangulate` does, and how far it may be from the optimum, relative to its cost.
 
     0 where it is the optimum: by a table, or by a proof as `certify` makes one, which `checker` has
-    not looked at. Infinite where there is no bound: what windows or the local search gave.
+    not looked at; of costs that are real numbers, up to rounding. Next to nothing where whole costs
+    add up to more than doubles hold, and infinite where there is no bound: what windows or the
+    local search gave.
     """
-    wanted = criteria.find(criterion, **parameters)
-    found = _optimise(outline, wanted, 1.0, limit, seed)
-    return found.triangles, found.gap
+    found = _optimise(outline, 1.0, **how)
+    if found.by_table is None:
+        return found.triangles, found.gap
+    return found.triangles, _rounding(outline, found.by_table, found.triangles)
 
 
-def triangulate_worst(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    limit: int = LIMIT,
-    seed: int = 0,
-    **parameters: Any,
-) -> np.ndarray:
-    """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
-    wanted = criteria.find(criterion, **parameters)
-    return _optimise(outline, wanted, -1.0, limit, seed).triangles
+def _rounding(outline: Boundary, criterion: criteria.Criterion, triangles: np.ndarray) -> float:
+    """Return how far from the optimum rounding may have led a table, relative to the cost.
+
+    triangles (m, 3): what it gave. Of costs that are not negative no sum matters that is above the
+    optimum's, so it is enough that this one is exact. Otherwise all of them are off by a part of
+    2^-53 for each number that was added, and the three that it was made of.
+    """
+    points, count = outline.points, outline.expected_triangles
+    cost = cost_of(criterion, boundary_area(outline), count)
+    _, _, width, height = box_of(points)
+    unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
+    steps = max(width, height) / unit if unit > 0.0 else math.inf
+    if cost["maximum"] or weights * max(2.0, steps) * steps * count < EXACT:  # quickly said
+        return 0.0
+    scale, whole, most = whole_scale(points, cost)
+    if (scale == 0.0 and not whole) or (scale > 0.0 and most * count < EXACT):
+        return 0.0
+    if cost["box"].min() < 0.0:
+        return math.inf
+    total = evaluate(points, triangles, with_fields(cost, weights=np.abs(cost["weights"])))
+    if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
+        return 0.0
+    least = abs(evaluate(points, triangles, cost))
+    return (16 * count + 32) * 2.0**-53 * total / least if least > 0.0 else math.inf
 
 
 class Solved(NamedTuple):
@@ -116,7 +125,7 @@ def solve(
     if not wanted.maximum and (outline.holes > 0 or len(outline.edges) > LIMIT):
         proof = prove_best(outline, best_start(outline, cost), cost, seconds)
     if proof is None:
-        triangles = _optimise(outline, wanted, 1.0, LIMIT, 0).triangles
+        triangles = _optimise(outline, 1.0, criterion=wanted).triangles
         return Solved(
             triangles, certify(polygon, triangles, wanted, seconds=seconds, evidence=evidence)
         )
@@ -125,20 +134,32 @@ def solve(
 
 
 class _Found(NamedTuple):
-    """A triangulation (m, 3) and how far it may be from the optimum, infinite where unknown."""
+    """A triangulation (m, 3) and how far it may be from the optimum, infinite where unknown.
+
+    by_table: the criterion, where a table of it says so by sums of doubles.
+    """
 
     triangles: np.ndarray
     gap: float
+    by_table: criteria.Criterion | None = None
 
 
 def _optimise(
-    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
+    outline: Boundary,
+    sign: float,
+    *,
+    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    limit: int = LIMIT,
+    seed: int = 0,
+    **parameters: Any,
 ) -> _Found:
-    small = small_optimum(outline, criterion, sign, limit)
+    """Do `triangulate`; sign: 1 to minimise, -1 to maximise."""
+    wanted = criteria.find(criterion, **parameters)
+    small = small_optimum(outline, wanted, sign, limit)
     if small is not None:
-        return _Found(walk(small, len(outline.points)), 0.0)
-    found = _search(outline, criterion, sign, limit, seed)
-    return _Found(walk(found.triangles, len(outline.points)), found.gap)
+        return _Found(walk(small, len(outline.points)), 0.0, wanted)
+    found = _search(outline, wanted, sign, limit, seed)
+    return found._replace(triangles=walk(found.triangles, len(outline.points)))
 
 
 def _search(
@@ -155,14 +176,14 @@ def _search(
         cycle = outline.edges[:, 0]
         table = cost["is_box"] and len(cycle) <= TABLE_ONLY and on_grid(points)
         start = None if table else ring_triangulation(outline, cycle)
-        return _Found(cycle[optimum(points[cycle], start, cost)], 0.0)
+        return _Found(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = best_start(outline, cost)
         return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
     if outline.holes == 1 and len(points) <= ONE_HOLE:
         exact = one_hole_optimum(outline, cost)
         if exact is not None:
-            return _Found(exact, 0.0)
+            return _Found(exact, 0.0, criterion)
     proof = None
     if sign > 0.0 and not cost["maximum"]:
         # Never a time between the two: the result is the same on any machine.

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, cost_of, evaluate
+from triangulators.criteria.cost import Cost, cost_of, evaluate, require_numbers
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.polygon import Boundary, boundary, boundary_area, check, remembered
 from triangulators.starting.starts import Cycle, cycle_of
@@ -75,10 +75,13 @@ def _of_a_and_d(outline: Boundary) -> Front:
 def _front(outline: Boundary, first: Wanted, second: Wanted) -> Front:
     ring = cycle_of(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
-    pair = [cost_of(criteria.find(wanted), area, count) for wanted in (first, second)]
+    found = [criteria.find(wanted) for wanted in (first, second)]
+    pair = [cost_of(criterion, area, count) for criterion in found]
     if any(cost["maximum"] for cost in pair):
         raise ValueError("pareto: minmax criteria do not add up")
     fronts = _fronts(ring, pair[0], pair[1])
+    for criterion in found:
+        require_numbers(criterion)
     whole = fronts[0, len(ring.cycle) - 1]
     triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(whole[0]))])
     return Front(whole.costs, ring.cycle[triangles])

@@ -19,7 +19,14 @@ LIMIT = 2000  # corners, as a table of all pairs is kept
 def _draw(
     start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
 ) -> np.ndarray:
-    """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1)."""
+    """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1).
+
+    start, target: the `visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
+    triangulations beneath the pair i-j, W(i, k) W(k, j) have the apex k, so that share of them is
+    taken from the chance in turn, k by k; where it is used up is the apex, and the last possible k
+    takes what rounding leaves. A stack of pairs, from 0, n - 1 on; n^2 numbers, and up to n steps
+    for each triangle.
+    """
     n = len(start) - 1
     table = np.full((n, n), -np.inf)
     for i in range(n):

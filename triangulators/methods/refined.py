@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
-from triangulators.compute.copies import copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_of, plain_cost, total_cost
-from triangulators.geometry.flips import by_delaunay, link
+from triangulators.geometry.flips import by_delaunay
+from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.order import walk_along
 from triangulators.libraries import ear_clipping
-from triangulators.methods.flips import L1, flip_by, is_triangulation, test_of
-from triangulators.optimum.many_rings import polygon_of
+from triangulators.methods.flips import L1, each, flip_by, test_of
+from triangulators.optimum.many_rings import Batch
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting.starts import starts
 
@@ -50,7 +50,7 @@ def refine(
 ) -> np.ndarray:
     """Return what flips make of triangles, (m, 3), in the order of `order.walk`.
 
-    corner, twin: (3 m,) half-edges, see `geometry.flips.link`; both are overwritten.
+    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten.
     """
     other, beside = corner.copy(), twin.copy()
     by_circles = by_delaunay(points, other, beside) > 0
@@ -64,41 +64,35 @@ def refine(
             one = total_cost(points, rows, cost)
             by_circles = total_cost(points, others, cost) < one
     if by_circles:
-        return walk_along(others, beside.reshape(-1, 3) // 3, len(points))
-    return walk_along(rows, twin.reshape(-1, 3) // 3, len(points))
+        return walk_along(others, beside, len(points))
+    return walk_along(rows, twin, len(points))
+
+
+@njit(nogil=True, inline="always")
+def _refined(
+    points: np.ndarray,
+    ends: np.ndarray,
+    corner: np.ndarray,
+    twin: np.ndarray,
+    test: int,
+    cost: Cost,
+) -> np.ndarray:
+    if is_triangulation(points, ends, corner, twin):
+        return refine(points, corner, twin, test, cost)
+    return corner.reshape(-1, 3)[:0]
 
 
 @njit(nogil=True)
 def refine_many(
     first: int,
     last: int,
-    coordinates: np.ndarray,
-    ring_ends: np.ndarray,
-    owners: np.ndarray,
-    raw: np.ndarray,
-    bounds: np.ndarray,
+    batch: Batch,
+    raw: tuple[np.ndarray, np.ndarray],
     test: int,
     cost: Cost,
-    starts: np.ndarray,
-    triangles: np.ndarray,
-    done: np.ndarray,
 ) -> None:
-    """Do `refine` for the polygons first..last - 1; mark in `done` those that had a start.
-
-    raw[bounds[i - first]:bounds[i - first + 1]] are the triangles to start from of polygon i; they
-    are overwritten.
-    """
-    for index in range(first, last):
-        points, ends = polygon_of(index, coordinates, ring_ends, owners)
-        own = raw[bounds[index - first] : bounds[index - first + 1]]
-        if len(own) == 0:
-            continue
-        corner = own.reshape(-1)
-        twin = link(corner)
-        if is_triangulation(points, ends, corner, twin):
-            room = triangles[starts[index] : starts[index + 1]]
-            copy_rows(refine(points, corner, twin, test, cost), room)
-            done[index] = True
+    """Do `refine` for each of many polygons, see `flips.each`."""
+    each(first, last, batch, raw, test, cost, _refined)
 
 
 def triangulate(

@@ -9,7 +9,7 @@ import numpy as np
 
 from triangulators.criteria.cost import Cost, evaluate
 from triangulators.errors import TriangulationError
-from triangulators.geometry.predicates import orient
+from triangulators.geometry.predicates import crossed
 from triangulators.optimum.simple_polygon import optimum
 from triangulators.polygon import Boundary
 
@@ -30,7 +30,7 @@ def one_hole_optimum(outline: Boundary, cost: Cost) -> np.ndarray | None:
     around = np.roll(hole, -leftmost)
     best, least = None, np.inf
     for place in np.flatnonzero(points[exterior, 0] < points[around[0], 0]).tolist():
-        if _blocked(points, outline.edges, int(exterior[place]), int(around[0])):
+        if crossed(points, outline.edges, int(exterior[place]), int(around[0])).any():
             continue
         outer = np.roll(exterior, -place)
         cycle = np.concatenate((outer, outer[:1], around, around[:1]))
@@ -42,16 +42,3 @@ def one_hole_optimum(outline: Boundary, cost: Cost) -> np.ndarray | None:
         if total < least:
             best, least = triangles, total
     return best
-
-
-def _blocked(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> bool:
-    """Whether the open segment a-b properly crosses a boundary edge."""
-    pa, pb = points[a].tolist(), points[b].tolist()
-    for c, d in edges.tolist():
-        if c in (a, b) or d in (a, b):
-            continue
-        pc, pd = points[c].tolist(), points[d].tolist()
-        apart = orient(*pa, *pb, *pc) * orient(*pa, *pb, *pd) < 0.0
-        if apart and orient(*pc, *pd, *pa) * orient(*pc, *pd, *pb) < 0.0:
-            return True
-    return False

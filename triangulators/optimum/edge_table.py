@@ -89,7 +89,11 @@ def _push(
     k: np.uint64,
     first: np.uint64,
 ) -> None:
-    """Push the costs of i, k for four corners i into their rows, by way of the table's row k."""
+    """Push the costs of i, k for four corners i into their rows, by way of the table's row k.
+
+    first: a register's first lane, at or before k + 1; what is before that lowers nothing, as the
+    table has none left of the diagonal. Unsigned numbers let LLVM see that no index is negative.
+    """
     a, b, c, d = costs
     for j in range(first, np.uint64(table.shape[1])):
         # The casts keep Numba from widening to int64, which would halve the lanes.
@@ -142,7 +146,11 @@ def fill_table(table: np.ndarray, none: float) -> None:
 
 @njit(nogil=True)
 def _trace_table(table: np.ndarray, none: float) -> np.ndarray:
-    """Return the triangles (n - 2, 3) behind a filled table; no rows if there are none."""
+    """Return the triangles (n - 2, 3) behind a filled table; no rows if there are none.
+
+    No apex was kept: the n - 2 that are needed are found again, from the same sums, by a stack of
+    pairs i-j whose sub-polygons are still to do. What a pair itself costs is there for each apex.
+    """
     n = len(table)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     stack = np.empty((n, 2), dtype=np.int32)
@@ -245,7 +253,11 @@ def _trace_lists(
     filled: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     none: float,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) behind what `fill_lists` found; no rows if none."""
+    """Return the triangles (n - 2, 3) behind what `fill_lists` found; no rows if none.
+
+    As `_trace_table`, with the pairs of i spread into a row: a list descends, so its apexes that
+    are in question come first, and of those that tie it is the highest that is taken.
+    """
     row_cost, first, apex, column = filled
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     row = np.empty(n, dtype=column.dtype)

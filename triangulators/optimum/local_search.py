@@ -9,7 +9,8 @@ are the cuts between the holes and the outline, and other trees give other cuts.
 import numpy as np
 
 from triangulators.criteria.cost import Cost, evaluate
-from triangulators.geometry.unfold import fold_back, grow, neighbours, unfold
+from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.optimum.simple_polygon import optimum
 
 PIECE = 200  # triangles in a window of a large polygon
@@ -19,31 +20,31 @@ _PATIENCE = 6  # cuts tried in a row without gain before giving up on better one
 
 
 class Patchwork:
-    """A triangulation under improvement: triangles (m, 3) of points (n, 2), and neighbours."""
+    """A triangulation under improvement: triangles (m, 3) of points (n, 2), and twins."""
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, cost: Cost) -> None:
         self.points = points
         self.triangles = np.ascontiguousarray(triangles, dtype=np.int32).copy()
-        self.across = neighbours(self.triangles, len(points))
+        self.twin = twins_of(self.triangles)
         self.cost = cost
-        self._tree = np.zeros(self.across.shape, dtype=np.bool_)
+        self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
 
     def is_tree(self) -> bool:
         """Whether the triangles hang together as a tree: one simple polygon, nothing to cut."""
-        return int(np.count_nonzero(self.across >= 0)) == 2 * (len(self.triangles) - 1)
+        return int(np.count_nonzero(self.twin >= 0)) == 2 * (len(self.triangles) - 1)
 
     def optimise_piece(
         self, root: int, most: int, *, depth_first: bool = False, turn: int = 0
     ) -> np.ndarray:
         """Replace a piece grown from `root` by its optimum; return the rows it consists of."""
         rows = np.empty(most, dtype=np.int32)
-        size = grow(self.across, root, most, depth_first, turn, self._tree, rows)
+        size = grow(self.twin, root, most, depth_first, turn, self._tree, rows)
         rows = rows[:size]
-        cycle, local, outline = unfold(self.triangles, self.across, self._tree, root, size)
+        cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
         if size > 1:
             better = optimum(self.points[cycle], local, self.cost)
-            fold_back(self.triangles, self.across, rows, cycle, outline, better)
+            fold_back(self.triangles, self.twin, rows, cycle, outline, better)
         return rows
 
     def total(self) -> float:

@@ -32,15 +32,11 @@ class Batch(NamedTuple):
 
 @njit(nogil=True)
 def polygon_of(
-    index: int, coordinates: np.ndarray, ring_ends: np.ndarray, owners: np.ndarray
+    index: int, coordinates: np.ndarray, rings: np.ndarray, owners: np.ndarray, begins: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (n, 2) of polygon `index` of a batch, and where in them each ring ends."""
-    first, last = owners[index], owners[index + 1]
-    start = ring_ends[first - 1] if first > 0 else 0
-    ends = np.empty(last - first, dtype=np.int64)
-    for ring in range(first, last):
-        ends[ring - first] = ring_ends[ring] - start
-    return coordinates[start : ring_ends[last - 1]], ends
+    """Return the points (n, 2) of polygon `index` of a `Batch`, and where in them its rings end."""
+    ends = rings[owners[index] + 1 : owners[index + 1] + 1] - begins[index]
+    return coordinates[begins[index] : begins[index + 1]], ends
 
 
 @njit(nogil=True)

@@ -11,8 +11,8 @@ import numpy as np
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.errors import TriangulationError
+from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import on_grid
-from triangulators.geometry.unfold import neighbours
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.optimum.edge_table import edge_optimum
 from triangulators.optimum.small_holes import holes_optimum
@@ -43,7 +43,7 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
         triangles = _by_ring(points, _ANY)
         if triangles is None:
             raise TriangulationError(f"no triangulation of {n} corners found")
-    start, target = visible_pairs(points, triangles, neighbours(triangles, n), n * n)
+    start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
     if cost["is_box"] and cost["box"][1] == 0.0:
         found = edge_optimum(points, start, target, cost["box"])
         if len(found) != n - 2:

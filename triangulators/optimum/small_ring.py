@@ -55,18 +55,25 @@ _FAR = 1e30
 
 
 @njit(nogil=True)
+def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
+    """Return the least x and y of points, their width and their height."""
+    low_x = high_x = points[0, 0]
+    low_y = high_y = points[0, 1]
+    for k in range(1, len(points)):
+        low_x, high_x = min(low_x, points[k, 0]), max(high_x, points[k, 0])
+        low_y, high_y = min(low_y, points[k, 1]), max(high_y, points[k, 1])
+    return low_x, low_y, high_x - low_x, high_y - low_y
+
+
+@njit(nogil=True)
 def grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of.
 
     0.0 if there is none of which they span at most 2^24: then float64 determinants are not exact,
     and `predicates.on_grid` is False.
     """
-    low_x = high_x = points[0, 0]
-    low_y = high_y = points[0, 1]
-    for k in range(1, len(points)):
-        low_x, high_x = min(low_x, points[k, 0]), max(high_x, points[k, 0])
-        low_y, high_y = min(low_y, points[k, 1]), max(high_y, points[k, 1])
-    span = max(high_x - low_x, high_y - low_y)
+    _, _, w, h = box_of(points)
+    span = max(w, h)
     if not 1e-290 < span < 1e300:
         return 0.0
     mantissa, exponent = math.frexp(span)
@@ -135,12 +142,15 @@ def _weigh(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
 
 
 @njit(nogil=True)
-def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: float) -> np.ndarray:
+def _fill_float(
+    x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: float, convex: bool
+) -> np.ndarray:
     """Return the table of a ring, (n, lanes) float64.
 
-    box: coefficients of half-perimeter, bounding-box area and edge length; doubt:
-    determinants of no larger size are looked at again, exactly; none if it is negative. x, y:
-    float64, padded with what is far from all corners.
+    box: coefficients of half-perimeter, bounding-box area and edge length; doubt: determinants of
+    no larger size are looked at again, exactly; none if it is negative; convex: whether any three
+    corners turn left, so that none is asked for. x, y: float64, padded with what is far from all
+    corners.
     """
     lanes = len(x)
     table = np.full((n, lanes), _NONE)
@@ -162,12 +172,13 @@ def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: fl
             table[i, k] = cost
             first = np.uint64((k + 1) & ~(LANES - 1))
             low_x, high_x, low_y, high_y = min(0.0, a), max(0.0, a), min(0.0, b), max(0.0, b)
-            if doubt < 0.0:
+            if doubt < 0.0 or convex:
                 for j in range(first, np.uint64(lanes)):
                     w = max(high_x, rx[j]) - min(low_x, rx[j])
                     h = max(high_y, ry[j]) - min(low_y, ry[j])
                     total = cost + table[k, j] + by_box * (w * h)
-                    row[j] = min(row[j], total if a * ry[j] > b * rx[j] else _NONE)
+                    left = (a * ry[j] > b * rx[j]) | convex
+                    row[j] = min(row[j], total if left else _NONE)
                 continue
             if _sides(number, rx, ry, k, first, side) <= doubt:
                 for j in range(k + 1, n):
@@ -178,6 +189,22 @@ def _fill_float(x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: fl
                 total = cost + table[k, j] + by_box * (w * h)
                 row[j] = min(row[j], total if side[j] > 0.0 else _NONE)
     return table
+
+
+@njit(nogil=True)
+def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
+    """Whether a ring of n corners turns left at all of them and goes round once.
+
+    Then every three of its corners, in order, turn left. It goes round once if it turns from right
+    to left, and back, once each.
+    """
+    changes = 0
+    for k in range(n):
+        before, after = k - 1 if k > 0 else n - 1, k + 1 if k + 1 < n else 0
+        if orient(x[before], y[before], x[k], y[k], x[after], y[after]) <= 0.0:
+            return False
+        changes += (x[k] > x[before]) != (x[after] > x[k])
+    return changes == 2
 
 
 @njit(nogil=True, fastmath=FAST)
@@ -309,7 +336,7 @@ def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> 
             u[k], v[k] = points[source, 0], points[source, 1]
         # The filter's bound is a multiple of two products, each below the span's square.
         doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
-        table = _fill_float(u, v, n, box, doubt)
+        table = _fill_float(u, v, n, box, doubt, unit == 0.0 and _is_convex(u, v, n))
         if not _trace(table, u, v, _Sums(box[1], unit > 0.0, _NONE, 0, 0), triangles):
             return np.inf
         total = table[0, n - 1]
@@ -329,14 +356,3 @@ def twice_area(points: np.ndarray) -> float:
         area += (points[k, 0] - points[0, 0]) * (after[1] - points[0, 1])
         area -= (points[k, 1] - points[0, 1]) * (after[0] - points[0, 0])
     return area
-
-
-@njit(nogil=True)
-def box_of(points: np.ndarray) -> tuple[float, float, float, float]:
-    """Return the least x and y of points, their width and their height."""
-    low_x = high_x = points[0, 0]
-    low_y = high_y = points[0, 1]
-    for k in range(1, len(points)):
-        low_x, high_x = min(low_x, points[k, 0]), max(high_x, points[k, 0])
-        low_y, high_y = min(low_y, points[k, 1]), max(high_y, points[k, 1])
-    return low_x, low_y, high_x - low_x, high_y - low_y

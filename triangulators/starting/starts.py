@@ -4,16 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from triangulators.checking.visible_pairs import visible
 from triangulators.criteria.cost import Cost, evaluate
 from triangulators.errors import Skipped, TriangulationError
+from triangulators.geometry.half_edges import is_triangulation, link, twins_of
 from triangulators.geometry.predicates import turns
-from triangulators.geometry.unfold import neighbours
 from triangulators.geometry.visibility import visible_pairs
 from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
 from triangulators.starting.diagonals import shortest_first
 from triangulators.starting.repair import insert_dropped_vertices
-from triangulators.starting.segments import inner_segments
 from triangulators.verify import verify_boundary
 
 _EXACT = 1000  # vertices up to which all pairs of them are tried
@@ -39,31 +39,20 @@ def cycle_of(outline: Boundary, who: str) -> Cycle:
     cycle = outline.edges[:, 0].copy()
     points = outline.points[cycle]
     local = ring_triangulation(outline, cycle)
-    start, target = visible_pairs(points, local, neighbours(local, len(cycle)), len(cycle) ** 2)
+    start, target = visible_pairs(points, local, twins_of(local), len(cycle) ** 2)
     return Cycle(cycle, points, start, target)
 
 
 def ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
     """Return some triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
+    n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
-    position[cycle] = np.arange(len(cycle), dtype=np.int32)
+    position[cycle] = np.arange(n, dtype=np.int32)
     local = position[outline.site[ear_clipping.triangulate(outline)]]
-    if len(local) == len(cycle) - 2 and _covers(outline.points[cycle], local):
+    corner = local.reshape(-1)
+    if is_triangulation(outline.points[cycle], np.array([n]), corner, link(corner)):
         return local
     return position[starts(outline)[0]]
-
-
-def _covers(points: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether n - 2 triangles of a cycle of n points all turn left and match along their edges."""
-    n = len(points)
-    tails = triangles.astype(np.int64).ravel()
-    heads = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
-    inner = heads != (tails + 1) % n
-    forward = np.sort((tails * n + heads)[inner])
-    backward = np.sort((heads * n + tails)[inner])
-    sides = len(tails) - len(forward)
-    matched = sides == n and np.array_equal(forward, backward)
-    return matched and bool((turns(points, triangles) > 0.0).all())
 
 
 def starts(outline: Boundary) -> list[np.ndarray]:
@@ -82,7 +71,8 @@ def starts(outline: Boundary) -> list[np.ndarray]:
         if verify_boundary(outline, triangles).conforming:
             found.append(outline.site[triangles])
     if not found and len(outline.points) <= _EXACT:
-        triangles = shortest_first(outline, inner_segments(outline))
+        pairs = np.sort(visible(outline.points, outline.edges, outline.site), axis=1)
+        triangles = shortest_first(outline, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
         if verify_boundary(outline, triangles).conforming:
             found.append(triangles)
     if not found:

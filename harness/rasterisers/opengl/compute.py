@@ -13,17 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import (
-    Counters,
-    Device,
-    Drawing,
-    Image,
-    Options,
-    Sample,
-    Triangles,
-)
+from harness.rasterisers.base import Counters, Device, Drawing, Image, Options, Sample, Triangles
 from harness.rasterisers.opengl import context
 from harness.rasterisers.opengl.buffers import Upload, batches
 from harness.rasterisers.opengl.context import Context
@@ -62,7 +53,6 @@ class BoundingBox(GLRasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        self._check(options)
         totals = np.zeros((len(frame.offsets) - 1, len(self.counters)), np.int64)
         for part in batches(frame, triangles):
             counts = self.context.buffer(np.zeros(totals.size, np.uint32))
@@ -78,22 +68,16 @@ class BoundingBox(GLRasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
-        self._check(options)
         return _Dispatched(self.context, self._draw, frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
-        self._check(options)
         with _Dispatched(self.context, self._draw, frame, triangles) as drawing:
             drawing.picture.clear()
             drawing.sample(1)
             pixels = np.frombuffer(drawing.picture.texture.read(), np.uint8)
         self.context.check("reading the picture")
         return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
-
-    def _check(self, options: Options) -> None:
-        if options.samples != 1 or options.work:
-            raise UsageError(f"{self.name} has neither multisampling nor fragment work; use opengl")
 
 
 class Scanline(BoundingBox):

@@ -6,7 +6,6 @@ its own; all of them at once, which takes about half a second.
 
 from __future__ import annotations
 
-import subprocess
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -61,11 +60,11 @@ def recipes() -> list[tuple[str, dict[str, str]]]:
 @cache
 def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
     """Find the devices that open, best first, and what went wrong with the others."""
-    running = [(kind, environment, _start(kind, environment)) for kind, environment in recipes()]
+    looked_for = recipes()
+    answers = probing.ask([_question(kind, environment) for kind, environment in looked_for])
     devices: list[Device] = []
     problems: list[str] = []
-    for kind, environment, process in running:
-        result = probing.finish(process)
+    for (kind, environment), result in zip(looked_for, answers, strict=True):
         if any(device.name == kind for device in devices):
             continue
         wanted = [found for found in result["devices"] if matches(kind, found["renderer"])]
@@ -89,9 +88,9 @@ def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
 
 def listing() -> dict[str, Any]:
     """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
-    return probing.finish(_start("list", {}))
+    return probing.ask([_question("list", {})])[0]
 
 
-def _start(kind: str, environment: dict[str, str]) -> subprocess.Popen[str]:
+def _question(kind: str, environment: dict[str, str]) -> probing.Question:
     mode = {"gpu": "hardware", "list": "list"}.get(kind, "software")
-    return probing.start(PROBE, mode, environment)
+    return probing.Question(PROBE, mode, environment)

@@ -9,15 +9,7 @@ import numpy as np
 
 from harness.errors import NoRasteriser
 from harness.frame import Frame
-from harness.rasterisers.base import (
-    Counters,
-    Device,
-    Drawing,
-    Image,
-    Options,
-    Sample,
-    Triangles,
-)
+from harness.rasterisers.base import Counters, Device, Drawing, Image, Options, Sample, Triangles
 from harness.rasterisers.opengl import context
 from harness.rasterisers.opengl.buffers import BoundMesh, batches
 from harness.rasterisers.opengl.context import Context, Target

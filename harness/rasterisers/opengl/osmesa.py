@@ -107,8 +107,8 @@ class OSMesa(OpenGL):
         """Say how to install it."""
         return f"run: {INSTALL} (Mesa 25.1 dropped it)"
 
-    def _open(self, device: Device) -> Any:  # noqa: ARG002
+    def _open(self, device: Device) -> Any:
         return OSMesaContext()
 
-    def _matches(self, device: Device, renderer: str) -> bool:  # noqa: ARG002
+    def _matches(self, device: Device, renderer: str) -> bool:
         return renderer.lower().startswith("llvmpipe")

@@ -60,14 +60,16 @@ def software(adapter: Mapping[str, str]) -> str | None:
 @cache
 def probe() -> tuple[tuple[Device, ...], tuple[str, ...]]:
     """Find the adapters that there are, GPUs first, and what went wrong with others."""
-    running = [
-        (kind, backends, environment, probing.start(PROBE, ",".join(backends), environment))
-        for kind, backends, environment in recipes()
-    ]
+    looked_for = recipes()
+    answers = probing.ask(
+        [
+            probing.Question(PROBE, ",".join(backends), environment)
+            for _, backends, environment in looked_for
+        ]
+    )
     devices: list[Device] = []
     problems: list[str] = []
-    for kind, backends, environment, process in running:
-        result = probing.finish(process)
+    for (kind, backends, environment), result in zip(looked_for, answers, strict=True):
         problems.extend(f"{kind}: {problem}" for problem in result["problems"])
         found = result["devices"]
         wanted = _gpus(found, backends) if kind == "gpu" else _called(kind, found)

@@ -24,7 +24,6 @@ from harness.rasterisers.base import (
     Options,
     Rasteriser,
     Triangles,
-    one_sample,
 )
 from harness.rasterisers.opengl.buffers import batches
 from harness.rasterisers.opengl.tally import COUNTED
@@ -62,7 +61,7 @@ class WebGPU(Rasteriser):
 
     name = "webgpu"
     shades = True
-    lacking = "no multisampling"
+    lacking = "one sample a pixel"
     counters: ClassVar[tuple[str, ...]] = COUNTED
     known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "warp")
 
@@ -144,7 +143,6 @@ class WebGPU(Rasteriser):
         return None
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        one_sample(self.name, options)
         frame = self._on_grid(frame)
         target = self._target(frame)
         polygons = len(frame.offsets) - 1
@@ -175,11 +173,9 @@ class WebGPU(Rasteriser):
         return found[: 2 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        one_sample(self.name, options)
         return self._timed(frame, triangles, options.work)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        one_sample(self.name, options)
         with self._timed(frame, triangles, options.work) as drawing:
             drawing.target.clear(self._device)
             drawing.sample(1)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from functools import cache
@@ -17,6 +20,7 @@ from harness.measuring.run import run
 from harness.measuring.worker import Inline
 from tests.fuzz.target import target
 from tests.fuzz.targets.runs import command, sound
+from tests.paths import ROOT
 
 VALUES = (
     *("", " ", "-1", "0", "nan", "inf", "-inf", "1e999", "1e300", "99999999999999999999"),
@@ -25,10 +29,10 @@ VALUES = (
 """Twenty that are bad for most options. What an option takes all the same has to work."""
 
 LEAST: dict[str, tuple[str, ...]] = {
-    "run": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick", "--quiet"),
-    "validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick", "--quiet"),
-    "pareto": ("--scene", "block.geojson", "--rasterisers", "reference", "--quiet"),
-    "calibrate": ("--rasteriser", "none", "--quiet"),
+    "run": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
+    "validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
+    "pareto": ("--scene", "block.geojson", "--rasterisers", "reference"),
+    "calibrate": ("--rasteriser", "none"),
     "compare": ("RUN", "RUN"),
     "history": ("RUN",),
     "report": ("RUN",),
@@ -73,6 +77,20 @@ def every() -> Iterator[dict[str, str]]:
             yield {"command": name, "option": option, "value": value}
 
 
+def start(*arguments: str) -> tuple[int, str]:
+    """Start the program as a user does; returns its exit code and its standard error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "harness", *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stderr
+
+
 @target(
     "options",
     st.tuples(st.sampled_from(range(10**6)), st.sampled_from(VALUES) | st.text(max_size=8)).map(
@@ -88,7 +106,9 @@ def check_option(value: dict[str, Any]) -> str:
         else known[value["place"] % len(known)]
     )
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
+        home = Path(folder) / "a" / "b"
+        home.mkdir(parents=True)
+        patch.chdir(home)
         patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
         patch.setattr("harness.measuring.loading.Worker", lambda *_: Inline())
         patch.setattr("harness.report.plots.plot_run", lambda run: [])
@@ -102,7 +122,7 @@ def check_option(value: dict[str, Any]) -> str:
             given[0] = value["value"]
         else:
             given.insert(0, value["value"])
-        code, err = command(name, *given)
+        code, err = (start if "started" in value else command)(name, *given)
         assert code in (0, 1, 2, 3, 4, 5), (code, given, err)
         assert "Traceback" not in err, err
         if code == 2:

@@ -8,6 +8,7 @@ import io
 import json
 import shutil
 import tempfile
+import time
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,9 @@ from tests.conftest import exit_code, write_geojson
 from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
 from tests.fuzz.target import target
 
+SILENT_S = 10.0
+"""Seconds that a command may say nothing."""
+
 COMPARED = (GOOD, REGRESSION, BAD_INPUT, NOTHING_MEASURED, INCONCLUSIVE)
 RUNS, TABLES = ("base", "head"), ("run.json", "cases.jsonl")
 FORMATS = ("table", "markdown", "json", "github-action-benchmark")
@@ -50,12 +54,29 @@ def damage_of(tables: list[str], folders: list[str]) -> st.SearchStrategy[Any]:
     return st.lists(edits, min_size=1, max_size=2, unique_by=lambda edit: edit[0])
 
 
+class Heard(io.StringIO):
+    """What a command writes, and the longest time that it was silent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._last = time.monotonic()
+        self.silent_s = 0.0
+
+    def write(self, text: str) -> int:
+        self.silent_s = max(self.silent_s, time.monotonic() - self._last)
+        self._last = time.monotonic()
+        return super().write(text)
+
+
 def command(*arguments: str) -> tuple[int, str]:
     """Run a command; return its exit code and what it wrote to standard error."""
-    out, err = io.StringIO(), io.StringIO()
+    out, err = io.StringIO(), Heard()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = exit_code(*arguments)
-    return code, err.getvalue()
+    text = err.getvalue()
+    err.write("")  # its end is heard, too
+    assert err.silent_s < SILENT_S, f"said nothing for {err.silent_s:.0f} s: {arguments}"
+    return code, text
 
 
 def spoil(place: Path, edits: list[dict[str, Any]]) -> None:

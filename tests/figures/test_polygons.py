@@ -1,0 +1,63 @@
+"""Figures over single polygons, on columns whose ratios are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.figures.polygons import (
+    correlation_of_ratios,
+    error_of,
+    error_of_ratios,
+    rank_correlation,
+    ratios,
+)
+
+
+def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
+    drawn = triangles or [4] * len(cost)
+    found = {"predicted_half_perimeter": cost, "quads": quads, "predicted_triangles": drawn}
+    return {name: np.asarray(column, np.float64) for name, column in found.items()}
+
+
+BASE = columns([2, 2, 2, 4], [10, 10, 10, 10])
+OTHER = columns([1, 2, 3, 8], [5, 10, 15, 20])
+
+
+def test_three_pairs_are_ranked_and_two_are_not():
+    x, y = np.array([1.0, 2.0, 4.0]), np.array([9.0, 8.0, 3.0])
+    assert rank_correlation(x, y) == pytest.approx(-1)
+    assert rank_correlation(x[:2], y[:2]) is None
+    assert rank_correlation(x, np.array([1.0, np.nan, 2.0])) is None
+    assert rank_correlation(x, np.ones(3)) is None
+    assert rank_correlation(np.ones(3), y) is None
+
+
+def test_ratios_of_polygons_that_both_drew():
+    other = columns([1, 2, 3, 8], [5, 0, 15, 20], [4, 4, 0, 4])
+    assert ratios(other, BASE, "quads").tolist() == pytest.approx(
+        [0.5, np.nan, np.nan, 2], nan_ok=1
+    )
+
+
+def test_a_prediction_is_set_against_a_counter_over_the_base():
+    both = {"base": BASE, "other": OTHER}
+    assert correlation_of_ratios(both, "base", "half_perimeter", "quads") == pytest.approx(1)
+    assert error_of_ratios(both, "base", "half_perimeter", "quads") == pytest.approx(0)
+    double = {"base": BASE, "other": OTHER | {"quads": 2 * OTHER["quads"]}}
+    error = error_of_ratios(double, "base", "half_perimeter", "quads")
+    assert error == pytest.approx(np.log(2))
+    assert error_of(np.array([np.nan, 0.0]), np.ones(2)) is None
+
+
+def test_what_one_of_them_lacks_is_not_compared():
+    bare = {name: OTHER[name] for name in ("quads", "predicted_triangles")}
+    no_quads = {name: column for name, column in BASE.items() if name != "quads"}
+    no_cost = {name: BASE[name] for name in bare}
+    for known in (
+        {"base": BASE, "other": OTHER, "bare": bare},
+        {"base": no_quads, "other": OTHER},
+        {"base": no_cost, "other": OTHER},
+        {"base": BASE},
+    ):
+        assert correlation_of_ratios(known, "base", "half_perimeter", "quads") is None

@@ -1,0 +1,146 @@
+"""How kernels are compiled, and how what was compiled is written and read; this imports Numba."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType
+from typing import Any
+from uuid import uuid4
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
+from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+from triangulators.compute.compiled_files import digest, dotted, place
+
+
+def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return what `numba.njit` makes of a function, and keep what it compiles."""
+    made: Any = numba.njit(**options)(source)
+    made._cache = _Kept(source)
+    return made
+
+
+def cfunc(signature: str, source: Callable[..., Any]) -> Any:
+    """Compile as `numba.cfunc` does, and keep what was compiled."""
+    callback: Any = CFunc(source, normalize_signature(signature), locals={}, options={})
+    callback._cache = _Kept(source)
+    callback.compile()
+    return callback
+
+
+class NotKept(BaseException):
+    """A kernel would have to be compiled within `only_kept`."""
+
+
+@contextmanager
+def only_kept() -> Iterator[None]:
+    """Compile nothing inside: a kernel that is not on disk raises `NotKept`."""
+    _Files.only_kept = True
+    try:
+        yield
+    finally:
+        _Files.only_kept = False
+
+
+class _Locator:
+    """Says nothing of where code is kept: `_Files` does."""
+
+    def __init__(self, folder: Path, file: Path) -> None:
+        self._folder = folder
+        self._py_file = str(file)  # Numba's warnings name it
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder when something is written, not when a function is declared."""
+
+
+class _Kept(FunctionCache):
+    """Numba's cache of one function, in a folder of its module's digest."""
+
+    def __init__(self, source: Callable[..., Any]) -> None:
+        self._name = repr(source)
+        self._py_func = source
+        file = Path(source.__code__.co_filename).resolve()
+        folder = place() / f"{dotted(file)}-{digest(file)}"
+        self._impl = self._impl_class.__new__(self._impl_class)
+        self._impl._locator = _Locator(folder, file)
+        self._impl._lineno = source.__code__.co_firstlineno
+        self._cache_path = str(folder)
+        self._cache_file = _Files(folder, f"{source.__qualname__}-{self._impl._lineno}")
+        self.enable()
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Load compiled code, which needs Numba's runtime, but none of what compiling needs.
+
+        That would be another half second, of which SciPy is a part.
+        """
+        rtsys.initialize(target)
+        with self._guard_against_spurious_io_errors():
+            found = self._load_overload(signature, target)
+        if found is None:
+            name_compiled(self._py_func)
+        return found
+
+
+def name_compiled(source: Callable[..., Any]) -> None:
+    """Let the names of kernels in a function, which is to be compiled, mean what Numba knows."""
+    names, codes = source.__globals__, [source.__code__]
+    while codes:
+        code = codes.pop()
+        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+        for name in code.co_names:
+            if hasattr(names.get(name), "compiled"):
+                names[name] = names[name].compiled
+
+
+class _Files:
+    """The compiled forms of one function: a file each, named by a digest of Numba's key."""
+
+    only_kept = False
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder = folder
+        self._name = re.sub(r"[<>]", "", name)
+
+    def _file(self, key: Any) -> Path:
+        short = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return self._folder / f"{self._name}.{short}.nbc"
+
+    def load(self, key: Any) -> Any:
+        """Return what was saved under `key`; None if nothing, or what cannot be read."""
+        try:
+            with self._file(key).open("rb") as file:
+                if pickle.load(file) == repr(key):
+                    return pickle.load(file)
+        except (OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError):
+            pass
+        except (AttributeError, ImportError):  # damage may name anything
+            pass
+        if self.only_kept:
+            raise NotKept(self._name)
+        return None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep `data`; where nothing can be written it is compiled again next time."""
+        file = self._file(key)
+        part = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(pickle.dumps(repr(key)) + dumps(data))
+            part.replace(file)
+        except OSError:
+            part.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Forget nothing: other processes use it."""
