@@ -34,6 +34,8 @@ ClickException: Any = next(  # typer has its own copy of click, and names this p
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
+HELP = ("-h", "--help")
+
 app = typer.Typer(
     name=PROGRAM,
     cls=CommandGroup,
@@ -41,7 +43,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": list(HELP)},
 )
 
 
@@ -76,6 +78,10 @@ def main() -> None:
 
     1 means a regression, so nothing but `compare` and `repeat` may end with it, on purpose.
     """
+    if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
+        from harness.measuring import server
+
+        server.start()  # it loads what takes long while this process does, too
     # Unless it was started to ignore a signal.
     with system.stopped_by(_stop, lambda before: before == signal.SIG_DFL), _closed_pipes_seen():
         try:

@@ -46,6 +46,7 @@ def read(
     where: str | None = None,
     limit: int | None = None,
     project: bool | None = None,
+    attributes: bool = True,
 ) -> Scene:
     """All polygons of a file, as a scene.
 
@@ -53,6 +54,8 @@ def read(
     are projected to metres, by default if the file's reference system is geographic: see
     `scenes.cleaning.projection`. `project=False` keeps degrees, `project=True` takes coordinates
     without a known reference system as those of WGS 84. `limit` stops after that many polygons.
+    Without `attributes`, GDAL reads none.
+
     Raises SceneError if the file is missing, cannot be read, or holds no polygon.
     """
     if limit is not None and limit < 1:
@@ -64,7 +67,10 @@ def read(
     notes: list[str] = []
     units = "units"
     size = CHUNK if limit is None else min(CHUNK, max(1000, 2 * limit))
-    for chunk in read_chunks(path, layer=layer, where=where, project=project, size=size):
+    chunks = read_chunks(
+        path, layer=layer, where=where, project=project, size=size, attributes=attributes
+    )
+    for chunk in chunks:
         polygons.extend(chunk.cleaned.polygons)
         tables.append(chunk.attributes)
         dropped += chunk.cleaned.dropped
@@ -99,6 +105,7 @@ def read_chunks(
     project: bool | None = None,
     size: int = CHUNK,
     rows: tuple[int, int] | None = None,
+    attributes: bool = True,
 ) -> Iterator[Chunk]:
     """The polygons of a file, about `size` features at a time, so that memory stays bounded.
 
@@ -106,7 +113,7 @@ def read_chunks(
     `scenes.slices` cuts. All chunks are on the same map, chosen by the first, so they fit together.
     Raises SceneError as `read` does, but a file without polygons yields chunks without polygons.
     """
-    source = Source(existing(path), layer, where, rows)
+    source = Source(existing(path), layer, where, rows, attributes)
     placing = Placing(path, project)
     for raw in _raws(source, size):
         geometries, notes = placing.place(raw)
@@ -149,7 +156,9 @@ def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | Non
 
 
 def _stacked(tables: list[Any]) -> pd.DataFrame | None:
+    known = [table for table in tables if table is not None and table.shape[1]]
+    if not known:
+        return None
     import pandas as pd  # takes longer to import than most scenes to load
 
-    known = [table for table in tables if table is not None and table.shape[1]]
-    return pd.concat(known, ignore_index=True) if known else None
+    return pd.concat(known, ignore_index=True)

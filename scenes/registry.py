@@ -144,14 +144,17 @@ def entry(name: str) -> Entry:
     )
 
 
-def load(name_or_path: str | Path, *, seed: int = 0, **parameters: Any) -> Scene:
+def load(
+    name_or_path: str | Path, *, seed: int = 0, attributes: bool = True, **parameters: Any
+) -> Scene:
     """Load a scene by name, the polygons of a file, or what a function of the user's returns.
 
     `name_or_path` may carry parameters: "city:buildings=2000,seed=3". Anything that exists as a
     path, contains a path separator or has a suffix is a file. "module:function" is a function that
     returns a Scene or polygons, and is called with `seed`, if it takes that, and the parameters by
     keyword. Every scene takes `limit`, the number of polygons to keep; files also take `layer`,
-    `where` and `project` (see `scenes.files.read`).
+    `where` and `project` (see `scenes.files.read`); without `attributes`, theirs are not read where
+    that saves time.
 
     Raises UnknownScene for a name that is not registered and SceneError for anything else that
     stops the scene from being loaded: a parameter that it does not have, a missing or unreadable
@@ -167,7 +170,7 @@ def load(name_or_path: str | Path, *, seed: int = 0, **parameters: Any) -> Scene
     limit = parameters.pop("limit", None)
     if is_path(name):
         function: Callable[..., Scene] = importlib.import_module("scenes.files").read
-        arguments = arguments_for(name, function, parameters)
+        arguments = {"attributes": attributes} | arguments_for(name, function, parameters)
         if limit is not None:
             arguments["limit"] = converted("limit", limit, int)
         return function(name, **arguments)

@@ -107,9 +107,6 @@ def run(
     verbose: options.Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
-    from harness.measuring import server
-
-    server.start()  # it loads what takes long while this process does, too
     from harness.commands import running
     from harness.frame import View
     from harness.measuring.plan import Plan

@@ -30,7 +30,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
 def _load(name: str, seed: int) -> Scene:
     try:
-        return load(name, seed=seed)
+        return load(name, seed=seed, attributes=False)
     except SceneError as error:
         raise UsageError(str(error)) from error
 

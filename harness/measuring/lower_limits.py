@@ -7,7 +7,9 @@ what choosing others could still save.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -18,7 +20,8 @@ from harness.frame import Frame
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed
 from harness.rasterisers.reference import outlines, quads_of
-from harness.triangulating.recipes import Recipe, parse
+from harness.triangulating.frames import triangulate_polygons, warm_up
+from harness.triangulating.recipes import parse
 
 FEWEST = parse("optimal:exact-quads")
 
@@ -34,23 +37,30 @@ HOLES_S = 2e-7
 (measured: 10 to 450 ns, the most for the largest)."""
 
 
-def limits_of(
-    frame: Frame,
-    parts: Sequence[NDArray[np.int32] | None],
-    bench: Bench,
-    get_ready: Callable[[Recipe], None] = lambda _: None,
-) -> dict[str, NDArray[np.int64]]:
-    """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known.
+def begin(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
+) -> dict[str, Future[NDArray[np.int64]]]:
+    """Begin to compute in a second process what `collect` returns.
 
     parts : a triangulation (m, 3) of each polygon without gaps, whichever
-    get_ready : called before a triangulator is used
-
-    The fewest quads are looked for in as many polygons as `MOST_S` allows, the quickest first.
     """
     return {
-        OUTLINE: bench.compute(outlines, frame, parts),
-        LEAST: _least(frame, bench, get_ready),
+        OUTLINE: bench.compute_soon(outlines, frame, parts),
+        LEAST: bench.compute_soon(fewest, frame, bench.database),
     }
+
+
+def collect(
+    begun: Mapping[str, Future[NDArray[np.int64]]], polygons: int
+) -> dict[str, NDArray[np.int64]]:
+    """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
+    found = {}
+    for name, computing in begun.items():
+        try:
+            found[name] = computing.result()
+        except TaskFailed:  # what is measured is the same without it
+            found[name] = np.full(polygons, -1)
+    return found
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:
@@ -63,23 +73,22 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
     return np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
 
 
-def _least(frame: Frame, bench: Bench, get_ready: Callable[[Recipe], None]) -> NDArray[np.int64]:
-    """Return the fewest quads of each polygon, -1 where that is not proven."""
+def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
+    """Return the fewest quads of each polygon, -1 where that is not proven; uses compiled code.
+
+    They are looked for in as many polygons as `MOST_S` allows, the quickest first.
+    """
     least = np.full(len(frame.polygons), -1)
     seconds = seconds_of(frame)
     order = np.argsort(seconds, kind="stable")
     chosen = np.sort(order[np.cumsum(seconds[order]) <= MOST_S])
     if not len(chosen):
         return least
-    try:
-        get_ready(FEWEST)
-        result = bench.triangulate(FEWEST, [frame.polygons[k] for k in chosen.tolist()])
-    except TaskFailed:  # what is measured is the same without it
-        return least
+    warm_up(FEWEST)
+    result = triangulate_polygons(FEWEST, [frame.polygons[k] for k in chosen.tolist()], database)
     parts: list[NDArray[np.int32] | None] = [None] * len(least)
     gaps = iter(result.gaps)
     for place, part in zip(chosen.tolist(), result.parts, strict=True):
         if part is not None and next(gaps) == 0.0:
             parts[place] = part
-    quads = bench.compute(quads_of, frame, parts)
-    return np.where([part is not None for part in parts], quads, least)
+    return np.where([part is not None for part in parts], quads_of(frame, parts), least)

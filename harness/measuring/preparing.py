@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ SAID_AFTER_S = 2.0
 class Prepared:
     """A triangulator's result for one view, ready to be measured on every device.
 
-    limits : see `lower_limits.limits_of`; empty but for the baseline
+    limits : see `lower_limits.collect`; empty but for the baseline, and until `prepare` ends
     """
 
     triangulation: FrameTriangulation
@@ -50,16 +50,24 @@ def prepare(
     broken : recipes that cannot be run, and why
     """
     wanted = list(dict.fromkeys([BASELINE, *recipes]))
-    bench.compile_ahead(
-        [recipe for recipe in wanted if recipe not in broken and type(recipe) is Recipe]
-    )
+    ours = [recipe for recipe in wanted if recipe not in broken and type(recipe) is Recipe]
+    bench.compile_ahead([*ours, lower_limits.FEWEST])
+    begun: dict[str, Future[NDArray[np.int64]]] = {}
+    limits: dict[str, NDArray[np.int64]] = {}
     with reporter.stage("triangulating", len(wanted)) as stage:
         for recipe in wanted:
             if recipe in broken:
                 yield recipe, ("failed", broken[recipe])
             else:
-                yield recipe, _prepare(scene, frame, recipe, bench, reporter)
+                result = _prepare(scene, frame, recipe, bench, reporter)
+                if recipe == BASELINE and isinstance(result, Prepared):
+                    begun = lower_limits.begin(frame, result.triangulation.parts, bench)
+                    limits = result.limits
+                yield recipe, result
             stage.advance()
+    said = "looking for the fewest quads, by which regret is told ..."
+    with reporter.if_long(said, SAID_AFTER_S):
+        limits |= lower_limits.collect(begun, len(frame.polygons))
 
 
 def _prepare(
@@ -81,11 +89,7 @@ def _prepare(
     if not len(triangles):
         status = "failed" if result.failed else "skipped"
         return status, records.incomplete(result) or "no polygon is left"
-    known = {}
-    if recipe == BASELINE:
-        get_ready = partial(_compile, bench=bench, reporter=reporter)
-        known = lower_limits.limits_of(frame, result.parts, bench, get_ready)
-    return Prepared(result, triangles, known)
+    return Prepared(result, triangles)
 
 
 def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:

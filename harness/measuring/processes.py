@@ -45,8 +45,8 @@ COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
 
 
-AHEAD = "compiling ahead"
-"""Name of the process that compiles beside the one that triangulates."""
+SECOND = "second process"
+"""Name of the process that compiles and computes while the one that triangulates does, too."""
 
 TRIANGULATORS = "triangulators"
 """Name of the process that triangulates, and computes what compiled code does."""
@@ -83,7 +83,7 @@ class Bench:
     ) -> None:
         self._open_worker = open_worker
         self._timeout_s = timeout_s
-        self._database = database
+        self.database = database
         self._workers: dict[str, Executor] = {}
         self._opened: dict[str, tasks.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
@@ -133,10 +133,9 @@ class Bench:
         `compile` begins with the first, and finds on disk what the second process has done.
         """
         ours = [recipe for recipe in reversed(recipes) if recipe.builtin]
-        if AHEAD in self._workers or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
+        if SECOND in self._workers or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
-        worker = self._worker(AHEAD, {}, None)
-        self._ahead.submit(worker.call, warm_up_all, ours, timeout_s=COMPILE_S)
+        self.compute_soon(warm_up_all, ours)
 
     def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
         """Run a triangulator over polygons in px, compiled first if that was not done.
@@ -150,7 +149,7 @@ class Bench:
         with self.clocked("triangulate"):
             try:
                 return self._triangulating(
-                    recipe, triangulate_polygons, recipe, polygons, self._database
+                    recipe, triangulate_polygons, recipe, polygons, self.database
                 )
             except TaskTimedOut as error:
                 if not recipe.builtin:
@@ -195,6 +194,18 @@ class Bench:
         """
         timeout_s = max(COMPILE_S, self._timeout_s)
         return self._call(TRIANGULATORS, {}, None, function, *arguments, timeout_s=timeout_s)
+
+    def compute_soon(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Begin to run a function of ours in a second process, after what was begun there before.
+
+        The result raises `TaskFailed` if the process crashed or the function raised.
+        """
+        # A process ends with the thread that started it, so this one does.
+        self._worker(SECOND, {}, None)
+        timeout_s = max(COMPILE_S, self._timeout_s)
+        return self._ahead.submit(
+            self._call, SECOND, {}, None, function, *arguments, timeout_s=timeout_s
+        )
 
     def ask(self, label: str, function: Callable[..., T], *arguments: Any) -> T:
         """Run a function of somebody else's, in a process of its own called `label`.
@@ -313,8 +324,8 @@ class Bench:
     def close(self, *, at_once: bool = False) -> None:
         """End all processes; `at_once`: whatever they are doing."""
         self._background.shutdown(wait=not at_once, cancel_futures=True)
-        if ahead := self._workers.pop(AHEAD, None):
-            ahead.close(at_once=True)
+        if second := self._workers.pop(SECOND, None):
+            second.close(at_once=True)
         self._ahead.shutdown(wait=False, cancel_futures=True)
         for worker in self._workers.values():
             worker.close(at_once=at_once)
@@ -380,7 +391,8 @@ class Bench:
             )
         except TaskFailed:
             # A context that was lost stays lost: what comes next gets a fresh process.
-            self._workers.pop(label).close()
+            if failed := self._workers.pop(label, None):
+                failed.close()
             if label == TRIANGULATORS:
                 self._compiled.clear()
             raise

@@ -122,7 +122,6 @@ def run(
             raise NothingMeasured(
                 f"nothing to choose: every polygon of {plan.scene} is a triangle already"
             )
-        how.meanwhile()
         return _measure(plan, scene, out, reporter, bench, broken, how, began)
     finally:
         bench.close(at_once=bench.stopping)
@@ -164,6 +163,7 @@ def _measure(
         rounds = not (how.split or how.beside)
         try:
             with _stopped_in_order(bench, reporter):
+                how.meanwhile()
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")

@@ -24,12 +24,14 @@ class Source:
     `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
     `rows` are the first feature and the one after the last, counted from 0, where the format can
     be read from the middle (see `scenes.slices`); attributes then keep the types that Arrow has.
+    Without `attributes`, GDAL reads none.
     """
 
     path: Path
     layer: str | None = None
     where: str | None = None
     rows: tuple[int, int] | None = None
+    attributes: bool = True
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyogrio
 import shapely
 from numpy.typing import NDArray
@@ -28,6 +27,9 @@ from scenes.readers.sequence import lost
 from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
 from scenes.suggestions import suggestion
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
@@ -107,6 +109,7 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
         source.path,
         layer=layer,
         where=source.where,
+        columns=None if source.attributes else [],
         skip_features=first,
         batch_size=size if last is None else min(size, last - first),
         use_pyarrow=True,
@@ -122,7 +125,10 @@ def _streamed(source: Source, layer: str, size: int) -> Iterator[Raw]:
             # the feature's number, its attributes, its geometry
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
             columns = batch.select(range(1, batch.num_columns - 1))
-            table, notes = to_pandas(columns, exact=source.rows is not None)
+            table: pd.DataFrame | None = None
+            notes: tuple[str, ...] = ()
+            if source.attributes:
+                table, notes = to_pandas(columns, exact=source.rows is not None)
             raw = _raw(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
             if first == last:
@@ -139,14 +145,20 @@ def _by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
             source.path,
             layer=layer,
             where=source.where,
+            columns=None if source.attributes else [],
             skip_features=start,
             max_features=size,
             return_fids=True,
         )
         if wkb is None:
             raise SceneError(_no_geometry(source, layer))
-        named = dict(zip(meta["fields"], columns, strict=True))
-        yield _raw(fids.tolist(), wkb, pd.DataFrame(named, index=range(len(wkb))), meta["crs"])
+        table = None
+        if source.attributes:
+            import pandas as pd
+
+            named = dict(zip(meta["fields"], columns, strict=True))
+            table = pd.DataFrame(named, index=range(len(wkb)))
+        yield _raw(fids.tolist(), wkb, table, meta["crs"])
         start += len(wkb)
         if size is None or len(wkb) < size or start == last:
             return
@@ -156,7 +168,7 @@ def _no_geometry(source: Source, layer: str) -> str:
     return f"{source.path} has no geometry in layer {layer}: give one with polygons"
 
 
-def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame, crs: str | None) -> Raw:
+def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None) -> Raw:
     """A chunk, its geometries parsed; what cannot be parsed is noted and left out."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = _geometries(wkb, labels)
@@ -164,7 +176,7 @@ def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame, crs: str | Non
         gone = {which for which, _ in dropped}
         keep = [i for i, label in enumerate(labels) if label not in gone]
         geometries, labels = geometries[keep], [labels[i] for i in keep]
-        table = table.iloc[keep].reset_index(drop=True)
+        table = None if table is None else table.iloc[keep].reset_index(drop=True)
     return Raw(geometries, labels, table, crs, "units", dropped, repaired)
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 import sqlite3
 from contextlib import closing
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from scenes.scene import SceneError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
@@ -20,6 +22,7 @@ def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[n
     Raises SceneError if the file has no attributes, or the condition is not valid for them. A field
     of a nested column is written with a dot.
 
+    >>> import pandas as pd
     >>> matching(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
     [1, 2]
     >>> boxes = pd.DataFrame({"bbox": [{"xmin": 3.0}, {"xmin": 8.0}]})
@@ -69,6 +72,8 @@ def _unnested(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
 
 def _plain(value: Any) -> Any:
     """A value that SQLite can hold."""
+    import pandas as pd
+
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, float, str, bytes)):

@@ -12,15 +12,19 @@ from harness.figures.registry import LEAST, OUTLINE, find
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
-from harness.measuring.worker import TaskFailed, Worker
+from harness.measuring.worker import Inline, TaskFailed, Worker
 from scenes import load
 from tests.measuring.test_run import inline
 from triangulators import triangulate
 
 
-def limits_of(frame, bench=None):
+def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
-    return lower_limits.limits_of(frame, parts, bench or Bench(inline, 60))
+    bench = Bench(open_worker, 60)
+    try:
+        return lower_limits.collect(lower_limits.begin(frame, parts, bench), len(parts))
+    finally:
+        bench.close()
 
 
 def test_it_lies_between_the_outline_and_every_triangulation():
@@ -56,14 +60,18 @@ def test_seconds_grow_with_height_vertices_and_holes():
     assert lower_limits.seconds_of(make_frame([with_hole], View(64))).item() > 8 * one
 
 
-class Failing(Bench):
-    def triangulate(self, recipe, polygons):
-        raise TaskFailed("it crashed")
+class Failing(Inline):
+    """An executor in which looking for the fewest quads crashes."""
+
+    def call(self, function, *arguments, **how):
+        if function is lower_limits.fewest:
+            raise TaskFailed("it crashed")
+        return super().call(function, *arguments, **how)
 
 
 def test_a_crash_leaves_the_outline():
     frame = make_frame([shapely.box(0, 0, 1, 1)], View(32))
-    found = limits_of(frame, Failing(inline, 60))
+    found = limits_of(frame, lambda *_: Failing())
     assert found[OUTLINE].item() > 0
     assert found[LEAST].item() == -1
 

@@ -14,7 +14,7 @@ from harness.report.answer import criteria_of
 from harness.report.report_data import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
-from harness.study import polygon_ranking
+from harness.study import counted_ways, polygon_ranking
 from harness.study.analysis import difference, ranks
 from scenes import load
 from tests.conftest import exit_code
@@ -35,7 +35,7 @@ def run_folder(tmp_path_factory):
 
 def test_polygons_are_triangulated_in_many_ways(run_folder):
     table = polygon_ranking.read(read_run(run_folder), View(1024))
-    assert table["polygon"].nunique() == polygon_ranking.POLYGONS
+    assert table["polygon"].nunique() == counted_ways.POLYGONS
     by_polygon = table.groupby("polygon").size()
     assert by_polygon.max() > 20
     names = set(table["triangulator"])

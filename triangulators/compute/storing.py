@@ -6,10 +6,11 @@ import hashlib
 import pickle
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from types import CodeType
-from typing import Any
+from typing import IO, Any
 from uuid import uuid4
 
 import numba
@@ -26,6 +27,13 @@ def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return what `numba.njit` makes of a function, and keep what it compiles."""
     made: Any = numba.njit(**options)(source)
     made._cache = _Kept(source)
+    compile_one = made.compile
+
+    def compile_once(signature: Any) -> Any:
+        with _alone(f"{made._cache.cache_path} {source.__qualname__} {signature}"):
+            return compile_one(signature)
+
+    made.compile = compile_once
     return made
 
 
@@ -49,6 +57,36 @@ def only_kept() -> Iterator[None]:
         yield
     finally:
         _Files.only_kept = False
+
+
+@contextmanager
+def _alone(what: str) -> Iterator[None]:
+    """Let no other process compile the same: who comes second waits, and loads it.
+
+    A lock on one byte of a file, which the system takes from a process that ends, and refuses where
+    two would wait for each other. Where it cannot be had, both compile.
+    """
+    if _Files.only_kept:
+        yield
+        return
+    byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.lockf(_lock_file(), fcntl.LOCK_EX, 1, byte)
+    try:
+        yield
+    finally:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            fcntl.lockf(_lock_file(), fcntl.LOCK_UN, 1, byte)
+
+
+@lru_cache(maxsize=1)
+def _lock_file() -> IO[bytes]:
+    """Stays open: closing it would give up all its locks."""
+    return (place() / "compiling.lock").open("ab")
 
 
 class _Locator:
