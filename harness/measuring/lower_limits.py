@@ -7,9 +7,11 @@ what choosing others could still save.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -37,29 +39,35 @@ HOLES_S = 2e-7
 (measured: 10 to 450 ns, the most for the largest)."""
 
 
-def begin(
-    frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
-) -> dict[str, Future[NDArray[np.int64]]]:
-    """Begin to compute in a second process what `collect` returns.
+class Begun(NamedTuple):
+    """Limits of a frame that a second process computes, or this one's if it comes first.
 
     parts : a triangulation (m, 3) of each polygon without gaps, whichever
     """
-    return {
-        OUTLINE: bench.compute_soon(outlines, frame, parts),
-        LEAST: bench.compute_soon(fewest, frame, bench.database),
-    }
+
+    frame: Frame
+    parts: Sequence[NDArray[np.int32] | None]
+    least: Future[NDArray[np.int64]]
+    outline: Future[NDArray[np.int64]]
 
 
-def collect(
-    begun: Mapping[str, Future[NDArray[np.int64]]], polygons: int
-) -> dict[str, NDArray[np.int64]]:
+def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench) -> Begun:
+    """Begin to compute what `collect` returns."""
+    least = bench.compute_soon(fewest, frame, bench.database)
+    return Begun(frame, parts, least, bench.compute_soon(outlines, frame, parts))
+
+
+def collect(begun: Begun, bench: Bench) -> dict[str, NDArray[np.int64]]:
     """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
-    found = {}
-    for name, computing in begun.items():
-        try:
-            found[name] = computing.result()
-        except TaskFailed:  # what is measured is the same without it
-            found[name] = np.full(polygons, -1)
+    unknown = np.full(len(begun.frame.polygons), -1)
+    found = {OUTLINE: unknown, LEAST: unknown}
+    with suppress(TaskFailed):  # what is measured is the same without it
+        if begun.outline.cancel():
+            found[OUTLINE] = bench.compute(outlines, begun.frame, begun.parts)
+        else:
+            found[OUTLINE] = begun.outline.result()
+    with suppress(TaskFailed):
+        found[LEAST] = begun.least.result()
     return found
 
 

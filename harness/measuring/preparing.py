@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,7 +51,7 @@ def prepare(
     wanted = list(dict.fromkeys([BASELINE, *recipes]))
     ours = [recipe for recipe in wanted if recipe not in broken and type(recipe) is Recipe]
     bench.compile_ahead([*ours, lower_limits.FEWEST])
-    begun: dict[str, Future[NDArray[np.int64]]] = {}
+    begun: lower_limits.Begun | None = None
     limits: dict[str, NDArray[np.int64]] = {}
     with reporter.stage("triangulating", len(wanted)) as stage:
         for recipe in wanted:
@@ -66,8 +65,9 @@ def prepare(
                 yield recipe, result
             stage.advance()
     said = "looking for the fewest quads, by which regret is told ..."
-    with reporter.if_long(said, SAID_AFTER_S):
-        limits |= lower_limits.collect(begun, len(frame.polygons))
+    if begun:
+        with reporter.if_long(said, SAID_AFTER_S):
+            limits |= lower_limits.collect(begun, bench)
 
 
 def _prepare(

@@ -51,6 +51,39 @@ def sources(tmp_path, monkeypatch) -> Path:
     return package
 
 
+TOLD = """
+from numba.core import event
+from triangulators.outer import outer as kernel
+
+class Told(event.Listener):
+    def on_start(self, event):
+        print(event.data["dispatcher"].py_func.__name__, flush=True)
+        time.sleep(1)
+
+    def on_end(self, event):
+        pass
+
+import time
+event.register("numba:compile", Told())
+kernel(1)
+"""
+
+
+def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(sources.parent),
+    }
+    both = [
+        subprocess.Popen([sys.executable, "-c", TOLD], env=environment, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    told = [line for each in both for line in each.communicate()[0].decode().split()]
+    assert [each.returncode for each in both] == [0, 0]
+    assert sorted(told) == ["inner", "outer"]
+
+
 def called(sources: Path, cache: Path) -> str:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
     done = subprocess.run(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import pickle
 import re
@@ -25,13 +26,20 @@ from triangulators.compute.compiled_files import digest, dotted, place
 
 def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return what `numba.njit` makes of a function, and keep what it compiles."""
-    made: Any = numba.njit(**options)(source)
+    # Nobody passes one as a function to another, for which Numba would make a third entry to each.
+    made: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
     made._cache = _Kept(source)
     compile_one = made.compile
 
     def compile_once(signature: Any) -> Any:
         with _alone(f"{made._cache.cache_path} {source.__qualname__} {signature}"):
-            return compile_one(signature)
+            collects = gc.isenabled()
+            gc.disable()  # it would go through all that is being made, for a tenth of the time
+            try:
+                return compile_one(signature)
+            finally:
+                if collects:
+                    gc.enable()
 
     made.compile = compile_once
     return made
