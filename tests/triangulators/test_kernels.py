@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -75,10 +76,8 @@ def test_two_processes_that_need_a_kernel_compile_it_once(sources, tmp_path):
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
         "PYTHONPATH": str(sources.parent),
     }
-    both = [
-        subprocess.Popen([sys.executable, "-c", TOLD], env=environment, stdout=subprocess.PIPE)
-        for _ in range(2)
-    ]
+    start = partial(subprocess.Popen, env=environment, cwd=sources.parent, stdout=subprocess.PIPE)
+    both = [start([sys.executable, "-c", TOLD]) for _ in range(2)]
     told = [line for each in both for line in each.communicate()[0].decode().split()]
     assert [each.returncode for each in both] == [0, 0]
     assert sorted(told) == ["inner", "outer"]
