@@ -15,11 +15,15 @@ from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
 from harness.measuring.run import run
+from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from tests.chromium import Chromium
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
 settings.load_profile("ci")
+
+BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
+"""In place of what `run --quick` takes."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -67,6 +71,7 @@ def harness(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+    monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)
 
     def call(*arguments: str) -> tuple[int, str, str]:
         code = exit_code(*arguments)

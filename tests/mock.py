@@ -63,12 +63,13 @@ class ScriptedDrawing:
 
 
 class MockDrawing(Drawing):
-    """Costs a microsecond a triangle; draws nothing."""
+    """Costs a microsecond a triangle, which it waits: else there would be a million rounds."""
 
     def __init__(self, triangles: Triangles) -> None:
         self._cost = 1e-6 * (1 + len(triangles))
 
     def sample(self, repeats: int) -> Sample:
+        time.sleep(self._cost * repeats)
         return Sample(wall=self._cost * repeats)
 
     def close(self) -> None:

@@ -14,16 +14,14 @@ import pytest
 from shapely import Polygon, box
 
 from harness.measuring.run import run
-from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Executor, Worker
-from tests.conftest import exit_code, write_geojson
+from tests.conftest import BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT
+from triangulators.compute import compiled_files
 
 FULL = bool(os.environ.get("DOCS_FULL"))
 """Whether everything is run as a reader would: in a shell, at full length, the slow ones too."""
-
-BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
 
 
 class _Kept:
@@ -129,6 +127,8 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{ROOT}")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    # But compiled code is for all: each command that starts a process would compile anew.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(compiled_files.place().parents[1]))
     if not FULL:
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
         monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)

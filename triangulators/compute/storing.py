@@ -94,7 +94,7 @@ def _alone(what: str) -> Iterator[None]:
 @lru_cache(maxsize=1)
 def _lock_file() -> IO[bytes]:
     """Stays open: closing it would give up all its locks."""
-    return (place() / "compiling.lock").open("ab")
+    return (place().parent / "compiling.lock").open("ab")
 
 
 class _Locator:
