@@ -63,14 +63,18 @@ class ScriptedDrawing:
 
 
 class MockDrawing(Drawing):
-    """Costs a microsecond a triangle, which it waits: else there would be a million rounds."""
+    """Costs a microsecond a triangle, and a ten-thousandth more or less, as no two draws are equal.
+
+    It waits so long, or there would be a million rounds.
+    """
 
     def __init__(self, triangles: Triangles) -> None:
         self._cost = 1e-6 * (1 + len(triangles))
 
     def sample(self, repeats: int) -> Sample:
-        time.sleep(self._cost * repeats)
-        return Sample(wall=self._cost * repeats)
+        cost = self._cost * repeats
+        time.sleep(cost)
+        return Sample(wall=cost * (1.0 + time.perf_counter_ns() % 1009 * 1e-7))
 
     def close(self) -> None:
         pass
