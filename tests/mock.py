@@ -63,18 +63,14 @@ class ScriptedDrawing:
 
 
 class MockDrawing(Drawing):
-    """Costs a microsecond a triangle, and a ten-thousandth more or less, as no two draws are equal.
+    """Costs a microsecond a triangle, and waits so long, or there would be a million rounds."""
 
-    It waits so long, or there would be a million rounds.
-    """
-
-    def __init__(self, triangles: Triangles) -> None:
-        self._cost = 1e-6 * (1 + len(triangles))
+    def __init__(self, triangles: Triangles, speed: float) -> None:
+        self._cost = 1e-6 * (1 + len(triangles)) * speed
 
     def sample(self, repeats: int) -> Sample:
-        cost = self._cost * repeats
-        time.sleep(cost)
-        return Sample(wall=cost * (1.0 + time.perf_counter_ns() % 1009 * 1e-7))
+        time.sleep(self._cost * repeats)
+        return Sample(wall=self._cost * repeats)
 
     def close(self) -> None:
         pass
@@ -88,7 +84,14 @@ class MockRasteriser(Rasteriser):
 
     name = "mock"
     known = ("scripted",)
+    runs = 0
+    """Of this process, as `begin_run` is told of them."""
     counters = ("fragments", "quads", "helper_lanes")
+
+    @classmethod
+    def begin_run(cls) -> None:
+        """Let what is measured from now on differ a little from what was: no two runs are equal."""
+        cls.runs += 1
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -111,7 +114,8 @@ class MockRasteriser(Rasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         _fault("time", len(triangles))
-        return MockDrawing(triangles)
+        number = (7919 * os.getpid() + 613 * self.runs) % 9973
+        return MockDrawing(triangles, 1.0 + 5e-7 * number)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
         return np.zeros((frame.height, frame.width, 4), np.uint8)

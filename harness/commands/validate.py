@@ -19,6 +19,8 @@ ENOUGH = 12
 """Polygons below which a study says that it is a look and no result."""
 
 QUICK = Design(polygons=6, random=10, most_vertices=60)
+QUICK_S = 0.02
+"""Seconds of drawing each triangulation, and of its first draws."""
 
 
 def validate(
@@ -72,7 +74,7 @@ def validate(
         views=tuple(View(size) for size in resolution),
         # In one kind of order, so that nothing but the diagonals differs.
         options=tuple(Options(work=count, order="walk") for count in work),
-        timing=TimingSettings(precision=0.01, budget_s=0.02 if quick else budget, warm_up_s=0.02),
+        timing=TimingSettings(0.01, budget_s=QUICK_S if quick else budget, warm_up_s=QUICK_S),
     )
     reporter = Reporter(quiet=quiet, verbose=verbose)
 

@@ -70,6 +70,7 @@ def measure(plan: Plan, out: str, reference: str = "main", *, resume: bool = Fal
     for name in ("theirs", "newer"):
         sys.modules.pop(name, None)
     registry.load.cache_clear()
+    MockRasteriser.begin_run()
     with version(reference, [recipe.base for recipe in plan.triangulators]) as place:
         running.run(
             plan,

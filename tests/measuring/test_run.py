@@ -49,6 +49,7 @@ def quiet() -> Reporter:
 
 
 def measure(plan: Plan, out: Path, open_worker: OpenWorker = inline, **how: object) -> RunResult:
+    MockRasteriser.begin_run()
     return run(plan, out, quiet(), RunOptions(**how), open_worker=open_worker)  # type: ignore[arg-type]
 
 

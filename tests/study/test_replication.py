@@ -158,6 +158,7 @@ def small(monkeypatch):
     monkeypatch.setattr("harness.study.matrix.plot_study", lambda *_: [])
     monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
     monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
+    monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
     monkeypatch.setattr("harness.commands.study.ANGLES", (0.0, 45.0))
 
 

@@ -64,6 +64,7 @@ def test_two_folders_are_one_too_many(harness):
 
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
+    monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
     arguments = (command, "--scene", "paper", "--rasterisers", "reference", "--budget", "0.001")
     with monkeypatch.context() as patched:
         interrupt_after_one(patched)
@@ -86,6 +87,7 @@ def study(tmp_path_factory):
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+        patch.setattr("harness.commands.validate.QUICK_S", 0.004)  # counters are judged here
         assert exit_code(*arguments) == 0
     return folder
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes.util
 import importlib.util
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from triangulators.polygon import Boundary
 
 
+@lru_cache(maxsize=1)
 def installed() -> bool:
     """Whether PyOpenGL and libGLU are there."""
     return bool(importlib.util.find_spec("OpenGL") and ctypes.util.find_library("GLU"))
