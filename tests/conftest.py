@@ -83,8 +83,10 @@ def harness(
 
 @pytest.fixture
 def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out a run's plots: tests/report and test_cli look at them, elsewhere they take time."""
+    """Leave out plots of runs and studies, which are looked at in tests of their own."""
     monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
+    monkeypatch.setattr("harness.study.matrix.plot_study", lambda *_: [])
+    monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
 
 
 @pytest.fixture

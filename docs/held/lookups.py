@@ -36,7 +36,12 @@ def text(file: str) -> str:
 
 def some(file: str, **where: object) -> list[Row]:
     """Return the rows whose columns are as `where` says; numbers are compared as numbers."""
-    return [row for row in rows(file) if all(_equal(row[k], v) for k, v in where.items())]
+    return list(_some(file, tuple(where.items())))
+
+
+@cache
+def _some(file: str, where: tuple[tuple[str, object], ...]) -> list[Row]:
+    return [row for row in rows(file) if all(_equal(row[k], v) for k, v in where)]
 
 
 def one(file: str, **where: object) -> Row:

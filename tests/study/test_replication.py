@@ -154,9 +154,7 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 
 @pytest.fixture
 def small(monkeypatch):
-    """Make the four studies small, and leave out their pictures, which others look at."""
-    monkeypatch.setattr("harness.study.matrix.plot_study", lambda *_: [])
-    monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
+    """Make the four studies small."""
     monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
     monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
     monkeypatch.setattr("harness.commands.study.ANGLES", (0.0, 45.0))

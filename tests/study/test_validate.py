@@ -62,6 +62,7 @@ def test_two_folders_are_one_too_many(harness):
     assert_one_line(err, "--out", "--resume")
 
 
+@pytest.mark.usefixtures("no_plots")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
     monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
