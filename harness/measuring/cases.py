@@ -29,9 +29,6 @@ from scenes import Scene
 DONE = ("ok", "skipped")
 """Records of cases that a resumed run leaves alone; what failed is tried again."""
 
-TRIANGULATING_SHARE = 1 / 3
-"""Of the seconds for which a triangulator's triangles are drawn, those for triangulating again."""
-
 
 @dataclass(frozen=True)
 class Framed:
@@ -138,8 +135,8 @@ def _time_triangulating(job: Job, frame: Frame, prepared: Mapping[Recipe, Prepar
         for recipe, ready in prepared.items()
         if not recipe.upright
     }
-    budget_s = job.plan.timing.budget_s * TRIANGULATING_SHARE
-    found = job.bench.time_triangulating(once, frame.polygons, budget_s, job.plan.seed)
+    settings = job.plan.timing
+    found = job.bench.time_triangulating(once, frame.polygons, settings.budget_s, job.plan.seed)
     for recipe, samples in found.items():
         triangulation = prepared[recipe].triangulation
         triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))

@@ -41,6 +41,9 @@ IMPORT_S = 60.0
 FEWEST_ROUNDS, MOST_ROUNDS = 5, 12
 """Rounds of triangulating; the most is as many as an interval gains much from."""
 
+TRIANGULATING_SHARE = 1 / 3
+"""Of the seconds for which a triangulator's triangles are drawn, those for triangulating again."""
+
 COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
 
@@ -165,7 +168,7 @@ class Bench:
         """Triangulate again in rounds; returns the seconds of each round, as `time_in_rounds` does.
 
         once : seconds that each triangulator took; what would take too long is left out
-        budget_s : seconds that each may cost, on average
+        budget_s : seconds for which each is drawn; a share of that is spent here
 
         Third parties' triangulators, each in a process of its own, have rounds of their own.
         """
@@ -173,7 +176,8 @@ class Bench:
         if not chosen:
             return {}
         mean_s = sum(once[recipe] for recipe in chosen) / len(chosen)
-        rounds = min(MOST_ROUNDS, max(FEWEST_ROUNDS, int(budget_s / max(mean_s, 1e-9))))
+        wanted = int(TRIANGULATING_SHARE * budget_s / max(mean_s, 1e-9))
+        rounds = min(MOST_ROUNDS, max(FEWEST_ROUNDS, wanted))
         together = [recipe for recipe in chosen if recipe.builtin]
         groups = [together, *([recipe] for recipe in chosen if not recipe.builtin)]
         found: dict[Recipe, list[float]] = {}
