@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -44,11 +44,28 @@ def measured(browser: Chromium) -> dict[str, Any]:
     return json.loads(browser.evaluate("JSON.stringify(state.result)"))
 
 
-def test_it_counts_as_expected_and_its_result_is_a_run(
-    gpu_browser, page, harness, small_run, tmp_path
-):
+class Whole(NamedTuple):
+    """A measurement that nobody disturbed, and what the page showed, saved and asked for."""
+
+    result: dict[str, Any]
+    shown: str
+    device: str
+    saved: str
+    address: str
+    requests: list[str]
+
+
+@pytest.fixture(scope="module")
+def whole(gpu_browser, page) -> Whole:
     opened(gpu_browser, page)
     result = measured(gpu_browser)
+    asked = ("document.body.innerText", "$('device').innerText", "savedText()", "location.href")
+    shown, device, saved, address = map(gpu_browser.evaluate, asked)
+    return Whole(result, shown, device, saved, address, list(gpu_browser.requests))
+
+
+def test_it_counts_as_expected_and_its_result_is_a_run(whole, harness, small_run, tmp_path):
+    result = whole.result
     assert result["problem"] is None
     assert result["complete"]
     assert [len(view["cases"]) for view in result["views"]] == [3, 3]
@@ -64,13 +81,12 @@ def test_it_counts_as_expected_and_its_result_is_a_run(
             "(reference)",
             "(the base again)",
         }
-    shown = gpu_browser.evaluate("document.body.innerText")
-    assert "All counters are the expected ones." in shown
-    assert "ear-clipping drawn a second time" in shown
-    assert gpu_browser.requests == [gpu_browser.evaluate("location.href").split("#")[0]]
+    assert "All counters are the expected ones." in whole.shown
+    assert "ear-clipping drawn a second time" in whole.shown
+    assert whole.requests == [whole.address.split("#")[0]]
 
     file = tmp_path / "saved.json"
-    file.write_text(gpu_browser.evaluate("savedText()"))
+    file.write_text(whole.saved)
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
     code, _, err = harness("import", str(file), "--out", "browser", "--run", run)
@@ -81,12 +97,10 @@ def test_it_counts_as_expected_and_its_result_is_a_run(
     assert all(record["time"]["median_s"] > 0 for record in records)
 
 
-def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(gpu_browser, page):
+def test_swiftshader_has_a_coarse_grid_and_is_exact_on_it(whole):
     """Vulkan asks for 4 bits of sub-pixel precision, and SwiftShader has no more."""
-    opened(gpu_browser, page)
-    result = measured(gpu_browser)
-    assert result["device"]["step"] == 16
-    assert "moved to it first" in gpu_browser.evaluate("$('device').innerText")
+    assert whole.result["device"]["step"] == 16
+    assert "moved to it first" in whole.device
 
 
 def test_the_pages_reference_is_ours(browser, page):
