@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import interval, matched, one, some, table_row, text, two, whole
+from docs.held.lookups import Row, interval, matched, one, some, table_row, text, two, whole
 
 SHARES = "learned/shares.csv"
 SCENES = {"glyphs": "letters"}
@@ -70,6 +70,39 @@ def alarms() -> list[str]:
     ends = [row["exit_code"] for row in equal]
     found = sum(row["exit_code"] == "1" for row in slower)
     return [str(n) for n in (len(equal), ends.count("1"), ends.count("5"), found, len(slower))]
+
+
+STATES = "llvmpipe/states.txt"
+"""Runs of `scripts/studies/states.py`: a line of CSV for each, then what pairs of them say."""
+
+
+def states() -> list[str]:
+    """Return a row for each state of the machine: how many runs, and the ends of what they say."""
+    lines = [line.split(",") for line in text(STATES).splitlines() if line.count(",") == 8]
+    runs = [dict(zip(lines[0], line, strict=True)) for line in lines[1:]]
+    told = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
+    rows = []
+    for state, what in told.items():
+        of_state = [run for run in runs if run["run"].startswith(f"{state}-")]
+        best = [run for run in of_state if run["triangulator"] == "optimal:half-perimeter"]
+        others = [run for run in of_state if run["triangulator"] == "delaunay"]
+        cells = [_ends(best, "reference_ms", 2), _ends(best, "all", 3), _ends(others, "all", 3)]
+        rows.append(f"| {what} | {len(best)} | {' | '.join(cells)} |")
+    return rows
+
+
+def _ends(runs: list[Row], column: str, digits: int) -> str:
+    found = [float(run[column]) for run in runs]
+    return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
+
+
+def apart() -> list[str]:
+    """Return pairs of undisturbed runs that are apart and how many there are, of the best for H:
+    of runs in one state, then of all; then the same of Delaunay.
+    """
+    pattern = r"{}, none: (\d+) of (\d+) pairs in one state apart, (\d+) of (\d+) of all"
+    names = ("optimal:half-perimeter", "delaunay")
+    return [number for name in names for number in matched(STATES, pattern.format(name))]
 
 
 GATE: list[Held] = [

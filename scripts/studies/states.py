@@ -8,7 +8,8 @@ core; with --half it does so in the second half of each run alone.
 
 Prints, for each triangulator's ratio to ear clipping: of all runs in OUT the reference draw and the
 ratio, by three ways to take the rounds; and of runs of one load in how many pairs the difference is
-more than 1.96 standard errors. The ways: `all` rounds, as the harness does; `quiet` rounds alone,
+more than 1.96 standard errors: of all pairs, and of those in one state, whose reference draws are
+within 3 % of each other. The ways: `all` rounds, as the harness does; `quiet` rounds alone,
 whose reference draw is at most 15 % over the run's tenth percentile; and a line `fitted` through
 all rounds, at that percentile. Both take the reference draw's median over nine rounds.
 """
@@ -36,6 +37,8 @@ BASE = "ear-clipping"
 NAMES = ("delaunay", "optimal:half-perimeter")
 SMOOTHED = 9
 LIMIT = 1.15
+ONE_STATE = 1.03
+"""Ratio of two runs' reference draws up to which the machine counts as in one state."""
 
 PROGRAMS = {
     "copy": "import os, numpy as n; p = os.getppid(); a = n.ones(1 << 24); b = a.copy()\n"
@@ -101,7 +104,7 @@ def _load(folder: Path, given: argparse.Namespace, over: threading.Event) -> Non
 def report(out: Path) -> None:
     """Print what all runs in the folder say."""
     print("triangulator,run,reference_ms,quiet_rounds,all,low,high,quiet,fitted")
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     for folder in sorted(out.glob("*-*"), key=lambda path: (path.name[:7], path.stat().st_mtime)):
         records = {record["triangulator"]: record for record in read_run(folder).records}
         for name in NAMES:
@@ -116,21 +119,27 @@ def report(out: Path) -> None:
             )
             key = name, folder.name.rpartition("-")[0]
             half_width = np.log(ratio.high / ratio.low) / 2
-            found.setdefault(key, []).append((float(np.log(ratio.value)), float(half_width)))
+            run = (float(np.log(ratio.value)), float(half_width), median)
+            found.setdefault(key, []).append(run)
     for (name, load), runs in found.items():
-        apart = list(_apart(runs))
-        if apart:
-            spread = np.std([value for value, _ in runs], ddof=1)
-            print(
-                f"{name}, {load}: {sum(apart)} of {len(apart)} pairs of {len(runs)} runs apart "
-                f"({np.mean(apart):.1%}); runs scatter by {spread:.2%}"
-            )
+        near = list(_apart(runs, ONE_STATE))
+        every = list(_apart(runs, np.inf))
+        spread = np.std([value for value, _, _ in runs], ddof=1)
+        print(
+            f"{name}, {load}: {sum(near)} of {len(near)} pairs in one state apart, {sum(every)} of "
+            f"{len(every)} of all; runs scatter by {spread:.2%}"
+        )
 
 
-def _apart(runs: list[tuple[float, float]]) -> Iterator[bool]:
-    """Yield of each pair whether it differs by more than both 95 % intervals allow."""
-    for (one, near), (other, far) in combinations(runs, 2):
-        yield bool(abs(one - other) > np.hypot(near, far))
+def _apart(runs: list[tuple[float, float, float]], limit: float) -> Iterator[bool]:
+    """Yield of each pair whether it differs by more than both 95 % intervals allow.
+
+    runs : logarithm of the ratio, half its interval's width, the reference draw
+    limit : ratio of the reference draws up to which a pair counts
+    """
+    for (one, near, first), (other, far, second) in combinations(runs, 2):
+        if max(first, second) <= limit * min(first, second):
+            yield bool(abs(one - other) > np.hypot(near, far))
 
 
 def by_reference(record: Record, base: Record) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from shapely import Polygon, box
 
+from harness.measuring import server
 from harness.measuring.run import run
 from harness.measuring.worker import Executor, Worker
 from tests.conftest import BRIEF, exit_code, write_geojson
@@ -66,6 +67,7 @@ class Workers:
 
 @pytest.fixture(scope="session")
 def workers() -> Iterator[Workers]:
+    server.start()  # here, since a reader's folder goes, and its server with it
     kept = Workers()
     yield kept
     kept.close()
