@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
+from harness.measuring.processes import COMPILED_LATE
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, find_device, get
 from harness.triangulating.frames import triangulate_polygons
@@ -19,13 +20,10 @@ from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import ROOT
 from triangulators import names, triangulate_many, warm_up
-from triangulators.compute import compiled_files
+from triangulators.compute.compiled_files import is_kept
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
 """Small ones whose polygons go every way through the kernels: holes, many holes, none."""
-
-LATE = "triangulators/geometry/order.py"
-"""A module whose kernels are compiled once the optimum is."""
 
 LISTING = ("exhaustive", "listed", "pareto")
 
@@ -36,7 +34,7 @@ BESIDE = ("max-area", "greedy", "random", "pareto", "refined")
 def compile_everything() -> None:
     """Call each kernel as the product calls it; next to no time where all are compiled."""
     known = [*names(available_only=True), "optimal:shape", "worst:half-perimeter"]
-    if not any(compiled_files.place().glob(f"*-{compiled_files.digest(ROOT / LATE)}")):
+    if not is_kept(COMPILED_LATE):
         # A third reads the tests, so that three workers need not rewrite what they assert.
         reading = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
         with (

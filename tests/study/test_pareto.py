@@ -31,13 +31,6 @@ CITY = "city:buildings=40"
 
 
 @pytest.fixture
-def unplotted(monkeypatch) -> None:
-    """Leave out the pictures where nobody looks at them."""
-    monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
-    monkeypatch.setattr("harness.study.pareto_plot.plot", lambda *_: [])
-
-
-@pytest.fixture
 def study(harness, tmp_path):
     """Run the study on a scene; returns (folder, pareto.csv, fronts.csv, output)."""
 
@@ -72,7 +65,7 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert {"pareto-paper-reference-cpu.png", "pareto-paper-reference-cpu.svg"} <= plots
 
 
-@pytest.mark.usefixtures("unplotted")
+@pytest.mark.usefixtures("no_plots")
 def test_a_citys_fronts_are_those_of_all_triangulations(study):
     _, table, fronts, out = study(CITY, "--polygons", "3")
     polygons = load(CITY).polygons
@@ -104,7 +97,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
     assert "cannot do every polygon, and left some out: fan, max-area" in out
 
 
-@pytest.mark.usefixtures("unplotted")
+@pytest.mark.usefixtures("no_plots")
 def test_rows_hold_the_records_figures_and_paired_times(study):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     run = read_run(folder)
@@ -128,7 +121,7 @@ def test_rows_hold_the_records_figures_and_paired_times(study):
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in run.records}
 
 
-@pytest.mark.usefixtures("unplotted")
+@pytest.mark.usefixtures("no_plots")
 def test_a_study_goes_on_where_it_was(study, harness):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     cases = (folder / "cases.jsonl").read_text()
@@ -185,7 +178,7 @@ def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
     assert_one_line(err, "nothing was measured", "out/cases.jsonl")
 
 
-@pytest.mark.usefixtures("unplotted")
+@pytest.mark.usefixtures("no_plots")
 def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     names = "optimal:mixed=1.0/.5/0,optimal:mixed=1/0.5/0,worst:mixed=1/0.5/0,optimal:mixed=1/1/1"
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)

@@ -78,17 +78,19 @@ def _alone(what: str) -> Iterator[None]:
         yield
         return
     byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
-    with suppress(ImportError, OSError):
-        import fcntl
-
-        fcntl.lockf(_lock_file(), fcntl.LOCK_EX, 1, byte)
+    _lock("LOCK_EX", byte)
     try:
         yield
     finally:
-        with suppress(ImportError, OSError):
-            import fcntl
+        _lock("LOCK_UN", byte)
 
-            fcntl.lockf(_lock_file(), fcntl.LOCK_UN, 1, byte)
+
+def _lock(what: str, byte: int) -> None:
+    """Take the lock on a byte, or give it up, where the system has such locks."""
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.lockf(_lock_file(), getattr(fcntl, what), 1, byte)
 
 
 @lru_cache(maxsize=1)
