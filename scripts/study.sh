@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
 # The studies behind docs/findings.md, each into results/reference/<device>/. More than an hour on
 # a quiet machine; a study that is there already is kept, so an interrupted call goes on where it
-# was. `scripts/study.sh gains` makes those alone whose folder has "gains" in its name.
+# was. `scripts/study.sh gains` makes those alone whose folder has "gains" in its name;
+# `scripts/study.sh "" FOLDER` writes elsewhere, so that the commit stays clean while it measures.
+# What is timed comes first; the last three parts only count, and need no quiet machine.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=(.venv/bin/python)
 harness=("${python[@]}" -m harness)
-to=results/reference
 only=${1:-}
+to=${2:-results/reference}
 
 once() { # folder, then the command that makes it
     [[ "$1" == *"$only"* ]] || return 0
@@ -26,16 +28,19 @@ few() { # scene, polygons: fewer where all have hundreds of vertices
     "${harness[@]}" calibrate --device llvmpipe --resolution 512 --budget 0.2 --quiet
 
 # What does the choice buy? As each triangulator gives its triangles, and all in one kind of order.
-peers=ear-clipping,delaunay,sweep,manifold,max-area,greedy,refined,optimal:overdraw,optimal:shape
-peers+=,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
+peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:l1,refined
+peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
         --resolution 256,512,1024,2048,4096 --triangulators $peers --budget 1
 done
 
-once $to/llvmpipe/gains-counties-refined "${harness[@]}" run --scene counties --device llvmpipe \
-    --resolution 256,1024,4096 --triangulators ear-clipping,delaunay,refined,optimal:half-perimeter \
-    --budget 1
+# What do flips after ear clipping buy, and when do they pay?
+for scene in city helsinki glyphs counties:level=state counties; do
+    once $to/llvmpipe/flips-${scene#counties:level=} "${harness[@]}" run --scene $scene \
+        --device llvmpipe --resolution 64,512,1024 --budget 1 --triangulators \
+        ear-clipping,earcut-refine,delaunay,flips:l1,flips:euclidean,refined,optimal:half-perimeter
+done
 
 # Does a criterion predict what was measured? Twice: the second study must say the same.
 for name in validate-city validate-city-again; do
@@ -105,15 +110,26 @@ for scene in paper city; do
         --rasterisers opengl,bounding-box --device llvmpipe --budget 0.3
 done
 
-# What trusting a criterion costs: counted on the CPU reference, and timed on two devices.
+# What trusting a criterion costs, timed on two devices.
 for scene in city helsinki glyphs counties; do
-    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
-        --rasterisers reference --resolution 256,1024 --polygons $(few $scene 24) --budget 0.004
     for device in llvmpipe zink; do
         once $to/$device/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
             --rasterisers opengl --device $device --resolution 256,1024 --budget 0.07 \
             --polygons $(few $scene 12)
     done
+done
+
+if [[ gains == *"$only"* ]]; then
+    "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
+fi
+if [[ validate-city-again == *"$only"* ]]; then
+    "${harness[@]}" repeat $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
+fi
+
+# The same, counted on the CPU reference.
+for scene in city helsinki glyphs counties; do
+    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+        --rasterisers reference --resolution 256,1024 --polygons $(few $scene 24) --budget 0.004
 done
 
 # H depends on the size at which slivers are drawn; counters of the CPU reference show how.
@@ -122,9 +138,7 @@ for scene in city helsinki; do
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done
 
-if [[ gains == *"$only"* ]]; then
-    "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
-fi
-if [[ validate-city-again == *"$only"* ]]; then
-    "${harness[@]}" repeat $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
+# Helper lanes that flips save, on every data set.
+if [[ flips-lanes == *"$only"* ]] && [ ! -e $to/flips-lanes.md ]; then
+    PYTHONPATH=. "${python[@]}" scripts/flips_lanes.py >$to/flips-lanes.md
 fi
