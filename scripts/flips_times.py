@@ -3,9 +3,9 @@
     PYTHONPATH=. python scripts/flips_times.py --earcut-hpp FOLDER
 
 FOLDER holds mapbox/earcut.hpp, which mapbox_earcut's source package brings; without it, C++ is not
-timed. Prints the least of several rounds, in which candidates follow each other, in ms for all
-polygons of a scene at 1024 px, and ratios: Python's calls and batches to calls of mapbox_earcut,
-JavaScript's flips to npm earcut's `refine`, C++'s to earcut.hpp. Needs a quiet machine.
+timed. Prints a line of CSV for each scene, language and candidate: the least of several rounds, in
+which a language's candidates follow each other, in ms for all polygons of a scene at 1024 px. What
+JavaScript flips are npm earcut's triangles, what C++ flips earcut.hpp's. Needs a quiet machine.
 """
 
 from __future__ import annotations
@@ -46,29 +46,30 @@ def least(*candidates: Callable[[], Any]) -> list[float]:
 
 
 def in_python(scene: str, polygons: list[Any]) -> list[Any]:
-    """Print the row of Python; return the polygons as (points, ring ends)."""
+    """Print the rows of Python; return the polygons as (points, ring ends)."""
     rings = [rings_of(polygon) for polygon in polygons]
     arrays = ragged(polygons)
-    ears, flips, batch = least(
+    times = least(
         lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
         lambda: [triangulate_float64(*each) for each in rings],
         lambda: triangulate_many(arrays, "flips:l1"),
     )
-    print(
-        f"{scene:22} Python      earcut {ears:8.2f}  with flips {flips:8.2f} ({flips / ears:.2f})  "
-        f"batch {batch:8.2f} ({batch / ears:.2f})",
-        flush=True,
+    show(
+        scene, "Python", dict(zip(("earcut", "with flips", "batch with flips"), times, strict=True))
     )
     return rings
 
 
+def show(scene: str, language: str, times: dict[str, float]) -> None:
+    """Print a row for each candidate."""
+    for name, ms in times.items():
+        print(f"{scene},{language},{name},{ms:.3f}", flush=True)
+
+
 def in_another(scene: str, language: str, command: list[str]) -> None:
-    """Print the row of a program that prints its times in ms as one JSON object."""
+    """Print the rows of a program that prints its times in ms as one JSON object."""
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    base = found["refine" if language == "JavaScript" else "earcut"]
-    ratios = "  ".join(f"{name} {ms:8.2f} ({ms / base:.2f})" for name, ms in found.items())
-    print(f"{scene:22} {language:10}  {ratios}", flush=True)
+    show(scene, language, json.loads(done.stdout))
 
 
 def main() -> None:
@@ -85,6 +86,7 @@ def main() -> None:
             flags = ["-std=c++17", "-O2", f"-I{given.earcut_hpp}"]
             source = str(HERE / "times.cpp")
             subprocess.run([*compilers[0], *flags, source, "-o", str(program)], check=True)
+        print("scene,language,candidate,ms")
         for scene in given.scenes.split(","):
             polygons = make_frame(load(scene).polygons, View(1024)).polygons
             rings = in_python(scene, polygons)

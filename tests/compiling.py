@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
+from harness.measuring.lower_limits import fewest
 from harness.measuring.processes import COMPILED_LATE
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, find_device, get
+from harness.rasterisers.reference import outlines
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import load
 from tests.paths import ROOT
-from triangulators import names, triangulate_many, warm_up
+from triangulators import certify, names, triangulate, triangulate_many, warm_up
 from triangulators.compute.compiled_files import is_kept
 
 SCENES = ("city:buildings=3", "cad:parts=2,segments=12", "stress:vertices=12")
@@ -54,6 +56,8 @@ def compile_everything() -> None:
         for name in known:
             found = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(found.parts))
+        outlines(frame, found.parts)
+        fewest(frame, None)
 
 
 def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
@@ -72,6 +76,8 @@ def _half() -> None:
     frame = make_frame(polygons, View(64))
     found = triangulate_polygons(parse("ear-clipping"), frame.polygons)
     _rasterise(frame, frame.join(found.parts))
+    for polygon in [each for scene in SCENES for each in load(scene).polygons[:3]]:
+        certify(polygon, triangulate(polygon, "ear-clipping", repair=True), "overdraw")
 
 
 if __name__ == "__main__":

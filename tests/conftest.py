@@ -14,6 +14,7 @@ from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
+from harness.measuring import server
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
@@ -21,6 +22,8 @@ from tests.chromium import Chromium
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
 settings.load_profile("ci")
+
+server.PRELOADED = "tests.preloaded"
 
 BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
 """In place of what `run --quick` takes."""
@@ -92,8 +95,9 @@ def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run a run's tasks in this process, for tests of what comes after: it saves a start."""
+    """Run a run's tasks in this process, in few rounds, for tests of what comes after."""
     monkeypatch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+    monkeypatch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ after they are split at vertices lying on them are T-junctions: covered, but not
 """
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -124,8 +125,9 @@ def split_edges(
     candidates = np.unique(outline.edges)
     junctions: list[tuple[int, Edge]] = []
     balance: Counter[Edge] = Counter()
+    on_edges = vertices_on(outline.points, candidates, loose, allowed)
     for (a, b), times in loose.items():
-        inside = vertices_on(outline.points, candidates, a, b, allowed)
+        inside = on_edges.get((a, b), [])
         junctions += [(vertex, (a, b)) for vertex in inside]
         chain = [a, *inside, b]
         for tail, head in pairwise(chain):
@@ -135,12 +137,23 @@ def split_edges(
 
 
 def vertices_on(
-    points: np.ndarray, candidates: np.ndarray, a: int, b: int, allowed: float
-) -> list[int]:
-    """Return those of `candidates` that lie on the open segment a-b, ordered from a to b."""
-    low = np.minimum(points[a], points[b]) - allowed
-    high = np.maximum(points[a], points[b]) + allowed
-    near = candidates[np.all((points[candidates] >= low) & (points[candidates] <= high), axis=1)]
-    found = [int(v) for v in near if v not in (a, b) and on_segment(points, v, a, b, allowed)]
-    direction = points[b] - points[a]
-    return sorted(found, key=lambda v: float(np.dot(points[v] - points[a], direction)))
+    points: np.ndarray, candidates: np.ndarray, edges: Collection[Edge], allowed: float
+) -> dict[Edge, list[int]]:
+    """Return by edge a-b those of `candidates` that lie on it between its ends, from a to b.
+
+    Edges that none lies on are left out. An index of all candidates finds those in an edge's box.
+    """
+    tails, heads = points[np.array(list(edges), dtype=np.int64).reshape(-1, 2).T]
+    low, high = np.minimum(tails, heads) - allowed, np.maximum(tails, heads) + allowed
+    tree = shapely.STRtree(shapely.points(points[candidates]))
+    near: dict[int, list[int]] = {}
+    for number, place in tree.query(shapely.box(*low.T, *high.T)).T.tolist():
+        near.setdefault(number, []).append(int(candidates[place]))
+    found: dict[Edge, list[int]] = {}
+    for number, (a, b) in enumerate(edges):
+        inside = [v for v in near[number] if v not in (a, b)] if number in near else []
+        inside = [v for v in inside if on_segment(points, v, a, b, allowed)]
+        if inside:
+            along = (points[inside] - points[a]) @ (points[b] - points[a])
+            found[a, b] = [inside[k] for k in np.argsort(along, kind="stable").tolist()]
+    return found

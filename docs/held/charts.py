@@ -13,8 +13,8 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from docs.held import findings
-from docs.held.findings import BEST_FOR_H, DEVICES, REFINED, SCENES, SHOWN
+from docs.held import tables
+from docs.held.tables import BEST_FOR_H, DEVICES, REFINED, SCENES, SHOWN
 
 INK = "#24292f"
 SOFT = "#8c959f"
@@ -43,8 +43,8 @@ def choice() -> str:
     """Return the chart of draw times in ratio to ear clipping's, with their intervals."""
     figure, axes = _figure(len(SCENES), "draw time, ear clipping = 1")
     for ax, (scene, label) in zip(axes, SCENES.items(), strict=True):
-        file = findings.run_of(scene)
-        rows = {row["triangulator"]: row for row in findings.some(file, resolution=1024)}
+        file = tables.run_of(scene)
+        rows = {row["triangulator"]: row for row in tables.some(file, resolution=1024)}
         shown = [name for name in LABELS if name in rows]
         _dots(
             ax,
@@ -62,7 +62,7 @@ def predicted() -> str:
     """Return the chart of predicted and counted helper lanes, in one unit."""
     figure = Figure(figsize=(6.4, 4.6))
     ax = figure.subplots()
-    rows = findings.predicted_lanes()
+    rows = tables.predicted_lanes()
     for place, (scene, label) in enumerate(SCENES.items()):
         mine = [row for row in rows if row[0] == scene]
         ax.scatter(
@@ -91,7 +91,7 @@ def regret() -> str:
     for ax, (scene, label) in zip(axes, SCENES.items(), strict=True):
         points = []
         for place, who in enumerate(chosen):
-            row = findings.regret("cpu", scene, 1024, who, "helper_lanes")
+            row = tables.regret("cpu", scene, 1024, who, "helper_lanes")
             mean, low, high = (100 * float(row[c]) for c in ("mean", "ci_low", "ci_high"))
             points.append((place, mean, low, high, place))
         _dots(ax, label, list(chosen), points, one=None)
@@ -109,9 +109,7 @@ def devices() -> str:
         points = []
         for place, name in enumerate(SHOWN):
             for shift, scene in ((-0.14, "city"), (0.14, "helsinki")):
-                value, low, high = findings.device_view(device, scene)["triangulators"][name][
-                    "time"
-                ]
+                value, low, high = tables.device_view(device, scene)["triangulators"][name]["time"]
                 points.append((place + shift, value, low, high, place))
         _dots(ax, label, [LABELS[name] for name in SHOWN], points)
     return _svg(figure)
@@ -125,7 +123,7 @@ CHARTS: dict[str, Callable[[], str]] = {
 }
 
 
-def _three(row: findings.Row) -> tuple[float, float, float]:
+def _three(row: tables.Row) -> tuple[float, float, float]:
     return (
         float(row["time_ratio"]),
         float(row["time_ratio_low"]),

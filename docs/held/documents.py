@@ -8,6 +8,32 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/findings.md": (findings.HELD, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),
+    "docs/theory.md": (others.THEORY, others.THEOREMS),
     "docs/studies/learned.md": (others.LEARNED, others.LEARNED_PLAN),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""
+
+COMMON = r"\b95 %|1/256 px|\b2x2\b|\b4x4\b|\(m, 3\)|(?m:^(## )?\d\. )|[Ee]xit code \d|4Q - S"
+
+CHOSEN = {
+    "docs/architecture.md": "",
+    "docs/devices.md": "",
+    "docs/index.md": r"0 for a correct|60 degrees|24 bytes",
+    "docs/reading-the-report.md": r"Below 1 is|one side of 1",
+    "docs/tutorial.md": "",
+    "docs/how-to/add-a-rasteriser.md": "",
+    "docs/how-to/add-a-scene.md": "",
+    "docs/how-to/add-a-triangulator.md": "",
+    "docs/how-to/ci.md": r"with 1 if something|1\.5 %|0\.1 %|threshold of 5 %",
+    "docs/how-to/command-line.md": r"\| \d+ \|",
+    "docs/how-to/contribute-a-device.md": r"from \d+|145 on Macs|0\.1 ms",
+    "docs/how-to/devices.md": r"Direct3D 12",
+    "docs/how-to/judge-criteria.md": r"fewer than 100 triang|at least 0\.8",
+    "docs/how-to/meshes.md": "",
+    "docs/how-to/own-criterion.md": r"up to 2,000 vertices",
+    "docs/how-to/own-polygons.md": r"-180 to 180 degrees|3D model|1 GiB|100 times",
+    "docs/how-to/put-it-in-your-program.md": r"Node\.js 18",
+}
+"""Pages that cite no result, with patterns of the sizes, limits and versions that they name."""
+
+DOCUMENTS |= {page: ([], (COMMON, pattern or COMMON)) for page, pattern in CHOSEN.items()}

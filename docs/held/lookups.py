@@ -17,9 +17,16 @@ Row = dict[str, str]
 
 @cache
 def rows(file: str) -> list[Row]:
-    """Return the rows of a CSV file under `results/reference`."""
+    """Return the rows of a CSV file under `results/reference`.
+
+    Criteria are named as columns are, with underscores; newer files have hyphens.
+    """
     with (REFERENCE / file).open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+        found = list(csv.DictReader(stream))
+    for row in found:
+        if "criterion" in row:
+            row["criterion"] = row["criterion"].replace("-", "_")
+    return found
 
 
 @cache

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 from docs.held import Block, Held, Sentence, Table, flips
-from docs.held.findings import BEST_FOR_H, SCENES, drawn, error_of_prediction
 from docs.held.lookups import two, whole
+from docs.held.tables import BEST_FOR_H, SCENES, drawn, error_of_prediction
 
 
 @cache

@@ -106,7 +106,8 @@ def source_hash(*packages: Path) -> str:
     """Return 16 hexadecimal digits that change with any source file of the packages' folders."""
     digest = hashlib.sha256()
     for folder in packages:
-        for file in sorted([*folder.rglob("*.py"), *folder.rglob("*.glsl")]):
+        files = (Path(place, name) for place, _, names in os.walk(folder) for name in names)
+        for file in sorted(file for file in files if file.suffix in (".py", ".glsl")):
             digest.update(str(file.relative_to(folder.parent)).encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

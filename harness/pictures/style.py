@@ -197,4 +197,5 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     with matplotlib.rc_context(STYLE):  # it says how files are written, too
         for file in files:
             figure.savefig(file)
+            figure.set_layout_engine("none")  # a second file has the layout of the first
     return files

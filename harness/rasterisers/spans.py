@@ -3,8 +3,9 @@
 A pixel is covered when its centre (128/256 px from its corner) is inside all three edge functions
 of the counter-clockwise triangle, y up; a centre exactly on an edge belongs to it if the edge is
 a left edge (it runs down) or a bottom edge (horizontal, it runs right). That is the top-left rule
-of Direct3D and of Mesa, seen with y up. For each row an edge function is linear in x, so one
-floor division gives the first or last pixel it lets through.
+of Direct3D and of Mesa, whose y runs down: what is a top edge there is a bottom edge here. For each
+row an edge function is linear in x, so one floor division gives the first or last pixel it lets
+through.
 
 Source of the edge functions: J. Pineda, "A Parallel Algorithm for Polygon Rasterization",
 SIGGRAPH 1988.

@@ -6,11 +6,9 @@ is a run on one device, in a folder of its own, with the usual resuming; the fol
 
 from __future__ import annotations
 
-import getpass
 import io
 import shutil
 import socket
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -136,11 +134,13 @@ class _alone:  # noqa: N801 - used as a function
     def __init__(self, device: str) -> None:
         # a GPU has its own clock; what software draws shares the cores
         name = device if device.startswith("gpu") else CPU
-        # Of this user: another one's file cannot be opened.
-        stem = f"raster-harness-{file_stem(getpass.getuser())}-{file_stem(name)}"
-        self._path = Path(tempfile.gettempdir()) / f"{stem}.lock"
+        # In a folder of the user's, where nobody else can have put a file of that name; hosts may
+        # share the folder, but not their devices.
+        host = file_stem(socket.gethostname())
+        self._path = system.cache_file(f"{host}-{file_stem(name)}.lock")
 
     def __enter__(self) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
         self._stream = self._path.open("a")
         system.lock(self._stream)
 

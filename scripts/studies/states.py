@@ -1,9 +1,11 @@
 """Ratios of times in several states of the machine: whether equal runs agree, and what rounds tell.
 
-    PYTHONPATH=. python scripts/studies/states.py OUT [--runs 12] [--load copy|compute] [--half]
+    PYTHONPATH=. python scripts/studies/states.py OUT [--runs 12] [--repeats 4]
+        [--load copy|compute] [--half]
 
 Each run is one `harness run` in a fresh process, which goes into OUT/<load>-<number>; runs that
-are there already are kept. With a load, another program copies memory, or computes, on another
+are there already are kept. With repeats, each run times everything in so many fresh processes, for
+so many times the seconds. With a load, another program copies memory, or computes, on another
 core; with --half it does so in the second half of each run alone.
 
 Prints, for each triangulator's ratio to ear clipping: of all runs in OUT the reference draw and the
@@ -55,12 +57,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument("--repeats", type=int, default=1, help="processes of a run")
     parser.add_argument("--load", choices=("none", *PROGRAMS), default="none")
     parser.add_argument("--half", action="store_true", help="load in the second half alone")
     parser.add_argument("--seconds", type=float, default=15.0, help="of timing in a run")
     parser.add_argument("--run", default="--scene city --resolution 1024")
     given = parser.parse_args()
     name = given.load + ("-half" if given.half else "")
+    name += f"-in-{given.repeats}" if given.repeats > 1 else ""
     for number in range(given.runs):
         folder = given.out / f"{name}-{number}"
         if not (folder / "run.json").exists():
@@ -72,7 +76,8 @@ def _run(folder: Path, given: argparse.Namespace) -> None:
     budget = given.seconds / (len(NAMES) + 3)
     command = [sys.executable, "-m", "harness", "run", *given.run.split(), "--device", "llvmpipe"]
     command += ["--triangulators", ",".join((BASE, *NAMES)), "--budget", f"{budget:g}"]
-    command += ["--precision", "0.0001", "--out", str(folder), "--quiet"]
+    command += ["--precision", "0.0001", "--repeats", str(given.repeats)]
+    command += ["--out", str(folder), "--quiet"]
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     over = threading.Event()
     load = threading.Thread(target=_load, args=(folder, given, over))

@@ -11,7 +11,7 @@ from docs.held import NUMBER, ROOT, Block, Sentence, Table, differences, not_hel
 from docs.held.charts import CHARTS
 from docs.held.documents import DOCUMENTS
 
-NAMES = sorted(DOCUMENTS)
+NAMES = sorted(name for name, (held, _) in DOCUMENTS.items() if held)
 
 
 def text_of(name: str) -> str:
@@ -24,7 +24,7 @@ def test_figures_are_those_of_their_files(name):
     assert list(differences(text_of(name), held)) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sorted(DOCUMENTS))
 def test_no_figure_is_typed(name):
     held, definitions = DOCUMENTS[name]
     assert not_held(text_of(name), held, definitions) == []
@@ -86,6 +86,8 @@ def test_charts_are_drawn_from_the_files_as_they_are(name):
 
 def test_a_typed_figure_is_found():
     assert not_held("It takes 0.85 of the time.", [], ()) == ["It takes 0.85 of the time."]
+    between = "Where a <= b it takes 0.85, and b > a."  # no element of HTML
+    assert not_held(between, [], ()) == [between]
     assert not_held("It has `0.85` and 12 px, <!-- 3 --> 7 %.", [], (r"\b12 px", r"7 %")) == []
 
 

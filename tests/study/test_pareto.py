@@ -98,7 +98,7 @@ def test_a_citys_fronts_are_those_of_all_triangulations(study):
 
 
 @pytest.mark.usefixtures("no_plots")
-def test_rows_hold_the_records_figures_and_paired_times(study):
+def test_rows_hold_the_records_figures_and_it_goes_on_where_it_was(study, harness):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     run = read_run(folder)
     assert run.problems == []
@@ -119,11 +119,6 @@ def test_rows_hold_the_records_figures_and_paired_times(study):
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
     assert (timed.loc[list(SWEEP), "verdict"] == "no difference shown").all()
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in run.records}
-
-
-@pytest.mark.usefixtures("no_plots")
-def test_a_study_goes_on_where_it_was(study, harness):
-    folder, table, _, _ = study(CITY, "--polygons", "1")
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
     again = ("pareto", "--scene", CITY, "--polygons", "1", "--resume", "out", *BOTH)

@@ -156,7 +156,7 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 def small(monkeypatch):
     """Make the four studies small."""
     monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
-    monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
+    monkeypatch.setattr("harness.commands.validate.QUICK_S", 1e-4)
     monkeypatch.setattr("harness.commands.study.ANGLES", (0.0, 45.0))
 
 

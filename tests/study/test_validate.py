@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +19,7 @@ from harness.study.analysis import by_resolution, correlate, measure_table
 from harness.study.design import Design
 from harness.study.repeat import repeat
 from harness.study.subjects import choose_polygons, choose_triangulators
+from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import exit_code
 from tests.harness.test_cli import assert_one_line
@@ -65,7 +68,7 @@ def test_two_folders_are_one_too_many(harness):
 @pytest.mark.usefixtures("no_plots")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
-    monkeypatch.setattr("harness.commands.validate.QUICK_S", 0.004)
+    monkeypatch.setattr("harness.commands.validate.QUICK_S", 1e-4)
     arguments = (command, "--scene", "paper", "--rasterisers", "reference", "--budget", "0.001")
     with monkeypatch.context() as patched:
         interrupt_after_one(patched)
@@ -73,6 +76,21 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
     assert code == 130
     assert "continue with the same command and --resume stopped" in out
     assert harness(*arguments, "--resume", "stopped")[0] == 0
+
+
+@pytest.mark.usefixtures("no_plots", "in_process")
+@pytest.mark.parametrize("command", ["validate", "pareto"])
+def test_a_case_that_fails_is_told_at_the_end_and_by_the_exit_code(harness, command, monkeypatch):
+    monkeypatch.setenv("MOCK_FAULT", "count:raise")  # for an odd number of triangles: seven here
+    few = parse_all(["delaunay", "optimal:overdraw", "optimal:half-perimeter", "worst:overdraw"])
+    monkeypatch.setattr("harness.study.subjects.choose_triangulators", lambda *_: few)
+    both = "reference,tests.mock:MockRasteriser"
+    arguments = (command, "--scene", "paper", "--rasterisers", both, "--budget", "0.001")
+    code, _, err = harness(*arguments, "--out", "out")
+    assert code == 5
+    assert "cases failed" in err.splitlines()[-1]
+    assert "scripted failure" in (Path("out") / "cases.jsonl").read_text()
+    assert list(Path("out").glob("*.csv"))  # what was measured is told all the same
 
 
 def test_a_study_of_a_file_has_both_names():
@@ -88,7 +106,8 @@ def study(tmp_path_factory):
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-        patch.setattr("harness.commands.validate.QUICK_S", 0.004)  # counters are judged here
+        patch.setattr("harness.commands.validate.QUICK_S", 1e-4)  # counters are judged here
+        patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
         assert exit_code(*arguments) == 0
     return folder
 
@@ -175,7 +194,7 @@ def test_the_expected_quads_rank_better_than_the_half_perimeter(study):
 
 
 def test_correlations_of_each_resolution(study):
-    table = pd.read_csv(study / "measured.csv")
+    table = pd.read_csv(study / "measured.csv").query("rasteriser == 'reference'")
     assert by_resolution(table).empty
     twice = pd.concat([table, table.assign(resolution=64)])
     sizes = by_resolution(twice)

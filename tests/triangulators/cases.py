@@ -52,21 +52,22 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
 
 def uncrossed(points: np.ndarray) -> shapely.Polygon:
     """A polygon through all points (n, 2); usually, not always, one that does not cross itself."""
+    apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)).tolist()
     order = list(range(len(points)))
     for _ in range(60):
-        if not _uncross(points, order):
+        if not _uncross(apart, order):
             break
     return shapely.Polygon(points[order])
 
 
-def _uncross(points: np.ndarray, order: list[int]) -> bool:
+def _uncross(apart: list[list[float]], order: list[int]) -> bool:
+    """Turn each piece round that shortens the way by it, by distances; tell whether any did."""
     changed = False
     n = len(order)
     for i in range(n - 1):
         for j in range(i + 2, n):
-            a, b, c, d = (points[order[k % n]] for k in (i, i + 1, j, j + 1))
-            old = np.hypot(*(a - b)) + np.hypot(*(c - d))
-            if np.hypot(*(a - c)) + np.hypot(*(b - d)) < old - 1e-9:
+            a, b, c, d = order[i], order[i + 1], order[j], order[(j + 1) % n]
+            if apart[a][c] + apart[b][d] < apart[a][b] + apart[c][d] - 1e-9:
                 order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1]
                 changed = True
     return changed

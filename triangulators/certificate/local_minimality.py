@@ -9,20 +9,21 @@ place gives another triangulation; so
 
     weight(abc) + weight(bad) <= weight(dbc) + weight(cad).
 
-Nothing is used but that the cost sums over triangles. Therefore an edge goes if every pair of
-triangles that are left on its two sides could be flipped to less weight, and with it the
-triangles that have it as a side; that may take others with it, until nothing more goes. A pair that
-makes no strictly convex quadrilateral cannot be flipped, so it blocks the exclusion: an optimum may
-contain it, whatever it weighs. With the noise of `checking.units` there are next to no ties, which
-would keep both diagonals of a rectangle.
+Nothing is used but that the cost sums over triangles. Take the remaining triangles on the left of
+an edge and those on its right: if every pair of one of each could be flipped to less weight, the
+edge is excluded, and with it the triangles that have it as a side. That may exclude other edges,
+until nothing more goes. A pair that makes no strictly convex quadrilateral cannot be flipped, so it
+blocks the exclusion: an optimum may contain it, whatever it weighs. With the noise of
+`checking.units` there are next to no ties, which would keep both diagonals of a rectangle.
 
-Order does not matter. Fewer triangles make fewer pairs, so what may be excluded now may be excluded
-later, and the edges that are left at the end are the same in whichever order edges are looked at.
+Which edges remain at the end does not depend on the order in which they are looked at: fewer
+triangles make fewer pairs, so what may be excluded now may be excluded later. The order in which
+they went is kept all the same, because each exclusion is justified by those before it.
 
-A polygon of 100,000 vertices may have some hundred million triangles. `thin` looks at each edge
-once and works out its triangles from what its ends see, so that nothing needs to be kept but edges;
-`exclude` goes on with the few triangles that are left. An edge with t triangles on its left and u
-on its right takes at most t * u comparisons, in `exclude` over all looks at it together.
+A polygon of 100,000 vertices may have some hundred million triangles. `thin` works out an edge's
+triangles from what its ends see, so that nothing needs to be kept but edges; `exclude` goes on with
+the few triangles that remain. An edge with t triangles on its left and u on its right takes at most
+t * u flips to try, and in `exclude` up to t + u more, each the first of another look.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -118,7 +119,7 @@ def _thin(
                 c, d = apex[1, p], apex[0, q]
                 total = value[1, p] + value[0, q]
                 if (
-                    not _can_be_flipped(points, a, b, c, d, total, cost, units)
+                    not _is_lighter_flipped(points, a, b, c, d, total, cost, units)
                     and not holds_ring(points, sight.rings, a, b, c, 1)
                     and not holds_ring(points, sight.rings, a, b, d, -1)
                 ):
@@ -196,7 +197,7 @@ def seen_by_both(fans: Fans, a: int, b: int, both: np.ndarray) -> int:
 
 
 @njit
-def _can_be_flipped(
+def _is_lighter_flipped(
     points: np.ndarray,
     a: int,
     b: int,
@@ -209,8 +210,8 @@ def _can_be_flipped(
     """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
 
     c is left of a-b and d right of it, so the quadrilateral a-d-b-c is strictly convex if it turns
-    left at b and at a as well. The noise of the four sides is the same before and after. That of
-    the diagonals, which counts twice, decides where units are equal: it is less than one of them.
+    left at b and at a as well. The noise of the four sides is the same before and after. Where
+    units are equal, that of the diagonals decides: twice the noise of an edge is less than a unit.
     """
     if turn(points, d, b, c) <= 0.0 or turn(points, c, a, d) <= 0.0:
         return np.bool_(False)
@@ -235,13 +236,16 @@ def _exclude(
     each of them those on its right. Invariant: no pair before that place keeps the edge. For a pair
     can be flipped to less weight or not once and for all, and a triangle that is gone stays gone.
     So a search never goes back, and the pair at which it stops is the reason why the edge is kept.
-    Only when a triangle of it goes does the edge need another look (`_look_again`).
+    When a triangle at the edge goes, it may be one of that pair, so the edge is looked at again
+    (`_look_again`).
     """
     points, edges, side, triangles, _sides, start, items = candidates
     excluded = np.empty(len(queue), dtype=np.int32)
     # start[2 e], start[2 e + 1], start[2 e + 2]: begin of the left ones, of the right ones, end.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
-    waiting = side == 0  # which edges are in the queue or on the stack
+    # Diagonals in the queue or on the stack, so that none is there twice. Those excluded before the
+    # call are in neither and are marked all the same: nothing puts them on the stack.
+    waiting = side == 0
     again = np.empty(len(edges), dtype=np.int32)  # the stack; an edge is there once, so it has room
     head, height, found = 0, 0, 0
     while head < len(queue) or height > 0:
@@ -252,7 +256,7 @@ def _exclude(
             e = queue[head]
             head += 1
         if not waiting[e]:
-            continue  # it was on the stack before its turn came in the queue
+            continue  # a side of the boundary: it has no pair that keeps it, and stays
         waiting[e] = False
         a, b = edges[e, 0], edges[e, 1]
         middle, end = start[2 * e + 1], start[2 * e + 2]
@@ -266,7 +270,7 @@ def _exclude(
                 u = items[right]
                 d = triangles[u, 0] + triangles[u, 1] + triangles[u, 2] - a - b
                 total = value[t] + value[u]
-                if alive[u] and not _can_be_flipped(points, a, b, c, d, total, cost, units):
+                if alive[u] and not _is_lighter_flipped(points, a, b, c, d, total, cost, units):
                     kept = True
                     break
                 right += 1
@@ -298,7 +302,7 @@ def _look_again(
 ) -> int:
     """Let the other sides of triangle t, which is gone, wait for a look; return the height."""
     for other in candidates.sides[t]:
-        # An edge is gone itself where the search for its pair has come to its end.
+        # Where the search for an edge's pair has come to its end, the edge is gone itself.
         open_still = at_left[other] < candidates.start[2 * other + 1]
         if other != gone and candidates.side[other] == 0 and open_still and not waiting[other]:
             waiting[other] = True

@@ -1,9 +1,9 @@
 """Solve by a table what local minimality leaves, where its skeleton is connected.
 
-A diagonal that is left and that no other edge that is left crosses belongs to the skeleton (see
+A diagonal that remains, and that no other remaining edge crosses, belongs to the skeleton (see
 `local_minimality`): it is in every optimum. With holes, cut the polygon along diagonals of the
 skeleton that connect the boundary's rings. If they connect all, what is cut has no holes any more,
-and the table over all sub-polygons needs only the triangles that are left.
+and the table over all sub-polygons needs only the remaining triangles.
 
 The sub-polygon on the far side of a diagonal, seen from a side of the boundary that is the root,
 costs
@@ -43,8 +43,9 @@ class _Beyond(NamedTuple):
     """What is known of what is beyond each half-edge: the least, far (2 e,), and its choice (2 e,).
 
     Half-edge 2 e runs edge e from its lower end to its higher, 2 e + 1 the other way; what is
-    beyond is on its left, and the choice is the triangle there. state (2 e,): 1 while what is
-    beyond is worked out, 2 where it is known; seen (t,): triangles that were tried.
+    beyond is on its left, and the choice is the triangle there, -1 where no triangles fill what is
+    beyond: far is about `_NOTHING` then, less where weights are negative. state (2 e,): 1 while
+    what is beyond is worked out, 2 where it is known; seen (t,): triangles that were tried.
     """
 
     far: np.ndarray
@@ -100,7 +101,7 @@ def by_table(
     beyond = _nothing_known(c)
     if not _fill(half, c, weights, alive, cut, beyond):
         return None
-    if beyond.far[half] < _NOTHING:
+    if beyond.choice[half] >= 0:
         chosen, places = _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
         laid_out = chosen
     else:
@@ -125,7 +126,7 @@ def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.nda
         gone |= crossed(c.points, c.edges, a, b)
     free = ~gone[c.sides].any(axis=1)
     alike, beyond = np.zeros(len(free), dtype=np.int64), _nothing_known(c)
-    if not _fill(half, c, alike, free, cut, beyond) or beyond.far[half] > 0:
+    if not _fill(half, c, alike, free, cut, beyond) or beyond.choice[half] < 0:
         return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int32)
     return _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
 
@@ -239,7 +240,9 @@ def _fill(
 ) -> bool:
     """Fill `beyond` for each half-edge that leads away from `root`; False if they form a circle.
 
-    A search in depth, with a stack in place of recursion. Each half-edge is looked at twice: once
+    A search in depth, with a stack in place of recursion. Where it is full, it fails, too: a
+    half-edge may be on it twice, put there by two triangles before it was looked at. Each half-edge
+    is looked at twice: once
     (state 0) to put what its triangles lead out to on the stack, and again, when it is on top once
     more and all of that is known, to take the least. Invariant: all in state 2 have their final
     `far`; those in state 1 are on the stack, each put there by one below it. To meet a half-edge in
@@ -265,20 +268,21 @@ def _fill(
             seen[t] = True
             # Of a triangle some of whose sides are not known yet, the total is not used: `height`
             # has grown then, and the half-edge is looked at again.
-            total = weights[t]
+            total, filled = weights[t], True
             for k in range(3):
                 out = _way_out(triangles, sides, side, cut, t, k, h)
                 if out < 0:
                     continue
                 if state[out] == 2:
                     total += far[out]
+                    filled &= choice[out] >= 0
                 elif state[out] == 1 or state[h] == 1 or height == len(waiting):
                     return False
                 else:
                     waiting[height] = out
                     height += 1
             if height == before and total < best:
-                best, which = total, t
+                best, which = total, t if filled else -1
         if height == before:
             far[h], choice[h], state[h] = best, which, 2
             height -= 1
@@ -381,19 +385,23 @@ def _fill_rest(
 ) -> bool:
     """Fill the table for triangles that the root does not lead to, which need potentials, too.
 
-    The inequality is asked for each triangle that is left, also for one that no triangulation of
-    what is left has: `_fill` from the root may never come to it. It holds once `far` is known for
-    the half-edges out of two sides, and is the least over the triangles beyond the third.
+    The inequality is asked for each remaining triangle, also for one that is in no triangulation by
+    remaining ones: `_fill` from the root may never come to it. It holds once `far` is known for the
+    half-edges out of two sides, and is the least over the triangles beyond the third.
 
     Which side is the third, the one that the root is behind? The ring is walked counter-clockwise
     from the root, and beyond a half-edge from p to q is the ring from q to p. Counter-clockwise
     a triangle has two sides that go on in the ring, from an earlier place to a later, and one that
     goes back: between the ends of that one the ring passes the root. So its first end is the later
     one, and the half-edge into the triangle over it, `out ^ 1`, is where `_fill` begins. A site at
-    which cuts end is in the ring several times; `_place` says which place sees the other end. The
-    chosen triangles lay the ring out; any triangulation would do.
+    which cuts end is in the ring several times; `_place` says which place sees the other end. A
+    triangulation lays the ring out, of the polygon as it is cut. Where a side of t is one of its
+    diagonals, no place is found and the table fails; if it is the optimum that lays the ring out,
+    all beyond its diagonals is filled already.
 
-    Invariant: all triangles before t that are left were tried, so that their inequality holds.
+    Invariant: all remaining triangles before t were tried, so that their inequality holds. `_fill`
+    takes what is known as it is, so all calls together try each triangle from each side once; a
+    place takes as many steps as corners of the layout meet there.
     """
     points, _edges, side, triangles, sides, _start, _items = candidates
     begin, at = grouped(triangles[chosen].ravel(), len(points))
@@ -401,9 +409,9 @@ def _fill_rest(
         if not alive[t] or beyond.seen[t]:
             continue
         for k in range(3):
-            out = _way_out(triangles, sides, side, cut, t, k, -2)
+            out = _way_out(triangles, sides, side, cut, t, k, -2)  # -2 // 2 is no edge: all three
             if out < 0 or beyond.state[out] == 2:
-                continue  # nothing is beyond this side, or it leads out of the triangle
+                continue  # nothing is beyond this side, or what is beyond is known: not the root
             a, b = triangles[t, k], triangles[t, (k + 1) % 3]  # `out` runs b to a
             first = _place(points, triangles, chosen, places, begin, at, a, b)
             last = _place(points, triangles, chosen, places, begin, at, b, a)

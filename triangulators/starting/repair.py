@@ -19,11 +19,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
         return triangles
     allowed = tolerance(outline.points)
     candidates = np.unique(outline.edges)
-    inside = {
-        edge: found
-        for edge in loose
-        if (found := vertices_on(outline.points, candidates, *edge, allowed))
-    }
+    inside = vertices_on(outline.points, candidates, loose, allowed)
     result: list[tuple[int, int, int]] = []
     for corners in triangles.tolist():
         chains = []

@@ -1,0 +1,579 @@
+"""The tables of docs/findings.md, and the figures of its sentences."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+from docs.held.lookups import (
+    Row,
+    bold,
+    matched,
+    one,
+    percent,
+    some,
+    table_row,
+    three,
+    two,
+    values,
+    whole,
+)
+from docs.held.others import alarms
+
+SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
+
+# ---------------------------------------------------------------- what the choice buys
+
+PEERS = (
+    "delaunay",
+    "earcut-refine",
+    "greedy",
+    "manifold",
+    "optimal:overdraw",
+    "optimal:expected-quads",
+    "flips:l1",
+    "refined:half-perimeter",
+    "optimal:half-perimeter",
+    "optimal:calibrated",
+)
+
+
+def gain(scene: str, px: int, name: str, base: str = "ear-clipping", **where: object) -> Row:
+    """Return the row of a time in ratio to another triangulator's, on llvmpipe."""
+    plain = {"rasteriser": "opengl", "order": "native", "work": 0, "samples": 1, "fit": "box"}
+    known = {"scene": scene, "resolution": px, "triangulator": name, "base": base, "rotation": 0}
+    return one("llvmpipe/gains/gains.csv", **{**plain, **known, **where})
+
+
+def ratio(*which: object, **where: object) -> str:
+    """Return such a time ratio with two digits."""
+    return two(gain(*which, **where)["time_ratio"])  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- does a criterion predict?
+
+CRITERIA = {
+    "expected_quads": "**Q**, expected quads",
+    "half_perimeter": "**H**, half-perimeter",
+    "edge_length": "E, edge length",
+    "overdraw": "**A**, the paper's overdraw",
+    "shape": "D, shape deviation",
+}
+
+
+def correlation(
+    criterion: str, measure: str, rasteriser: str = "opengl", device: str = "llvmpipe"
+) -> Row:
+    """Return the rank correlation within a polygon of the city."""
+    file = f"{device}/validate-city/correlations.csv"
+    where = {"criterion": criterion, "measure": measure, "rasteriser": rasteriser}
+    return one(file, statistic="spearman_within", **where)
+
+
+def predicts() -> list[str]:
+    """Return the table of rank correlations within a polygon."""
+    columns = (
+        ("helper_lanes", "opengl", True),
+        ("time_work_0", "opengl", True),
+        ("time_work_8", "opengl", True),
+        ("bbox_tests", "bounding-box", False),
+        ("time_work_0", "bounding-box", False),
+    )
+    cells: dict[str, list[str]] = {name: [] for name in CRITERIA}
+    for measure, rasteriser, with_interval in columns:
+        found = {name: correlation(name, measure, rasteriser) for name in CRITERIA}
+        top = max(float(row["value"]) for row in found.values())
+        for name, row in found.items():
+            cell = three(row["value"])
+            if float(row["value"]) == top:
+                cell = f"**{cell}**"
+            if with_interval:
+                cell += f" ({three(row['ci_low'])}-{three(row['ci_high'])})"
+            cells[name].append(cell)
+    return [table_row(label, *cells[name]) for name, label in CRITERIA.items()]
+
+
+def pooled(criterion: str) -> str:
+    """Return a criterion's rank correlation with helper lanes over all polygons at once."""
+    file = "llvmpipe/validate-city/correlations.csv"
+    where = {"rasteriser": "opengl", "measure": "helper_lanes", "statistic": "spearman_pooled"}
+    return three(one(file, criterion=criterion, **where)["value"])
+
+
+def sizes() -> list[str]:
+    """Return the table of rank correlations with helper lanes by the size of the viewport."""
+    lines = []
+    for px in (64, 256, 1024):
+        cells = []
+        for scene in ("city", "helsinki"):
+            file = f"cpu/validate-{scene}-sizes/correlations_by_resolution.csv"
+            for criterion in ("expected_quads", "half_perimeter", "overdraw"):
+                row = one(
+                    file,
+                    criterion=criterion,
+                    measure="helper_lanes",
+                    rasteriser="reference",
+                    statistic="spearman_within",
+                    resolution=px,
+                )
+                cells.append(three(row["value"]))
+        lines.append(table_row(f"{px} px", *bold(cells, {0, 3})))
+    return lines
+
+
+# ---------------------------------------------------------------- what trusting a criterion costs
+
+TRUSTED = {
+    "Q": ("criterion", "expected-quads"),
+    "H": ("criterion", "half-perimeter"),
+    "`refined`": ("triangulator", "refined:half-perimeter"),
+    "E": ("criterion", "edge-length"),
+    "A": ("criterion", "overdraw"),
+    "Delaunay": ("triangulator", "delaunay"),
+    "D": ("criterion", "shape"),
+    "ear clipping": ("triangulator", "ear-clipping"),
+}
+
+
+def regret(place: str, scene: str, px: int, who: str, measure: str) -> Row:
+    """Return the row of what trusting a criterion, or a triangulator, costs."""
+    kind, name = TRUSTED[who]
+    file = f"{place}/regret-{scene}/regret.csv"
+    return one(file, resolution=px, measure=measure, kind=kind, name=name)
+
+
+def _regret_cell(row: Row, signed: bool = False) -> str:
+    low, high = row["ci_low"], row["ci_high"]
+    between = " to " if signed else "-"
+    digits = 2 if not signed and float(row["mean"]) < 0.001 else None
+    low, high = percent(low, digits), percent(high, digits)
+    return f"{percent(row['mean'], digits)} % ({low}{between}{high})"
+
+
+def regrets(*scenes: str) -> Callable[[], list[str]]:
+    """Return what makes the table of helper lanes above the fewest there are."""
+
+    def lines() -> list[str]:
+        return [
+            table_row(
+                f"**{who}**" if who == "Q" else who,
+                *(
+                    _regret_cell(regret("cpu", scene, px, who, "helper_lanes"))
+                    for scene in scenes
+                    for px in (256, 1024)
+                ),
+            )
+            for who in TRUSTED
+        ]
+
+    return lines
+
+
+def regrets_of_times() -> list[str]:
+    """Return the table of times above the best."""
+    lines = []
+    for device in ("llvmpipe", "zink"):
+        for who in ("H", "`refined`", "Q", "E", "A", "D", "Delaunay", "ear clipping"):
+            cells = [
+                _regret_cell(regret(device, scene, px, who, "time_work_0"), signed=True)
+                for px in (256, 1024)
+                for scene in ("city", "helsinki", "glyphs")
+            ]
+            lines.append(table_row(f"{device}: {f'**{who}**' if who == 'H' else who}", *cells))
+    return lines
+
+
+def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[tuple[float, float]]:
+    """Return (mean, largest) regret in quads of each scene."""
+    found = [regret("cpu", scene, px, who, "quads") for scene in scenes]
+    return [(float(row["mean"]), float(row["ci_high"])) for row in found]
+
+
+# ---------------------------------------------------------------- other tables
+
+TERMS = {
+    ("expected_blocks",): "P",
+    ("half_perimeter", "expected_blocks"): "H + P",
+    ("half_perimeter", "expected_blocks", "expected_setups"): "**H + P + R**",
+    None: "all eight",
+    ("area",): "S",
+    ("area", "half_perimeter"): "S + H",
+    ("triangles", "area", "half_perimeter"): "**T + S + H**",
+}
+
+
+def terms() -> list[str]:
+    """Return the table of the fewest terms that predict a draw's time."""
+    fits = [
+        fit
+        for name in ("four-scenes", "three-terms")
+        for fit in values(f"reference/llvmpipe/calibration/{name}.json")["models"]
+    ]
+    lines = []
+    for wanted, label in TERMS.items():
+        fit = next(
+            fit
+            for fit in fits
+            if (len(fit["terms"]) == 8 if wanted is None else set(fit["terms"]) == set(wanted))
+        )
+        low, high = fit["regret_ci95"]
+        shown = f"{percent(fit['regret'], 2)} % ({percent(low, 2)} to {percent(high, 2)})"
+        of = (three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"]))
+        lines.append(table_row(label, *of, shown))
+    return lines
+
+
+def coefficient(file: str, name: str, unit: float, digits: int = 0) -> tuple[str, str, str]:
+    """Return a fitted coefficient and the ends of its interval, in the given unit."""
+    fit = values(file)
+    low, high = fit["intervals"][name]
+    mean = fit["coefficients"][name]
+    return tuple(f"{value / unit:.{digits}f}" for value in (mean, low, high))  # type: ignore[return-value]
+
+
+def orders() -> list[str]:
+    """Return the table of times in three orders of triangles."""
+    labels = {
+        "optimal:half-perimeter": "**best for H**",
+        "refined:half-perimeter": "`refined`",
+        "greedy": "greedy",
+        "optimal:expected-quads": "best for Q",
+        "optimal:overdraw": "best for A",
+        "delaunay": "Delaunay",
+    }
+    columns = [(scene, order) for scene in SCENES for order in ("own", "vertex-cache", "walk")]
+    found = {name: [three(_ordered(scene, name)[o]) for scene, o in columns] for name in labels}
+    least = [min(cells[place] for cells in found.values()) for place in range(len(columns))]
+    return [
+        table_row(
+            label, *bold(found[name], {p for p, c in enumerate(found[name]) if c == least[p]})
+        )
+        for name, label in labels.items()
+    ]
+
+
+def _ordered(scene: str, name: str) -> Row:
+    file = "llvmpipe/orders/orders.csv"
+    return one(file, scene=scene, triangulator=name, base="ear-clipping", resolution=1024)
+
+
+def extremes() -> list[str]:
+    """Return the table of the worst by A in ratio to the best by A, on the paper's polygon."""
+    lines = []
+    for among, label in (("all", "as the paper"), ("conforming", "conforming alone")):
+
+        def measured(device: str, rasteriser: str, measure: str, among: str = among) -> Row:
+            file = f"{device}/validate-paper/extremes.csv"
+            where = {"criterion": "overdraw", "among": among, "measure": measure}
+            return one(file, rasteriser=rasteriser, **where)
+
+        tests = measured("llvmpipe", "bounding-box", "bbox_tests")
+        lines.append(
+            table_row(
+                label,
+                two(tests["predicted_ratio"]),
+                two(tests["ratio"]),
+                two(measured("llvmpipe", "bounding-box", "time_work_0")["ratio"]),
+                two(measured("llvmpipe", "opengl", "helper_lanes")["ratio"]),
+                three(measured("llvmpipe", "opengl", "quads")["ratio"]),
+                two(measured("llvmpipe", "opengl", "time_work_0")["ratio"]),
+                two(measured("zink", "opengl", "time_work_0")["ratio"]),
+                two(measured("osmesa", "osmesa", "time_work_0")["ratio"]),
+            )
+        )
+    return lines
+
+
+DEVICES = {
+    "opengl-llvmpipe": "llvmpipe by OpenGL",
+    "webgpu-lavapipe": "lavapipe by WebGPU",
+    "swiftshader-chromium": "SwiftShader in Chromium",
+    "opengl-softpipe": "softpipe",
+}
+SHOWN = (
+    "optimal:half-perimeter",
+    "refined:half-perimeter",
+    "optimal:expected-quads",
+    "optimal:overdraw",
+    "delaunay",
+)
+
+
+def device_view(device: str, scene: str) -> dict:  # type: ignore[type-arg]
+    """Return what a device measured of a scene at 1024 px."""
+    views = values(f"devices/{device}.json")["views"]
+    return next(v for v in views if v["scene"] == scene and v["resolution"] == 1024)
+
+
+def on_devices() -> list[str]:
+    """Return the table of times on other rasterisers."""
+    lines = []
+    for scene in ("city", "helsinki"):
+        for device, label in DEVICES.items():
+            view = device_view(device, scene)
+            cells = [two(view["triangulators"][name]["time"][0]) for name in SHOWN]
+            best = {place for place, cell in enumerate(cells) if cell == min(cells)}
+            ranks = [
+                two(view["ranks"][c]) for c in ("expected_quads", "half_perimeter", "overdraw")
+            ]
+            lines.append(table_row(f"{SCENES[scene]}: {label}", *bold(cells, best), *ranks))
+    return lines
+
+
+# ---------------------------------------------------------------- sentences
+
+
+def of(file: str, name: str, px: int = 1024) -> Row:
+    """Return the row of a run's summary on llvmpipe."""
+    return one(f"llvmpipe/{file}/summary.csv", triangulator=name, resolution=px)
+
+
+BEST_FOR_H = "optimal:half-perimeter"
+REFINED = "refined:half-perimeter"
+CALIBRATED = "optimal:calibrated"
+
+
+def drawn(scene: str, px: int, name: str) -> float:
+    """Return the time in ratio to ear clipping's."""
+    return float(gain(scene, px, name)["time_ratio"])
+
+
+def choice() -> list[str]:
+    """Return the table of draw times in ratio to ear clipping's."""
+    lines = []
+    for scene, label in SCENES.items():
+        for px in (256, 1024, 4096):
+            cells = [three(drawn(scene, px, name)) for name in PEERS]
+            best = {place for place, cell in enumerate(cells) if cell == min(cells)}
+            over = three(gain(scene, px, CALIBRATED, "delaunay")["time_ratio"])
+            lines.append(table_row(f"{label}, {px}", *bold(cells, best), over))
+    return lines
+
+
+def run_of(scene: str) -> str:
+    """Return the file of a scene's draw times."""
+    return f"llvmpipe/gains-{scene}/summary.csv"
+
+
+def widest(small: bool) -> str:
+    """Return the half width of the widest interval of the table of draw times.
+
+    small : of scenes but counties up to 1024 px; of all other views otherwise
+    """
+    halves = []
+    for scene in SCENES:
+        for row in some(run_of(scene)):
+            is_small = scene != "counties" and row["resolution"] in ("256", "1024")
+            shown = row["resolution"] in ("256", "1024", "4096") and row["triangulator"] in PEERS
+            if shown and is_small == small:
+                halves.append(float(row["time_ratio_high"]) - float(row["time_ratio_low"]))
+    return two(max(halves) / 2)
+
+
+def predicted_lanes() -> list[tuple[str, float, float, float]]:
+    """Return (scene, predicted by 4Q - S, by H + T, counted), each in ratio to ear clipping's.
+
+    One row for each triangulator of `gains-<scene>` at 256, 1024 and 4096 px that draws all
+    polygons.
+    """
+    found = []
+    for scene in SCENES:
+        rows = some(run_of(scene))
+        for px in (256, 1024, 4096):
+            view = {row["triangulator"]: row for row in rows if row["resolution"] == str(px)}
+            base = view["ear-clipping"]
+            for name, row in view.items():
+                if name == "ear-clipping" or row["status"] != "ok":
+                    continue
+                if row["helper_lanes"] and row["polygons"] == base["polygons"]:
+                    counted = float(row["helper_lanes"]) / float(base["helper_lanes"])
+                    found.append(
+                        (scene, _lanes(row) / _lanes(base), _first(row) / _first(base), counted)
+                    )
+    return found
+
+
+def _lanes(row: Row) -> float:
+    return 4.0 * float(row["expected_quads"]) - float(row["fragments"])
+
+
+def _first(row: Row) -> float:
+    return float(row["half_perimeter"]) + float(row["triangles"])
+
+
+def error_of_prediction(column: int) -> str:
+    """Return the root mean square error of predicted lanes, in per cent, of a column of theirs."""
+    squares = [math.log(row[column] / row[3]) ** 2 for row in predicted_lanes()]
+    return f"{100.0 * math.expm1(math.sqrt(sum(squares) / len(squares))):.1f}"
+
+
+def slower(scene: str) -> float:
+    """Return by which share `refined` is drawn slower than the best for H at 1024 px."""
+    return drawn(scene, 1024, REFINED) / drawn(scene, 1024, BEST_FOR_H) - 1.0
+
+
+def rotated(name: str, column: str, base: str = "ear-clipping") -> list[float]:
+    """Return a column in ratio to a triangulator's, by angle."""
+    file = "llvmpipe/gains-rotation/summary.csv"
+    angles = sorted({float(row["rotation"]) for row in some(file)})
+    return [
+        float(one(file, triangulator=name, rotation=angle)[column])
+        / float(one(file, triangulator=base, rotation=angle)[column])
+        for angle in angles
+    ]
+
+
+def turned(name: str) -> list[float]:
+    """Return the times in ratio to ear clipping's, by angle."""
+    file = "llvmpipe/gains-rotation/summary.csv"
+    return [float(row["time_ratio"]) for row in some(file, triangulator=name)]
+
+
+def fronts(rasteriser: str) -> Counter[str]:
+    """Count the verdicts on points of the city's fronts that are not their end."""
+    rows = some("llvmpipe/pareto-city/pareto.csv", rasteriser=rasteriser, kind="front")
+    return Counter(row["verdict"] for row in rows if row["same_as_end"] != "True")
+
+
+def again() -> tuple[str, str, str]:
+    """Return how many correlations with counters there are, how many are equal in both runs, and
+    by how much those with times differ at most.
+    """
+    first = rows_by_key("llvmpipe/validate-city/correlations.csv")
+    second = rows_by_key("llvmpipe/validate-city-again/correlations.csv")
+    counters = [key for key in first if not key[3].startswith("time")]
+    equal = sum(first[key] == second[key] for key in counters)
+    apart = max(
+        abs(float(first[key]) - float(second[key]))
+        for key in first
+        if key[3].startswith("time") and key[4] == "spearman_within" and first[key] and second[key]
+    )
+    return whole(len(counters)), whole(equal), three(apart)
+
+
+def rows_by_key(file: str) -> dict[tuple[str, ...], str]:
+    """Return the values of a table of correlations by what they are of."""
+    key = ("rasteriser", "device", "criterion", "measure", "statistic")
+    return {tuple(row[name] for name in key): row["value"] for row in some(file)}
+
+
+def holding() -> list[str]:
+    """Return how many findings hold on each data set."""
+    names = ("poly2tri-testbed", "earcut-fixtures", "helsinki-areas", "cad")
+    return [matched("llvmpipe/study/findings.md", rf"\| {name} \| (\d+) \|")[0] for name in names]
+
+
+def shares() -> list[str]:
+    """Return the ends of what L1 flips save of the optimum's saving, and of its time."""
+    rows = some("learned/shares.csv", at="refined", rule="refined")
+    saved = sorted(float(row["share_of_saving"]) for row in rows)
+    spent = sorted(float(row["share_of_time"]) for row in rows)
+    return [two(saved[0]), two(saved[-1]), two(spent[0]), two(spent[-1])]
+
+
+def called() -> list[str]:
+    """Return pairs of equal code, those called a regression, slower ones, and those found."""
+    equal, wrongly, _, found, changed = alarms()
+    return [equal, wrongly, changed, found]
+
+
+def pair(who: str, px: int, scene: str = "counties") -> list[str]:
+    """Return a regret of times in per cent, on llvmpipe and on zink."""
+    return [percent(regret(d, scene, px, who, "time_work_0")["mean"]) for d in ("llvmpipe", "zink")]
+
+
+def worst(scene: str, who: str) -> str:
+    """Return a regret in helper lanes at 1024 px in per cent."""
+    return percent(regret("cpu", scene, 1024, who, "helper_lanes")["mean"])
+
+
+def break_even(name: str) -> list[str]:
+    """Return after how many draws a triangulator pays, on three scenes."""
+    files = [f"llvmpipe/orders-{scene}/summary.csv" for scene in ("city", "helsinki", "counties")]
+    # The first row is that of the triangulator's own order.
+    found = [some(file, triangulator=name)[0]["break_even_draws"] for file in files]
+    return [whole(round(float(value), 1 - len(str(int(float(value)))))) for value in found]
+
+
+def branches(name: str, column: str = "mispredicted") -> float:
+    """Return what Callgrind counted in a draw of letters."""
+    return float(one("llvmpipe/branches.csv", scene="glyphs", triangulator=name)[column])
+
+
+def d_over_h(order: str) -> str:
+    """Return by how many per cent the best for D is drawn faster than the best for H."""
+    d, h = (gain("glyphs", 256, f"optimal:{c}", order=order) for c in ("shape", "half-perimeter"))
+    return f"{100.0 * (1.0 - float(d['time_ratio']) / float(h['time_ratio'])):.1f}"
+
+
+def faster(name: str, px: int) -> str:
+    """Return by how many per cent letters are drawn faster than by the best for H."""
+    one_, other = gain("glyphs", px, name), gain("glyphs", px, BEST_FOR_H)
+    return f"{100.0 * (1.0 - float(one_['time_ratio']) / float(other['time_ratio'])):.1f}"
+
+
+def own_order_costs() -> list[str]:
+    """Return by how many per cent Delaunay's own order is slower than a walk, by scene."""
+    rows = [_ordered(scene, "delaunay") for scene in SCENES]
+    base = [(float(row["own"]), float(row["walk"])) for row in rows]
+    return [f"{100.0 * (own / walk - 1.0):.0f}" for own, walk in base]
+
+
+def work(name: str, work: int, samples: int) -> str:
+    """Return the time in ratio to ear clipping's with more work a fragment, or more samples."""
+    return ratio("city", 1024, name, work=work, samples=samples)
+
+
+def boxes(name: str, px: int, rasteriser: str = "bounding-box") -> str:
+    """Return the time in ratio to ear clipping's on a rasteriser of ours."""
+    return ratio("city", px, name, rasteriser=rasteriser)
+
+
+def on(device: str, name: str, px: int) -> str:
+    """Return the time in ratio to ear clipping's on a device."""
+    file = f"{device}/gains-city/summary.csv"
+    return two(one(file, triangulator=name, resolution=px)["time_ratio"])
+
+
+def limit() -> list[str]:
+    """Return lanes of the city in one piece, by the best for H and by ear clipping, and what the
+    choice saves of the diagonals' price, in per cent.
+    """
+
+    def row(name: str) -> Row:
+        return of("gains-city", name)
+
+    best, clipped = row(BEST_FOR_H), row("ear-clipping")
+    outline = 4.0 * float(best["outline_quads"]) - float(best["fragments"])
+    lanes = [float(best["helper_lanes"]), float(clipped["helper_lanes"])]
+    saved = (lanes[1] - lanes[0]) / (lanes[1] - outline)
+    return [whole(outline), *map(whole, lanes), percent(saved)]
+
+
+def fit(name: str, unit: float, file: str, digits: int = 0) -> str:
+    """Return a fitted coefficient."""
+    return coefficient(file, name, unit, digits)[0]
+
+
+FIRST = "calibration/llvmpipe.json"
+AGAIN = "reference/llvmpipe/calibration/four-scenes.json"
+
+
+def held_out(file: str) -> list[str]:
+    """Return R2 over and within polygons that were held out."""
+    fit = values(file)["held_out"]
+    return [three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"])]
+
+
+def city(device: str, criterion: str, measure: str, rasteriser: str = "opengl") -> str:
+    """Return a rank correlation within the city's polygons."""
+    return three(correlation(criterion, measure, rasteriser, device)["value"])
+
+
+SOFTWARE = {"zink": "opengl", "osmesa": "osmesa", "softpipe": "opengl"}
+
+
+def lanes_of(criterion: str) -> list[str]:
+    """Return a criterion's rank correlations with helper lanes on the other devices."""
+    return [city(d, criterion, "helper_lanes", r) for d, r in SOFTWARE.items()]

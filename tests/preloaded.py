@@ -1,0 +1,23 @@
+"""What the server of workers loads for tests, which start some two hundred workers.
+
+Beside what a run's server loads, that is what a run leaves to its second process, and what its
+workers import late: each would load it anew.
+"""
+
+import scipy.special  # noqa: F401 - for the workers
+from shapely import box
+
+from harness.frame import View, make_frame
+from harness.measuring import preloaded  # noqa: F401 - first: it makes the server's surroundings
+from harness.measuring.lower_limits import fewest
+from harness.rasterisers.reference import outlines
+from triangulators import triangulate_many
+from triangulators.compute.storing import NotKept, only_kept
+
+try:
+    with only_kept():
+        frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))
+        outlines(frame, triangulate_many(frame.polygons))
+        fewest(frame, None)
+except NotKept:
+    pass
