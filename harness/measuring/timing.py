@@ -15,6 +15,7 @@ without doing anything obviously wrong!", ASPLOS 2009.
 
 from __future__ import annotations
 
+import math
 import random
 import statistics
 import time
@@ -245,7 +246,7 @@ def _warm_up(
     repeats = 1
     while (seconds := _seconds(drawing.sample(repeats), timer)) < batch_s:
         # Aim a little past the batch, but never trust one short sample for more than eightfold.
-        wanted = 1.2 * batch_s / seconds if seconds > 0 else 8.0
+        wanted = 1.2 * batch_s / seconds if seconds > 0 else math.inf
         repeats = max(repeats + 1, int(repeats * min(wanted, 8.0)))
         if repeats > 1 << 20:
             break

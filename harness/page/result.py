@@ -234,7 +234,7 @@ def read_result(file: Path) -> _Result:
     try:
         return _Result.model_validate_json(content)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         what = first["msg"].removeprefix("Value error, ")
         raise UsageError(f"{file}: {where or 'result'}: {what}") from error
@@ -401,8 +401,7 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
         return
     counted = np.array([case.counters.fragments, case.counters.quads])
     exact = np.array(counted_exactly(kept, kept.triangles[own.triangulator]))
-    differing = -1 if counted.shape != exact.shape else int((counted != exact).any(axis=0).sum())
-    if differing != case.differing:
+    if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise UsageError(
             f"{own.triangulator}: its counters do not differ from the exact reference in "
             f"{case.differing} polygons, as the file says"

@@ -64,6 +64,9 @@ wrong for the others."""
 BETWEEN = 0.3
 """Weight of the differences between sets of polygons; those within a set have weight 1."""
 
+ENDS = (2.5, 97.5)
+"""Percentiles of a bootstrap that 95 % of it lie between."""
+
 DesignMatrix = NDArray[np.float64]
 
 
@@ -106,12 +109,19 @@ def designed_polygons(resolution: int, seed: int = 0) -> list[list[Polygon]]:
                     wanted = random.uniform(*CROWD) / (number - 2)
                     places = _places(resolution, size, wanted)
                 else:
-                    room = resolution - size - 4
-                    places = resolution / 2 + random.uniform(-0.5, 0.5, (1, 2)) * room
+                    places = _anywhere(random, resolution, size)
                 found.append([_polygon(random, shape, number, size, place) for place in places])
     # Rounding to the grid makes edges of the thinnest polygons cross.
     valid = [[polygon for polygon in polygons if polygon.is_valid] for polygons in found]
     return [polygons for polygons in valid if polygons]
+
+
+def _anywhere(
+    random: np.random.Generator, resolution: int, size: float
+) -> NDArray[np.float64]:
+    """Return the centre (1, 2) of one polygon, 2 px or more from the viewport's sides."""
+    room = resolution - size - 4
+    return resolution / 2 + random.uniform(-0.5, 0.5, (1, 2)) * room
 
 
 def _places(resolution: int, size: float, wanted: float) -> NDArray[np.float64]:
@@ -181,7 +191,7 @@ def fit(
     coefficients = np.zeros(len(TERMS))
     coefficients[columns] = solve(design[:, columns], seconds, labels)
     random = np.random.default_rng(seed)
-    members = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+    members = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     samples = []
     for _ in range(resamples):
         drawn = [members[label] for label in random.integers(0, len(members), len(members))]
@@ -189,7 +199,7 @@ def fit(
         own = np.repeat(np.arange(len(drawn)), [len(part) for part in drawn])
         samples.append(np.zeros(len(TERMS)))
         samples[-1][columns] = solve(design[rows][:, columns], seconds[rows], own)
-    low, high = np.percentile(np.array(samples), [2.5, 97.5], axis=0)
+    low, high = np.percentile(np.array(samples), ENDS, axis=0)
     fitted = design @ coefficients
     quartiles = np.percentile((seconds - fitted) / seconds, [25, 50, 75])
     return Fit(

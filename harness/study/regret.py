@@ -40,6 +40,9 @@ OF_QUADS = ("quads", "helper_lanes")
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that nobody would trust: they are there for the spread."""
 
+SIDES, PANEL, ENDS, ROW = 1.6, 2.7, 1.5, 0.17
+"""Inches of a picture: beside its panels, of each, above and below them, and of each name."""
+
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")
 COLUMNS = (
@@ -122,11 +125,10 @@ def _of_time(
     rounds = min(len(record["time"]["samples_s"]) for record in good)
     if rounds < 2:
         return
+    timing = good[0]["time"]
     times = np.array([record["time"]["samples_s"][:rounds] for record in good])
-    times = times / np.array(good[0]["time"]["reference_s"][:rounds])
-    values = np.stack(
-        [np.median(times[:, block], axis=1) for block in blocks(good[0]["time"], rounds)], axis=1
-    )
+    times = times / np.array(timing["reference_s"][:rounds])
+    values = np.stack([np.median(times[:, block], axis=1) for block in blocks(timing, rounds)], 1)
     best = int(np.argmin(np.log(values).mean(axis=1)))
     for kind, name, place in chosen:
         low, high = regret_ends(values, place)
@@ -159,7 +161,7 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for key, part in table.groupby(list(KEYS), sort=False):
-        by_polygon = part.groupby("polygon", sort=False)
+        by_polygon = part.groupby("polygon")
         values = by_polygon["regret"].mean().to_numpy(float)
         sides = (by_polygon[f"regret_{end}"].mean().to_numpy(float) for end in ("low", "high"))
         low, high = regret_interval(*sides)
@@ -229,8 +231,6 @@ def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:
     for key, part in summary.groupby(list(VIEW), sort=False):
         rasteriser, device, resolution, rotation, _ = key
         shown = main_measures(list(dict.fromkeys(part["measure"])))
-        if not shown:
-            continue
         name = f"regret-{rasteriser}-{device}-{resolution}-{rotation:g}"
         title = f"{rasteriser} on {device}, {resolution} px"
         files += draw(folder / "plots", name, _figure, part, shown, title)
@@ -242,9 +242,9 @@ def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
 
     first = part[part["measure"] == shown[0]]
     # Criteria above triangulators, each from the least regret down.
-    ordered = first.sort_values(["kind", "mean"], ascending=[True, True])
+    ordered = first.sort_values(["kind", "mean"])
     names = list(zip(ordered["kind"], ordered["name"], strict=True))[::-1]
-    figure = Figure(figsize=(1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names)))
+    figure = Figure(figsize=(SIDES + PANEL * len(shown), ENDS + ROW * len(names)))
     row = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for panel, measure in zip(row, shown, strict=True):
         _panel(panel, part[part["measure"] == measure], names)
@@ -253,8 +253,7 @@ def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
     row[0].set_yticks(range(len(names)), titles, fontsize=6.5)
     handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2)
-    known = float(first["least_known"].mean()) if len(first) else 0.0
-    proof = "that there are" if known == 1.0 else "that were measured"
+    proof = "that there are" if first["least_known"].mean() == 1 else "that were measured"
     figure.suptitle(
         f"What does trusting it cost? {where}\n"
         f"mean over polygons, 95 % intervals; 0: the fewest {label(shown[0])} {proof}",

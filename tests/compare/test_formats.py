@@ -153,8 +153,11 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
         runs.append(read_run(folder))
     comparison = compare_runs(*runs)
     text = to_markdown(comparison, limit=20_000)
-    assert len(text) <= 20_000 < len(to_markdown(comparison)) <= LIMIT
-    assert "left out" in text
+    whole = to_markdown(comparison)
+    assert len(text) <= 20_000 < len(whole) <= LIMIT
+    left = whole.count("<details>") - text.count("<details>")
+    assert f"{left} tables left out" in text
+    assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
     assert text.startswith("**Regression:** fan on llvmpipe: +10.0 % quads")
     assert len(list(render(text).iter("table"))) > 10
 
@@ -196,5 +199,7 @@ def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
     axes = counter_figure(grown).axes[0]
     (row,) = [label.get_text() for label in axes.get_yticklabels()]
     assert "delaunay" in row
+    drawn = [line.get_xdata() for line in axes.lines if line.get_marker() != "None"]
+    assert any(list(x) == pytest.approx([10.0], rel=1e-3) for x in drawn)
     band = time_figure(grown).axes[0].patches[0]
     assert (band.get_x(), band.get_width()) == pytest.approx((1 / 1.25, 1.25 - 1 / 1.25))

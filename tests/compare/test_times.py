@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,16 @@ from hypothesis import strategies as st
 from harness.compare.gate_settings import Settings
 from harness.compare.model import TimeChange
 from harness.compare.rounds import drift_of_rounds
-from harness.compare.times import Pair, correct, decide, judge_group, read_pair
+from harness.compare.times import (
+    MIN_ROUNDS,
+    Pair,
+    _faster_half,
+    _p_of_interval,
+    correct,
+    decide,
+    judge_group,
+    read_pair,
+)
 
 SETTINGS = Settings()
 
@@ -225,3 +235,46 @@ def test_two_cases_that_draw_the_same_are_peers_enough():
     assert (change.outcome, change.against) == ("regressed", "peers")
     (change, *_), _ = judge([*dear, *same[:1]])
     assert change.against == "reference"
+
+
+@pytest.mark.parametrize(("cases", "against"), [(4, "peers"), (3, "reference")])
+def test_three_peers_are_enough_where_none_drew_the_same(cases, against):
+    changes, _ = judge(pairs(np.random.default_rng(13), [0] * cases, same_work=False))
+    assert {change.against for change in changes} == {against}
+
+
+@pytest.mark.parametrize("normalise", ["reference", "none"])
+def test_peers_are_asked_only_where_they_may_be(normalise):
+    changes, _ = judge(pairs(np.random.default_rng(14), [0] * 5), Settings(normalise=normalise))
+    assert {change.against for change in changes} == {normalise}
+
+
+@pytest.mark.parametrize("rounds", [MIN_ROUNDS - 1, MIN_ROUNDS])
+def test_as_many_samples_as_are_asked_for_are_enough(rounds):
+    timed = {"time": {"samples_s": [1e-3] * rounds}}
+    usual = {"time": {"samples_s": [1e-3] * 20}}
+    for records in ((timed, usual), (usual, timed)):
+        found = read_pair(*records, same_work=True)
+        assert isinstance(found, Pair) is (rounds == MIN_ROUNDS)
+
+
+def test_cases_of_the_same_rounds_are_judged_so_only_together():
+    found = pairs(np.random.default_rng(15), [0] * 4)
+    paired = [replace(pair, same_rounds=True) for pair in found]
+    for chosen, against in ((paired, "rounds"), ([paired[0], *found[1:]], "peers")):
+        changes, _ = judge(chosen)
+        assert {change.against for change in changes} == {against}
+
+
+def test_the_faster_half_has_the_median():
+    assert _faster_half(np.array([3.0, 1.0, 2.0])).tolist() == [1, 2]
+    assert _faster_half(np.array([4.0, 1.0, 3.0, 2.0])).tolist() == [1, 2]
+
+
+def test_an_interval_that_ends_at_no_change_is_as_likely_as_it_is_confident():
+    for ends in ((0.2, 0.3, 0.0, 0.5), (-0.3, -0.2, -0.5, 0.0)):
+        assert _p_of_interval(*ends, 0.95) == pytest.approx(0.05)
+    assert _p_of_interval(0.2, 0.3, 0.1, 0.5, 0.95) < 0.001
+    assert _p_of_interval(-0.1, 0.1, -0.2, 0.2, 0.95) == 1
+    assert _p_of_interval(0.0, 0.1, -0.2, 0.2, 0.95) == 1
+    assert _p_of_interval(0.1, 0.1, 0.1, 0.1, 0.95) == 0

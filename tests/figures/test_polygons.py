@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from harness.figures.polygons import (
+    columns_of,
     correlation_of_ratios,
     error_of,
     error_of_ratios,
     rank_correlation,
     ratios,
 )
+from harness.stored.folder import Run, Store
 
 
 def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
@@ -61,3 +63,27 @@ def test_what_one_of_them_lacks_is_not_compared():
         {"base": BASE},
     ):
         assert correlation_of_ratios(known, "base", "half_perimeter", "quads") is None
+
+
+def test_a_polygon_of_one_triangle_counts_and_one_that_the_base_left_out_does_not():
+    base = columns([2, 2], [10, 10], [1, 0])
+    other = columns([1, 2], [5, 10], [1, 4])
+    assert ratios(other, base, "quads").tolist() == pytest.approx([0.5, np.nan], nan_ok=True)
+
+
+def test_an_error_is_the_root_of_the_mean_square_of_logarithms():
+    x = np.array([0.5, 1.0, 4.0, np.nan, 3.0, 0.0])
+    y = np.array([1.0, 1.0, 2.0, 1.0, 0.0, 1.0])
+    assert error_of(x, y) == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+
+
+def test_columns_without_triangles_are_none(tmp_path):
+    """A run may have kept none of a case, or what an older version kept."""
+    with Store.create(tmp_path / "run") as store:
+        store.write_arrays("0" * 16, {"quads": np.arange(3)})
+        store.write_arrays("1" * 16, {"quads": np.arange(3), "predicted_triangles": np.ones(3)})
+    run = Run(tmp_path / "run", {}, [])
+    found = [columns_of(run, {"key": str(key) * 16}) for key in range(3)]
+    assert found[0] is None
+    assert found[2] is None
+    assert found[1]["quads"].tolist() == [0, 1, 2]

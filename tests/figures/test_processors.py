@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.figures.processors import of_cpu
+from harness.figures.processors import apart, machine_words, of_cpu, several, words
 from harness.stored.folder import Run
 
 
@@ -30,3 +31,40 @@ def test_the_renderer_says_who_draws_and_else_the_name(device, renderer, drawn):
             continue
         run = Run(Path("run"), facts, [])
         assert of_cpu(run, {"rasteriser": "opengl", "device": device}) is drawn
+
+
+def runs_of(*labels: str) -> list[Run]:
+    """A run a processor, of a device that it draws on, once untimed, and of a GPU."""
+    records = [
+        {"rasteriser": "opengl", "device": device, "time": time}
+        for device, time in (("llvmpipe", {"timer": "wall"}), ("gpu0", {"timer": "gpu"}))
+    ]
+    untimed = {"rasteriser": "reference", "device": "cpu", "time": None}
+    return [Run(Path("run"), {"cpu": {"label": each}}, [*records, untimed]) for each in labels]
+
+
+def test_only_what_processors_were_timed_on_is_kept_apart():
+    runs = runs_of("Xeon", "EPYC")
+    mixed = several(runs)
+    assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
+    assert words(mixed) == "llvmpipe on EPYC, Xeon"
+    assert several(runs[:1]) == {}
+    found = [[record["device"] for record in run.records] for run in apart(runs)]
+    assert found == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
+
+
+def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
+    runs = runs_of("Xeon", "EPYC")
+    facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
+    real = Run(Path("run"), facts, runs[0].records)
+    assert apart([*runs, real])[2].records == real.records
+
+
+def test_a_run_says_which_processor_its_times_are_of():
+    (run,) = runs_of("Xeon")
+    assert machine_words(run) == ["times of llvmpipe are of this processor: Xeon"]
+    assert machine_words(replace(run, records=run.records[1:])) == []
+    assert machine_words(replace(run, facts={})) == []
+    slow = {"rasteriser": "opengl", "device": "llvmpipe", "resolution": 64}
+    slow |= {"ratios_off": 0.05, "reference_s": 2e-3, "best_s": 1e-3}
+    assert len(machine_words(replace(run, facts={**run.facts, "state": [slow]}))) == 2

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import accumulate, chain, cycle
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,7 +18,10 @@ from harness.measuring.timing import (
     MIN_ROUNDS,
     REFERENCE,
     TimerTest,
+    Times,
     TimingSettings,
+    _clock_resolution,
+    _warm_up,
     median_interval,
     self_test,
     time_together,
@@ -333,3 +340,133 @@ def test_a_batch_that_is_a_little_too_short_has_one_draw_more():
     drawings, clock, _ = scripted({"a": 0.9e-3})
     times = time_together(drawings, TimingSettings(min_batch_s=1e-3), WALL, clock=clock)
     assert times["a"].repeats == 2
+
+
+class Told:
+    """Takes as many seconds a draw as are told of its number; notes its repeats."""
+
+    def __init__(self, seconds: Callable[[int], float]) -> None:
+        self.clock = Clock()
+        self.repeats: list[int] = []
+        self._seconds = seconds
+
+    def sample(self, repeats: int) -> Sample:
+        cost = self._seconds(len(self.repeats))
+        self.repeats.append(repeats)
+        return Sample(wall=self.clock.spend(cost * repeats))
+
+    def time(self, **settings: Any) -> Times:
+        chosen = TimingSettings(warm_up_s=0.0, **settings)
+        return time_together({"a": self}, chosen, WALL, clock=self.clock)["a"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "tried"),
+    [(0.02, [1]), (0.009, [1, 2, 4]), (0.0, [2**power for power in range(17)])],
+)
+def test_a_timer_is_tested_on_a_draw_of_a_fiftieth_of_a_second(seconds, tried):
+    """Or on 65,536 draws, where they take no time; five times."""
+    draw = Told(lambda _: seconds)
+    assert self_test(draw).timer == "wall"
+    assert draw.repeats == tried + [tried[-1]] * 5
+
+
+def test_a_gpu_timer_tells_nanoseconds():
+    assert self_test(TimedBy(1e-3)).resolution_s == 1e-9
+
+
+def test_the_step_of_a_coarse_clock_is_the_least_that_is_seen(monkeypatch):
+    """It tells each time thrice, and goes on by 3 and by 1 in turns."""
+    ends = accumulate(cycle([3.0, 1.0]))
+    ticks = chain.from_iterable([end] * 3 for end in ends)
+    with monkeypatch.context() as patch:
+        patch.setattr("harness.measuring.timing.time.perf_counter", lambda: next(ticks))
+        assert _clock_resolution() == 1.0
+
+
+def test_a_batch_as_long_as_a_hundred_steps_of_the_timer_is_long_enough():
+    coarse = TimerTest("wall", 0.01, None, 1e-4, "scripted")
+    drawings, clock, _ = scripted({"a": 1e-2})
+    times = time_together(drawings, TimingSettings(), coarse, clock=clock)
+    assert times["a"].repeats == 1
+
+
+@pytest.mark.parametrize(
+    ("seconds", "repeats"),
+    [(2.0**-20, [1, 8, 64, 512] + [1228] * 4), (0.0, [8**k for k in range(7)] + [8**7] * 3)],
+)
+def test_no_short_batch_is_trusted_for_more_than_eightfold(seconds, repeats):
+    """A fifth past the batch is aimed at; a million draws are enough where they take no time."""
+    draw = Told(lambda _: seconds)
+    assert _warm_up(draw, 2.0**-10, 0.0, "wall", draw.clock) == (repeats[-1], seconds)
+    assert draw.repeats == repeats
+
+
+@pytest.mark.parametrize(
+    ("seconds", "limit_s", "draws"),
+    [
+        (lambda number: 1.0, 1e9, 1 + 3 + 3),
+        (lambda number: 100.0 if number < 4 else 50.0 if number < 7 else 51.0, 1e9, 1 + 3 + 3 + 3),
+        (lambda number: 1.0 + (number + 2) // 3 % 2, 10.0, 1 + 3 + 3),
+    ],
+    ids=["steady", "within two per cent at last", "never"],
+)
+def test_it_is_drawn_until_three_draws_take_as_long_as_the_three_before(seconds, limit_s, draws):
+    draw = Told(seconds)
+    _warm_up(draw, 1.0, limit_s, "wall", draw.clock)
+    assert draw.repeats == [1] * draws
+
+
+def test_rounds_end_when_the_budget_is_spent():
+    """Warming up takes 1 s and a round a quarter; the sixteenth is not looked at, the last is."""
+    entry = Told(lambda _: 0.25).time(precision=-1.0, budget_s=5.25, least_share=0.0)
+    assert len(entry.samples_s) == 17
+    assert not entry.precision_reached
+
+
+def test_rounds_end_when_the_least_share_of_the_budget_is_spent():
+    entry = Told(lambda _: 0.25).time(budget_s=8.0, least_share=0.5)
+    assert len(entry.samples_s) == MIN_ROUNDS
+
+
+@pytest.mark.parametrize(("slow", "rounds"), [(3, 15), (4, 18)])
+def test_precision_is_looked_at_again_when_there_are_an_eighth_more_rounds(slow, rounds):
+    """Of 15 rounds three, and of 17 rounds four may be slow; after 16, two more are waited for."""
+    draw = Told(lambda number: 2.0 if 4 <= number < 4 + slow else 1.0)
+    entry = draw.time(precision=0.0, budget_s=100.0, least_share=0.0)
+    assert len(entry.samples_s) == rounds
+    assert entry.precision_reached
+
+
+def test_the_noisiest_drawing_is_waited_for():
+    drawings, clock, _ = scripted({"a": 2e-3})
+    drawings["b"] = ScriptedDrawing("b", 2e-3, clock, noise=0.05)
+    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
+    assert times["b"].precision_reached
+    assert len(times["a"].samples_s) > MIN_ROUNDS
+
+
+@pytest.mark.parametrize("second", [1.0, 1 / 16])
+def test_epochs_share_what_is_drawn_evenly(second):
+    """Rounds take a quarter of a second; warming up takes one, and preparing anew a round."""
+    renewed = Renewed({"a": 0.25 * second}, 0.0, 0.0, 1)
+    settings = TimingSettings(budget_s=7 * second, least_share=1.0, warm_up_s=0.0)
+    assert renewed.time(settings)["a"].epochs == [4, 3, 3, 3, 3, 3]
+
+
+def test_there_are_epochs_enough_however_long_preparing_takes():
+    class Slowly(Renewed):
+        def __call__(self, order):
+            self.clock.spend(4.0)
+            return super().__call__(order)
+
+    renewed = Slowly({"a": 1 / 16}, 0.0, 0.0, 1)
+    first, *others = renewed.time(TimingSettings(budget_s=8.0, least_share=1.0))["a"].epochs
+    assert first >= MIN_ROUNDS
+    assert others == [2] * 5
+
+
+def test_times_of_processes_follow_each_other():
+    parts = [Times(3, [1.0, 2.0], [1, 1], True), Times(5, [3.0], [1], False)]
+    assert Times.of_processes(parts) == Times(3, [1.0, 2.0, 3.0], [1, 1, 1], False, [2, 1])
+    assert Times.of_processes(parts[:1]) == parts[0]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import random
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from harness.errors import UsageError
+from harness.figures.polygons import columns_of
 from harness.page.result import device_name, import_result, read_result
 from harness.stored.folder import read_run
 from tests.page.conftest import ROUNDS, result_of, saved_as
@@ -287,32 +289,33 @@ def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change)
     assert not (tmp_path / "run").exists()
 
 
-def test_a_single_round_is_no_time(saved, tmp_path):
-    def one_round(result):
+@pytest.mark.parametrize("rounds", [1, 2])
+def test_a_single_round_is_no_time_and_two_are(saved, tmp_path, rounds):
+    def few_rounds(result):
         for view in result["views"]:
-            view["epochs"] = [1]
+            view["epochs"] = [rounds]
             for times in view["times"].values():
-                times["samples_s"] = times["samples_s"][:1]
+                times["samples_s"] = times["samples_s"][:rounds]
 
-    folder = import_result(read_result(saved(one_round)), tmp_path / "run", "phone")
-    assert all("time" not in record for record in read_run(folder).records)
+    folder = import_result(read_result(saved(few_rounds)), tmp_path / "run", "phone")
+    assert {"time" in record for record in read_run(folder).records} == {rounds == 2}
 
 
-def test_a_time_that_is_not_precise_says_so(saved, tmp_path):
-    """Half of the samples are twice the others."""
+@pytest.mark.parametrize(("share", "reached"), [(0.009, True), (0.011, False)])
+def test_a_time_that_is_not_precise_says_so(saved, tmp_path, share, reached):
+    """Half of the samples are longer by a share of a millisecond, half shorter."""
 
     def spread(result):
         times = result["views"][0]["times"]["delaunay"]
-        times["samples_s"] = [1e-3, 2e-3] * (ROUNDS // 2)
+        times["samples_s"] = [1e-3 * (1 - share), 1e-3 * (1 + share)] * (ROUNDS // 2)
 
     folder = import_result(read_result(saved(spread)), tmp_path / "run", "phone")
     found = {
         (record["triangulator"], record["resolution"]): record["time"]["precision_reached"]
         for record in read_run(folder).records
     }
-    imprecise = [case for case, reached in found.items() if not reached]
-    assert ("delaunay", first_size(saved())) in imprecise
-    assert ("delaunay", 64) not in imprecise
+    assert found["delaunay", first_size(saved())] is reached
+    assert found["delaunay", 64]
 
 
 def first_size(file):
@@ -367,3 +370,149 @@ def test_the_renderer_is_what_the_browser_calls_it_or_the_device(saved, tmp_path
         folder = import_result(read_result(saved(change)), tmp_path / name, "phone")
         (device,) = read_run(folder).facts["devices"].values()
         assert device["details"]["renderer"] == renderer
+
+
+def only_triangles(result):
+    """All polygons are triangles, and one is drawn in full quads, one as not a pixel."""
+    for case in result["views"][0]["cases"].values():
+        record, counters = case["record"], case["counters"]
+        record |= {"triangles": record["polygons"], "vertices": 3 * record["polygons"]}
+        counters["fragments"][0] = 4 * counters["quads"][0]
+        counters["fragments"][1] = counters["quads"][1] = 0
+
+
+def no_polygons(result):
+    for case in result["views"][0]["cases"].values():
+        case["record"] |= dict.fromkeys(("polygons", "triangles", "vertices", "proven"), 0)
+        case["counters"] = {"fragments": [], "quads": []}
+
+
+@pytest.mark.parametrize("change", [only_triangles, no_polygons])
+def test_the_least_that_there_may_be_is_read(saved, change):
+    assert read_result(saved(change))
+
+
+def one_corner_less(result):
+    only_triangles(result)
+    first_case(result)["record"]["vertices"] -= 1
+
+
+def one_polygon_less(result):
+    case = first_case(result)
+    case["record"]["polygons"] -= 1
+    for counts in case["counters"].values():
+        counts.pop()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [(one_corner_less, "too few for its polygons"), (one_polygon_less, "of polygons")],
+)
+def test_a_little_less_is_refused(saved, change, message):
+    with pytest.raises(UsageError, match=message):
+        read_result(saved(change))
+
+
+def test_a_file_may_be_as_large_as_the_largest(saved, monkeypatch):
+    file = saved()
+    size = file.stat().st_size
+    monkeypatch.setattr("harness.page.result.MOST_BYTES", size)
+    assert read_result(file)
+    monkeypatch.setattr("harness.page.result.MOST_BYTES", size - 1)
+    with pytest.raises(UsageError, match="larger than any page saves"):
+        read_result(file)
+
+
+@pytest.mark.parametrize(("step", "bits"), [(1, 8), (2, 7), (16, 4)])
+def test_the_grid_of_the_device_is_told(saved, tmp_path, step, bits):
+    def one_view(result):
+        result["device"]["step"] = step
+        result["views"] = result["views"][:1]
+
+    facts = read_run(import_result(read_result(saved(one_view)), tmp_path / "run", "phone")).facts
+    (device,) = facts["devices"].values()
+    assert device["details"]["subpixel_bits"] == bits
+    assert [line for line in facts["warnings"] if "snaps" in line] == (
+        [f"the device snaps to 1/{256 // step} px: polygons were moved there"] if step > 1 else []
+    )
+    assert facts["imported"] is True
+    assert facts["plan"]["seed"] == 0
+    assert facts["scene"]["polygons"] == 20
+
+
+def test_a_page_that_drew_nothing_makes_an_empty_run(saved, tmp_path):
+    def nothing(result):
+        for view in result["views"]:
+            view |= {"cases": {}, "times": None, "epochs": []}
+
+    run = read_run(import_result(read_result(saved(nothing)), tmp_path / "run", "phone"))
+    assert run.records == []
+    assert run.facts["scene"] == {"name": "city:buildings=20", "hash": "", "polygons": 0}
+
+
+def test_what_covers_fewer_polygons_is_not_set_against_those_that_cover_all(saved, tmp_path):
+    """And a record says no more than the file does."""
+
+    def left_out(result):
+        record = first_case(result)["record"]
+        record |= {"polygons": record["polygons"] - 3, "polygons_skipped": 3}
+        record.pop("proven", None)
+
+    result = read_result(saved(left_out))
+    run = read_run(import_result(result, tmp_path / "run", "phone"))
+    own, *others = (r for r in run.records if r["resolution"] == result.views[0].resolution)
+    assert own["coverage_error"] is None
+    assert {record["coverage_error"] for record in others} == {0}
+    assert "proven" not in own
+
+
+def test_a_single_drawing_was_timed_beside_the_reference(saved, tmp_path):
+    def alone(result):
+        view = result["views"][0]
+        names = ("(empty)", "(reference)", "delaunay")
+        view["times"] = {name: view["times"][name] for name in names}
+
+    result = read_result(saved(alone))
+    run = read_run(import_result(result, tmp_path / "run", "phone"))
+    own = [r for r in run.records if r["resolution"] == result.views[0].resolution]
+    assert [r["triangulator"] for r in own if "time" in r] == ["delaunay"]
+
+
+def test_a_device_without_a_timer_has_no_times(saved, tmp_path):
+    result = read_result(saved(lambda result: result.update(timer=None)))
+    run = read_run(import_result(result, tmp_path / "run", "phone"))
+    assert all("time" not in record for record in run.records)
+
+
+def unsaid(result):
+    first_case(result)["record"].pop("triangulate_s")
+
+
+def snapped(result):
+    result["device"]["step"] = 16
+    first_case(result)["differing"] = 3
+
+
+@pytest.mark.parametrize("change", [unsaid, snapped])
+def test_what_a_file_does_not_say_contradicts_nothing(saved, small_run, tmp_path, change):
+    result = read_result(saved(change))
+    assert import_result(result, tmp_path / "run", "phone", small_run).is_dir()
+
+
+def test_a_run_that_kept_no_frames_knows_no_exact_counters(saved, small_run, tmp_path):
+    def counted_otherwise(result):
+        first_case(result)["counters"]["fragments"][0] += 1
+
+    bare = replace(small_run, path=tmp_path / "bare")
+    result = read_result(saved(counted_otherwise))
+    assert import_result(result, tmp_path / "run", "phone", bare).is_dir()
+
+
+def test_an_imported_run_keeps_each_polygons_predictions(saved, small_run, tmp_path):
+    run = read_run(import_result(read_result(saved()), tmp_path / "run", "phone", small_run))
+    before = {(each["triangulator"], each["resolution"]): each for each in small_run.records}
+    for record in run.records:
+        kept = columns_of(run, record)
+        known = columns_of(small_run, before[record["triangulator"], record["resolution"]])
+        for name in ("predicted_half_perimeter", "quads", "fragments"):
+            assert kept[name].tolist() == known[name].tolist()

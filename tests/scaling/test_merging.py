@@ -13,7 +13,7 @@ import pytest
 from harness.errors import UsageError
 from harness.frame import View
 from harness.scaling.merging import NAMED, merge, on_host
-from harness.stored.folder import Store, read_arrays, read_run
+from harness.stored.folder import Store, read_arrays, read_facts, read_run
 from tests.measuring.test_run import measure, plan_for
 
 TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
@@ -263,3 +263,51 @@ def test_a_few_that_differ_are_named_and_the_rest_is_counted(runs, tmp_path, mor
         merge([first, with_records(third, one_more)], tmp_path / "out")
     assert str(error.value).count("triangles of") == NAMED
     assert (" more" in str(error.value)) is bool(more)
+
+
+def test_a_merge_that_was_cut_off_says_so(runs, monkeypatch, tmp_path):
+    def cut_off(store, record):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "append", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            merge(hosted(runs, "first"), tmp_path / "out")
+    assert read_facts(tmp_path / "out", [])["interrupted"] is True
+
+
+def test_other_devices_may_count_otherwise(runs, tmp_path):
+    def elsewhere(record):
+        counters = {name: count + 1 for name, count in record["counters"].items()}
+        return {**record, "device": "other", "counters": counters}
+
+    others = with_records(read_run(runs["third"]), elsewhere)
+    merge([*hosted(runs, "first"), on_host(others, "third")], tmp_path / "out")
+    devices = {record["device"] for record in read_run(tmp_path / "out").records}
+    assert devices == {"scripted@first", "other@third"}
+
+
+def test_of_counters_that_differ_the_first_in_the_alphabet_is_named(runs, tmp_path):
+    def more(record):
+        counters = {name: count + 1 for name, count in record["counters"].items()}
+        return {**record, "counters": counters}
+
+    first, third = hosted(runs, "first", "third")
+    with pytest.raises(UsageError, match="differently: fragments of"):
+        merge([first, with_records(third, more)], tmp_path / "out")
+
+
+def test_what_runs_say_of_themselves_is_kept_of_each(runs, tmp_path):
+    """The earliest speaks for all, whatever else it says."""
+    early, late = hosted(runs, "first", "second")
+    early = replace(early, facts={**early.facts, "created": "2026-01-01", "about": "z"})
+    told = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
+    late = replace(late, facts={**late.facts, **told})
+    merge([late, early], tmp_path / "out")
+    found = read_run(tmp_path / "out").facts
+    assert (found["created"], found["about"]) == ("2026-01-01", "z")
+    assert "hot" in found["warnings"]
+    assert found["interrupted"] is True
+    assert [host["created"] for host in found["merged"]] == ["2026-01-01", "2026-02-01"]
+    for host, name in zip(found["merged"], ("first", "second"), strict=True):
+        assert host["devices"] == [f"tests.mock:MockRasteriser on scripted@{name}"]

@@ -185,3 +185,143 @@ def test_small_polygons_fill_the_viewport_in_its_middle():
     assert places.max(axis=0).tolist() == [77, 77]
     assert len(cost_model._places(84, 8.0, 10.4)) == 10
     assert len(cost_model._places(84, 200.0, 0.1)) == 1
+    assert len(cost_model._places(84, 200.0, 9.0)) == 1
+    assert len(cost_model._places(90, 8.0, 1000.0)) == 64
+    assert len(cost_model._places(84, 8.0, 0.1)) == 1
+
+
+def test_a_crowd_has_as_many_triangles_as_it_may(monkeypatch):
+    """120 triangles are 30 hexagons; a large polygon is alone."""
+    monkeypatch.setattr(cost_model, "CROWD", (120, 120))
+    draws = cost_model.designed_polygons(1024)
+    for vertices in cost_model.VERTICES:
+        own = [each for each in draws if len(each[0].exterior.coords) - 1 == vertices]
+        counts = [len(polygons) for polygons in own]
+        assert (min(counts), max(counts)) == (1, round(120 / (vertices - 2)))
+
+
+def test_a_polygon_alone_lies_anywhere_in_the_viewport():
+    random = np.random.default_rng(2)
+    centres = np.vstack([cost_model._anywhere(random, 100, 16.0) for _ in range(5000)])
+    assert centres.min(axis=0) == pytest.approx([10, 10], abs=0.2)
+    assert centres.max(axis=0) == pytest.approx([90, 90], abs=0.2)
+    assert np.median(centres, axis=0) == pytest.approx([50, 50], abs=2)
+
+
+def test_polygons_are_turned_any_way_and_moved_off_the_grid_by_half_a_pixel():
+    """The first corner of a round star is on its right, before it is turned."""
+    size, place = 64.0, np.array([200.0, 300.0])
+    angles, moved = [], []
+    for seed in range(2000):
+        random = np.random.default_rng(seed)
+        polygon = cost_model._polygon(random, (1.0, 1.0), 48, size, place)
+        corners = shapely.get_coordinates(polygon)[:-1]
+        # Of corners on a circle, the middle of which is what they are all as far from.
+        off = corners - place
+        squares = (off**2).sum(axis=1) - (size / 2) ** 2
+        moved.append(np.linalg.lstsq(2 * off, squares, rcond=None)[0])
+        middle = place + moved[-1]
+        angles.append(np.arctan2(*(corners[0] - middle)[::-1]) % (2 * np.pi))
+        star = shapely.Polygon(cost_model._star(np.random.default_rng(seed), 48, 1.0, 1.0))
+        assert polygon.area == pytest.approx(star.area * (size / 2) ** 2, rel=1e-3)
+    counts = np.histogram(angles, 12, (0, 2 * np.pi))[0]
+    assert counts.min() > 125
+    assert counts.max() < 210
+    assert np.min(moved, axis=0) == pytest.approx([-0.5, -0.5], abs=0.02)
+    assert np.max(moved, axis=0) == pytest.approx([0.5, 0.5], abs=0.02)
+
+
+def test_a_squeezed_star_is_as_wide_and_less_high():
+    round_, squeezed = (
+        cost_model._star(np.random.default_rng(1), 24, 0.35, share) for share in (1.0, 0.05)
+    )
+    assert squeezed == pytest.approx(round_ * [1.0, 0.05])
+
+
+def test_corners_of_stars_stray_by_up_to_three_tenths_of_a_step():
+    steps = []
+    for seed in range(200):
+        xy = cost_model._star(np.random.default_rng(seed), 48, 0.35, 1.0)
+        steps.append(np.unwrap(np.arctan2(xy[:, 1], xy[:, 0])) * 48 / (2 * np.pi) - np.arange(48))
+    assert (np.min(steps), np.max(steps)) == pytest.approx((-0.3, 0.3), abs=0.01)
+
+
+def test_strokes_are_bows_of_some_length_and_width():
+    """The angle from the first to the last corner of the outer side, and inner over outer sides."""
+    lengths, widths = [], []
+    for seed in range(1000):
+        xy = cost_model._stroke(np.random.default_rng(seed), 12)
+        assert xy.shape == (12, 2)
+        steps = np.diff(xy, axis=0)
+        turned = np.unwrap(np.arctan2(steps[:5, 1], steps[:5, 0]))
+        lengths.append((turned[-1] - turned[0]) * 5 / 4)
+        widths.append(np.hypot(*steps[-1]) / np.hypot(*steps[0]))
+        assert shapely.Polygon(xy).is_valid
+    assert (min(lengths), max(lengths)) == pytest.approx((0.5, 5.0), abs=0.05)
+    assert (min(widths), max(widths)) == pytest.approx((0.3, 0.8), abs=0.01)
+
+
+def test_the_draw_itself_is_there_once(designed_draws_0):
+    assert (designed_draws_0[0][:, 0] == 1).all()
+
+
+def one_term(rates: np.ndarray, ways: int = 3) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Return a design of triangles alone, each set of polygons at its own rate."""
+    design = np.zeros((ways * len(rates), len(cost_model.TERMS)))
+    design[:, 1] = np.tile(np.linspace(100.0, 200.0, ways), len(rates))
+    design[:, 0] = 1e-6
+    groups = np.repeat(np.arange(len(rates)), ways)
+    return design, design[:, 1] * rates[groups], groups.tolist()
+
+
+@pytest.mark.parametrize("odd", [0, 7])
+def test_an_interval_knows_how_sets_of_polygons_differ(odd):
+    """One set of eight costs a tenth more: a third of the resamples have it not, some thrice."""
+    rates = np.ones(8)
+    rates[odd] = 1.1
+    design, seconds, groups = one_term(rates)
+    fit = cost_model.fit(design, seconds, groups, resamples=60, terms=("triangles",))
+    low, high = fit.intervals["triangles"]
+    assert low == pytest.approx(1.0, abs=0.003)
+    assert 1.015 < high < 1.08
+
+
+def test_a_fit_tells_its_residuals_and_what_it_is_valid_for(designed_draws_0):
+    design, sets = designed_draws_0
+    noise = np.exp(0.1 * np.random.default_rng(5).standard_normal(len(design)))
+    seconds = design @ TRUE * noise
+    fit = cost_model.fit(design, seconds, sets, resamples=2)
+    fitted = cost_model.predict(fit.coefficients, design)
+    left = (seconds - fitted) / seconds
+    quartiles = tuple(np.quantile(left, share) for share in (0.25, 0.5, 0.75))
+    assert fit.relative_residuals == pytest.approx(quartiles)
+    for number, name in enumerate(cost_model.TERMS):
+        assert fit.valid[name] == (design[:, number].min(), design[:, number].max())
+
+
+def test_a_set_of_polygons_counts_by_its_draws():
+    """Nine draws of one set, and one of another that costs two per cent more."""
+    columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]
+    (found,) = cost_model.solve(columns, seconds, [*[0] * 9, 1])
+    assert found == pytest.approx(1.002, abs=0.001)
+
+
+def test_draws_that_another_program_disturbed_hardly_count():
+    columns, seconds = np.ones((50, 1)), np.ones(50)
+    seconds[:10] = 5.0
+    (found,) = cost_model.solve(columns, seconds, list(range(50)))
+    assert found == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_draw_may_have_nothing_of_a_term():
+    design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
+    found = cost_model.solve(design, design @ [3.0, 2.0], [0, 0, 1, 1])
+    assert found == pytest.approx([3.0, 2.0], rel=1e-3)
+
+
+def test_r2_is_the_share_of_the_variance_that_is_explained():
+    measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
+    assert cost_model.r_squared(measured, predicted) == pytest.approx(0.5)
+    logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
+    within = cost_model.r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
+    assert within == pytest.approx(0.75)

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
+import pandas as pd
 import pytest
+from rich.console import Console
 
 from harness.figures.intervals import FEWEST
 from harness.figures.registry import find
+from harness.study.analysis import label
 from harness.study.regret import (
+    COLUMNS,
+    SUMMARY,
     _figure,
     main_measures,
     plot_regret,
+    print_regret,
     regret_table,
     summarise,
+    write,
     written,
 )
 
@@ -221,3 +230,155 @@ def test_the_picture_of_each_view_is_named_after_it(tmp_path):
     assert {file.stem for file in files} == {"regret-reference-cpu-64-0"}
     assert all(file.stat().st_size for file in files)
     assert plot_regret(summary[:0], tmp_path) == []
+
+
+def test_what_failed_drew_nothing_or_has_t_junctions_is_not_judged():
+    records = records_of("a")
+    for change in ({"status": "failed"}, {"polygons": 0}, {"conforming": False}):
+        bad = {**records[3], "triangulator": "random#7", **change}
+        assert regret_table([*records, bad]).equals(regret_table(records))
+
+
+def test_two_drawings_are_compared_and_one_is_not():
+    assert len(regret_table(records_of("a")[:2]))
+    assert regret_table(records_of("a")[:1]).empty
+
+
+def counting(quads):
+    records = records_of("a")
+    for record, count in zip(records, quads, strict=True):
+        record["counters"] = {"quads": count}
+    return regret_table(records)
+
+
+def test_beside_a_best_of_nothing_only_nothing_has_a_regret():
+    table = counting((0, 0, 3, 4, 5))
+    assert set(table["triangulator"]) == set(NAMES[:2])
+    assert (table["regret"] == 0).all()
+    assert row_of(counting((1, 2, 3, 4, 5)), name="half-perimeter")["regret"] == 1.0
+
+
+def test_times_count_beside_the_reference_of_their_rounds():
+    """In each epoch it takes 1, 2 and 3 references, and the machine is slow in the first round."""
+    reference = np.array([9.0, 1.0, 1.0] * 4)
+    costs = np.ones((len(NAMES), 12))
+    costs[1] = [1.0, 2.0, 3.0] * 4
+    records = records_of("a", seconds=costs * reference)
+    for record in records:
+        record["time"] |= {"reference_s": reference.tolist(), "epochs": [3] * 4}
+    row = row_of(regret_table(records), name="half-perimeter", measure="time_work_0")
+    assert (row["regret_low"], row["regret"], row["regret_high"]) == pytest.approx((1, 1, 1))
+
+
+def test_rounds_that_one_of_them_lacks_do_not_count():
+    seconds = np.random.default_rng(8).lognormal(0.0, 0.05, (len(NAMES), 24))
+    records, longer = (records_of("a", seconds=seconds) for _ in range(2))
+    longer[0]["time"] = {
+        "samples_s": [*seconds[0].tolist(), 7.0],
+        "reference_s": [1.0] * 25,
+    }
+    assert regret_table(longer).equals(regret_table(records))
+    for rounds, timed in ((2, True), (1, False)):
+        table = regret_table(records_of("a", seconds=seconds[:, :rounds]))
+        assert ("time_work_0" in set(table["measure"])) is timed
+
+
+def test_one_in_twenty_polygons_loses_more_than_the_p95():
+    (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
+    table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
+    found = summarise(table).iloc[0]
+    assert (found["median"], found["p95"], found["worst"]) == pytest.approx((0.5, 0.95, 1.0))
+
+
+def test_half_of_what_all_lose_is_no_single_polygons_fault():
+    row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.25, "polygons": 8}
+    assert written({**row, "worst": 1.0}) == "25.00% (all equal)"
+    assert written({**row, "worst": 1.01}) == "25.00% (one decides)"
+
+
+def in_two_views(polygons: int = 1) -> pd.DataFrame:
+    """The summary of two counters in two views, the larger one first."""
+    found = []
+    for size in (128, 64):
+        for number in range(polygons):
+            for record in records_of(f"polygon {number}"):
+                lanes = 3 * record["counters"]["quads"]
+                counters = {**record["counters"], "helper_lanes": lanes}
+                found.append({**record, "resolution": size, "counters": counters})
+    return summarise(regret_table(found))
+
+
+def test_what_is_printed_keeps_its_order_and_is_of_criteria_alone():
+    console = Console(file=io.StringIO(), width=200)
+    print_regret(in_two_views(), console)
+    text = console.file.getvalue()
+    assert text.index("128 px") < text.index(" 64 px")
+    assert text.index(label("quads")) < text.index(label("helper_lanes"))
+    rows = [line.split() for line in text.splitlines() if line.startswith("half-perimeter")]
+    assert [row[1] for row in rows] == ["3.00%"] * 2
+    assert "random" not in text
+
+
+def test_what_is_written_has_the_columns_that_are_told(tmp_path):
+    write(records_of("a"), tmp_path)
+    for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
+        assert tuple(pd.read_csv(tmp_path / name)) == columns
+
+
+def pictured() -> tuple[pd.DataFrame, list[str]]:
+    """A summary whose criteria have intervals, and which lacks a name in its second measure."""
+    summary = in_two_views().query("resolution == 64")
+    told = (summary["kind"] == "criterion").to_numpy()
+    for end, factor in (("ci_low", 0.5), ("ci_high", 2.0)):
+        summary = summary.assign(**{end: np.where(told, factor * summary["mean"], np.nan)})
+    lacking = (summary["measure"] == "helper_lanes") & (summary["name"] == "half-perimeter")
+    return summary[~lacking], ["quads", "helper_lanes"]
+
+
+def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
+    summary, shown = pictured()
+    figure = _figure(summary, shown, "here")
+    assert len(figure.axes) == len(shown)
+    titles = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    for panel, measure in zip(figure.axes, shown, strict=True):
+        assert panel.get_ylim() == figure.axes[0].get_ylim()
+        for kind, drawn in zip(("criterion", "triangulator"), panel.containers, strict=True):
+            own = summary[(summary["measure"] == measure) & (summary["kind"] == kind)]
+            points, _, (bars,) = drawn
+            assert points.get_xdata().tolist() == own["mean"].tolist()
+            names = [find(n).title if kind == "criterion" else n for n in own["name"]]
+            assert [titles[int(y)] for y in points.get_ydata()] == names
+            ends = [own[end].fillna(own["mean"]) for end in ("ci_low", "ci_high")]
+            found = np.array(bars.get_segments())[:, :, 0]
+            assert found == pytest.approx(np.column_stack(ends))
+
+
+def test_a_picture_tells_tenths_of_a_per_cent_from_tens():
+    """Each tenfold is as far as another; nothing is at the line."""
+    summary, shown = pictured()
+    panel = _figure(summary, shown, "here").axes[0]
+    places = panel.xaxis.get_transform().transform(np.array([0.001, 0.01, 0.1]))
+    assert np.diff(places)[0] == pytest.approx(np.diff(places)[1])
+    assert panel.xaxis.get_major_formatter()(0.05, 0) == "5 %"
+    assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
+
+
+def test_a_picture_has_room_for_each_panel_and_each_name():
+    summary, shown = pictured()
+    few = summary[summary["name"] == "half-perimeter"]
+    sizes = [
+        _figure(table, names, "here").get_size_inches()
+        for table, names in ((few, shown[:1]), (summary, shown))
+    ]
+    names = summary["name"].nunique()
+    wider, higher = sizes[1] - sizes[0]
+    assert wider >= 2
+    assert higher >= (names - 1) * 8 / 72  # of letters of eight points
+
+
+def test_pictures_keep_the_order_of_their_views(monkeypatch, tmp_path):
+    monkeypatch.setattr("harness.study.regret.draw", lambda folder, name, *_: [name])
+    assert plot_regret(in_two_views(), tmp_path) == [
+        "regret-reference-cpu-128-0",
+        "regret-reference-cpu-64-0",
+    ]

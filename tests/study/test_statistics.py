@@ -50,6 +50,7 @@ def test_pooling_makes_a_useless_criterion_look_good():
     assert together["spearman_pooled"] > 0.95
 
 
+@pytest.mark.filterwarnings("error")  # of a fit to a count that is the same for all
 def test_partialling_out_what_drives_both_leaves_nothing():
     size = RANDOM.uniform(0, 1, 4000)
     x, y = size + 0.1 * RANDOM.standard_normal((2, 4000))
@@ -159,3 +160,37 @@ def test_what_does_not_vary_has_no_slope():
     x = np.array([1.0, 2.0, 4.0])
     assert np.isnan(log_slope(x, np.ones(3)))
     assert np.isnan(log_slope(np.ones(3), x))
+
+
+def test_small_differences_are_differences_and_two_triangulations_are_too_few():
+    x, y = np.array([0.1, 0.2, 0.4]), np.array([0.4, 0.2, 0.1])
+    assert kendall(x, y) == pytest.approx(-1)
+    assert log_slope(x, y) == pytest.approx(-1)
+    assert np.isnan(kendall(x[:2], y[:2]))
+    assert np.isnan(log_slope(x[:2], y[:2]))
+
+
+def test_a_tie_of_the_triangle_count_leaves_what_differs_there():
+    ranks = np.arange(4.0)
+    assert partial_spearman(ranks, ranks, np.array([1.0, 1.0, 3.0, 4.0])) == pytest.approx(1)
+
+
+def test_what_does_not_rise_with_the_triangle_count_is_left():
+    """Both fall and rise again as it grows: no line tells that."""
+    rng = np.random.default_rng(9)
+    size = np.linspace(-1.0, 1.0, 400)
+    x, y = np.abs(size) + 0.1 * rng.standard_normal((2, 400))
+    assert partial_spearman(x, y, size) > 0.8
+
+
+def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all():
+    """Beside the best of the other blocks, of each block; and beside the best of all."""
+    logs = np.array([[0.0, 1.0, 2.0, 3.0], [2.0, 0.5, 1.0, 1.5], [1.0, 4.0, 0.0, 3.5]])
+    for chosen in range(3):
+        crossed = []
+        for block in range(4):
+            sums = np.delete(logs, block, axis=1).sum(axis=1)
+            crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
+        means = logs.mean(axis=1)
+        ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
+        assert regret_ends(np.exp(logs), chosen) == pytest.approx(tuple(ends))

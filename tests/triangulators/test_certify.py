@@ -1,6 +1,8 @@
 """Certificates: what they claim against every triangulation listed, and what is refused."""
 
 from dataclasses import replace
+from itertools import permutations
+from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -18,10 +20,28 @@ from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.certificate import proof
 from triangulators.certificate.certify import check_certificate
-from triangulators.certificate.integer_costs import noise
+from triangulators.certificate.integer_costs import noise, weights_of
 from triangulators.certificate.proof import prove
 from triangulators.checking.evidence import Branch, Leaf, Refused
-from triangulators.criteria.cost import cost_of, evaluate
+from triangulators.checking.units import (
+    Units,
+    _binary_places,
+    costs_of,
+    doubles_add_up,
+    factor_for,
+    lowest_first,
+    units_for,
+    whole_scale,
+)
+from triangulators.checking.weights import TOO_LARGE, weight_of, weights_in_order
+from triangulators.criteria.cost import (
+    BBOX_AREA,
+    HALF_PERIMETER,
+    TRIANGLES,
+    cost_of,
+    evaluate,
+    with_fields,
+)
 from triangulators.methods.optimal import solve
 from triangulators.optimum.bridges import one_hole_optimum
 from triangulators.polygon import boundary, boundary_area
@@ -227,3 +247,171 @@ def test_noise_of_edges_is_below_its_bits_and_takes_all_values(bits):
     assert found <= set(range(2**bits))
     assert len(found) >= 0.9 * 2**bits
     assert noise(3, 70, bits) == noise(70, 3, bits)
+
+
+@numba.njit
+def of_first_corner(ax, ay, bx, by, cx, cy):
+    """A cost that depends on which corner comes first."""
+    return ax + 0.25 * bx - 0.5 * cy + 100.0
+
+
+@pytest.mark.parametrize("name", ["half-perimeter", "edge-length", of_first_corner])
+@pytest.mark.parametrize("bits", [0, 1, 10])
+@pytest.mark.parametrize("scale", [4.0, 2.0**50])
+def test_search_and_checker_weigh_alike_whichever_corner_comes_first(name, bits, scale):
+    rng = np.random.default_rng(bits)
+    points = rng.integers(-50, 50, (20, 2)).astype(float)
+    triangles = np.array([rng.permutation(20)[:3] for _ in range(60)], np.int32)
+    cost = cost_of(criteria.find(name), 1.0, 18)
+    units = Units(scale, factor_for(18, bits), bits, True, False, False)
+    weights = weights_in_order(points, triangles, cost, units)
+    for turned in range(3):
+        own = weights_of(points, np.roll(triangles, turned, 1), cost, units)
+        assert np.array_equal(own, weights)
+    if name is not of_first_corner:
+        return
+    most = 2**59 // units.factor
+    first = np.array([np.roll(row, -np.argmin(row)) for row in triangles])
+    for row, weight in zip(first, weights.tolist(), strict=True):
+        one = of_first_corner(*points[row].ravel())
+        own = sum(int(noise(row[k], row[k - 1], bits)) for k in range(3))
+        assert weight == units.factor * int(min(np.floor(one * scale), most)) + own
+
+
+def weighing(each: float):
+    """Return a cost that is the same for every triangle."""
+    cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+    weights = np.zeros_like(cost["weights"])
+    weights[TRIANGLES] = each
+    return with_fields(cost, weights=weights)
+
+
+def test_a_weight_may_be_as_far_below_0_as_above_it():
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    units = Units(1.0, factor_for(1, 10), 10, True, False, False)
+    most = 2**59 // units.factor
+    own = weight_of(points, 0, 1, 2, weighing(0.0), units)
+    assert 0 < own < units.factor
+    for each in (-most, most):
+        found = weight_of(points, 0, 1, 2, weighing(each), units)
+        assert found == each * units.factor + own
+    assert weight_of(points, 0, 1, 2, weighing(-most - 1.0), units) == TOO_LARGE
+    assert weight_of(points, 0, 1, 2, weighing(np.nan), units) == TOO_LARGE
+
+
+def outlined(points, count=1, holes=0, corners=4):
+    return SimpleNamespace(
+        points=points, expected_triangles=count, holes=holes, edges=range(corners)
+    )
+
+
+TRIANGLE = np.array([[0, 1, 2]], np.int32)
+
+
+@pytest.mark.parametrize("count", [1, 30, 4000, 10**5, 2 * 10**5, 10**6, 10**7])
+def test_units_of_real_costs_are_fine_and_leave_room_for_noise(count):
+    """Of 2^-36 to 2^-32 of the total; noise has as many bits as fit, ten at most."""
+    for total in (0.75, 1.5, 1.1e-7, 3.3e9):
+        points = np.array([(0.0, 0.0), (total / 2, 0.0), (0.0, 0.0)])
+        cost = cost_of(criteria.find("edge-length"), 1.0, 1)
+        own = float(costs_of(points, TRIANGLE, cost)[0])
+        units = units_for(outlined(points, count), TRIANGLE, cost)
+        assert 2.0**32 <= own * units.scale < 2.0**36
+        assert np.log2(units.scale) % 4 == 0
+        assert (units.exact, units.real, units.wide) == (False, True, False)
+        assert units.factor == factor_for(count, units.bits)
+        assert units.factor << 38 < 2**61
+        more = units.bits + 1 if units.bits else 2
+        assert units.bits == 10 or factor_for(count, more) << 38 >= 2**61
+    assert units.bits != 1
+
+
+@pytest.mark.parametrize(("total", "scale"), [(0.0, 1.0), (1e-300, 2.0**900), (1e300, 2.0**-900)])
+def test_units_of_very_small_and_large_costs_are_numbers(total, scale):
+    points = np.array([(0.0, 0.0), (total, 0.0), (0.0, 0.0)])
+    cost = cost_of(criteria.find("edge-length"), 1.0, 1)
+    assert units_for(outlined(points), TRIANGLE, cost).scale == scale
+
+
+def test_exact_weights_leave_room_for_four_triangulations_and_noise():
+    rng = np.random.default_rng(3)
+    cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+    for size in 2.0 ** rng.uniform(0, 50, 60):
+        points = np.rint(np.array([(0.0, 0.0), (size, 0.0), (0.0, size)]))
+        count = int(rng.integers(1, 10**4))
+        units = units_for(outlined(points, count, holes=1), TRIANGLE, cost)
+        assert (units.exact, units.real, units.wide) == (True, False, False)
+        total = int(costs_of(points, TRIANGLE, cost)[0] * units.scale)
+        assert 4 * total * units.factor < 2**61
+        more = units.bits + 1 if units.bits else 2
+        assert units.bits == 10 or 4 * total * factor_for(count, more) >= 2**61
+
+
+@pytest.mark.parametrize(("holes", "corners", "wide"), [(0, 200, 1), (0, 201, 0), (1, 4, 0)])
+def test_rings_of_few_corners_are_counted_in_pythons_numbers(holes, corners, wide):
+    points = np.array([(0.0, 0.0), (2.0**60, 0.0), (0.0, 2.0**60)])
+    cost = cost_of(criteria.find("half-perimeter"), 1.0, 1)
+    units = units_for(outlined(points, 1, holes, corners), TRIANGLE, cost)
+    assert units.wide == bool(wide)
+    if wide:
+        assert units == Units(2.0, 1, 0, True, False, True)
+
+
+@pytest.mark.parametrize("bits", range(11))
+def test_a_unit_is_more_than_the_noise_of_all_triangles(bits):
+    for count in (1, 2, 5, 1000):
+        factor = factor_for(count, bits)
+        assert factor.bit_count() == 1
+        assert 3 * count * (2**bits - 1) < factor <= max(1, 6 * count * 2**bits)
+
+
+@pytest.mark.parametrize(
+    ("values", "places"),
+    [([0.5], 1), ([3.0, 4.0], 0), ([4.0, -8.0], -2), ([3 / 1024, 7.0], 10), ([0.0], -16)],
+)
+def test_binary_places_are_those_of_the_finest_coordinate(values, places):
+    assert _binary_places(np.array(values)) == places
+
+
+def boxes(around: float = 0.0, box: float = 0.0):
+    cost = weighing(0.0)
+    weights = cost["weights"].copy()
+    weights[HALF_PERIMETER], weights[BBOX_AREA] = around, box
+    return with_fields(cost, weights=weights)
+
+
+@pytest.mark.parametrize(
+    ("side", "cost", "scale", "most"),
+    [
+        (7.0, boxes(1.0), 1.0, 14.0),
+        (7.25, boxes(1.0), 4.0, 2 * 29.0),
+        (7.0, boxes(0.0, 1.0), 2.0, 2 * 49.0),
+        (7.25, boxes(0.0, 3.0), 32.0, 3 * 2 * 29.0**2),
+        (7.0, boxes(1024.0), 1.0, 1024 * 14.0),
+        (7.0, boxes(1025.0), 0.0, np.inf),
+        (7.0, boxes(1.5), 0.0, np.inf),
+        (2.0**25 - 1, boxes(0.0, 1.0), 2.0, 2 * (2.0**25 - 1) ** 2),
+        (2.0**25 + 1, boxes(0.0, 1.0), 0.0, 2 * (2.0**25 + 1) ** 2),
+        (2.0**51 - 1, boxes(1.0), 1.0, 2.0**52 - 2),
+        (2.0**51 + 1, boxes(1.0), 0.0, 2.0**52 + 2),
+    ],
+)
+def test_whole_costs_have_units_where_doubles_are_exact(side, cost, scale, most):
+    points = np.array([(0.0, 0.0), (side, 0.0), (0.0, side)])
+    found, whole, units = whole_scale(points, cost)
+    assert (found, units) == (scale, most)
+    assert whole == (side % 1 == 0 and most < np.inf)
+
+
+def test_doubles_add_up_while_a_sum_of_all_is_exact():
+    points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    assert doubles_add_up(outlined(points, 2**51 - 1), boxes(1.0))
+    assert not doubles_add_up(outlined(points, 2**51), boxes(1.0))
+    assert not doubles_add_up(outlined(points), boxes(1.5))
+
+
+def test_a_triangle_is_turned_to_its_lowest_corner():
+    for corners in permutations((2, 5, 9)):
+        found = lowest_first(*corners)
+        assert found[0] == 2
+        assert found in [corners[k:] + corners[:k] for k in range(3)]

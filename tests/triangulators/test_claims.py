@@ -203,3 +203,26 @@ def test_a_real_cost_is_proven_within_a_unit_of_each_triangle(monkeypatch):
         # What the total exceeds a whole number of units by is below a unit, too.
         monkeypatch.setattr(checker, "lower_bound", lambda *_, b=bound: b * units.factor)
         assert certificate_of(outline, corners, cost, evidence).proven is proven
+
+
+@pytest.mark.parametrize("size", [2**6, 2**31])
+def test_no_entry_of_a_table_may_be_one_better(size):
+    """Each is the least there is, of some triangle: a unit more, one way or other, is refused."""
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        polygon = random_simple(rng, 9, size)
+        triangles = triangulate(polygon, "worst:overdraw")
+        outline, sites, cost = about(polygon, triangles, "overdraw")
+        true = certify(polygon, triangles, "overdraw").evidence
+        checker.lower_bound(outline, sites, cost, true)
+        for edge in range(len(true.edges)):
+            refused = 0
+            for change in (1, -1):
+                more = true.root.potentials.copy()
+                more[edge] += change
+                try:
+                    checker.lower_bound(outline, sites, cost, replace(true, root=Leaf(more, 0)))
+                except Refused as why:
+                    assert "potentials exceed" in str(why)
+                    refused += 1
+            assert refused, edge

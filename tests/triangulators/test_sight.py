@@ -12,7 +12,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import triangulate
 from triangulators.certificate import certify, proof
 from triangulators.certificate.sight import fans_of, sight_of
-from triangulators.checking import checker, exclusions, potentials, visible_pairs
+from triangulators.checking import boxes, checker, exclusions, potentials, visible_pairs
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visible_pairs import visible
 from triangulators.starting.starts import best_start
@@ -142,3 +142,56 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     early = replace(found.evidence, excluded=found.evidence.excluded[::-1].copy())
     with pytest.raises(Refused, match="is excluded, but"):
         checker.lower_bound(outline, start, cost, early)
+
+
+def test_sites_are_in_the_order_of_a_curve_in_z():
+    """By the bits of x and y in turns, those of y first."""
+    rng = np.random.default_rng(6)
+    whole = np.vstack([[0, 0], [65535, 65535], rng.integers(0, 65535, (2000, 2))])
+    # Off the lines between cells; the first two are the corners of all.
+    points = whole + np.where(np.arange(len(whole)) < 2, 0.0, 0.5)[:, None]
+    keys = [
+        sum((v >> bit & 1) << (2 * bit + axis) for bit in range(16) for axis, v in enumerate(xy))
+        for xy in whole.tolist()
+    ]
+    order = boxes.near_each_other(points, np.arange(len(points), dtype=np.int32))
+    assert (np.diff(np.array(keys)[order]) >= 0).all()
+    some = np.arange(0, len(points), 7, dtype=np.int32)
+    assert sorted(boxes.near_each_other(points, some).tolist()) == some.tolist()
+
+
+@pytest.mark.parametrize("count", [1, 8, 9, 16, 17, 100])
+def test_a_box_of_the_tree_holds_its_sites_and_no_more(count):
+    points = np.random.default_rng(count).uniform(-9, 9, (count, 2))
+    order = np.arange(count, dtype=np.int32)[::-1].copy()
+    tree = boxes.boxes_of(points, order)
+    leaves = len(tree) // 2
+    assert leaves == 1 or leaves * 4 < count <= leaves * 8
+    for node in range(1, len(tree)):
+        begin, end = boxes.places_of(node, leaves, count)
+        own = points[order[begin:end]]
+        if len(own):
+            assert np.array_equal(tree[node], [own.min(axis=0), own.max(axis=0)])
+        else:
+            assert (tree[node][0] > tree[node][1]).all()
+    assert boxes.places_of(1, leaves, count) == (0, count)
+
+
+@pytest.mark.parametrize(
+    ("place", "squared"),
+    [
+        *(((2.0, 3.0), 0.0), ((0.0, 3.0), 1.0), ((6.0, 3.0), 4.0), ((2.0, 0.0), 4.0)),
+        *(((2.0, 9.0), 9.0), ((0.0, 0.0), 5.0), ((6.0, 9.0), 13.0)),
+    ],
+)
+def test_the_distance_from_a_box_is_that_of_its_nearest_point(place, squared):
+    points, box = np.array([(99.0, 99.0), place]), np.array([(1.0, 2.0), (4.0, 6.0)])
+    assert boxes.distance(points, 1, box) == squared
+
+
+def test_what_hides_goes_to_the_front():
+    hiding = np.array([(1, 2), (3, 4), (5, 6), (7, 8)], np.int32)
+    boxes.to_front(hiding, 2)
+    assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]
+    boxes.to_front(hiding, 0)
+    assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]
