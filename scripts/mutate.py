@@ -118,6 +118,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ("harness/study/regret.py", "labelsize=6", "6"): _LETTERS,
     ("harness/study/regret.py", "linewidth=0.8", "0.8"): _LETTERS,
     ("harness/study/statistics.py", "left) < 1e-9", "<"): "nothing is left by just that",
+    ("harness/study/statistics.py", "/ (count - 1)", "/ -"): "the least sum, the least mean",
     ("triangulators/certificate/candidates.py", "(low_x < points[v, 0] < high_x", "<"): _BOX,
     ("triangulators/certificate/candidates.py", "low_y < points[v, 1] < high_y)", "<"): _BOX,
     ("triangulators/certificate/", "np.empty((2, len(points))", "2"): _ROOM,

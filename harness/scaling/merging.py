@@ -123,7 +123,7 @@ def _first(found: Sequence[str]) -> str:
 def _rank(found: _Found) -> tuple[int, str]:
     """Least for the record that is kept; two that are good must be equal, so they rank the same."""
     status = found.record["status"]
-    content = "" if status == "ok" else json.dumps(found.record)
+    content = "" if status == "ok" else json.dumps(found.record, sort_keys=True)
     return STATUSES.index(status) if status in STATUSES else len(STATUSES), content
 
 

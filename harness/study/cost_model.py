@@ -116,9 +116,7 @@ def designed_polygons(resolution: int, seed: int = 0) -> list[list[Polygon]]:
     return [polygons for polygons in valid if polygons]
 
 
-def _anywhere(
-    random: np.random.Generator, resolution: int, size: float
-) -> NDArray[np.float64]:
+def _anywhere(random: np.random.Generator, resolution: int, size: float) -> NDArray[np.float64]:
     """Return the centre (1, 2) of one polygon, 2 px or more from the viewport's sides."""
     room = resolution - size - 4
     return resolution / 2 + random.uniform(-0.5, 0.5, (1, 2)) * room

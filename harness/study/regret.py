@@ -161,7 +161,7 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for key, part in table.groupby(list(KEYS), sort=False):
-        by_polygon = part.groupby("polygon")
+        by_polygon = part.groupby("polygon", sort=False)
         values = by_polygon["regret"].mean().to_numpy(float)
         sides = (by_polygon[f"regret_{end}"].mean().to_numpy(float) for end in ("low", "high"))
         low, high = regret_interval(*sides)

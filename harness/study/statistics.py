@@ -148,9 +148,10 @@ def regret_ends(values: Column, chosen: int) -> tuple[float, float]:
     """
     logs = np.log(values)
     means = logs.mean(axis=1)
-    others = logs.sum(axis=1, keepdims=True) - logs  # the least sum is the least mean
+    count = logs.shape[1]
+    others = (means[:, None] * count - logs) / (count - 1)
     best = others.argmin(axis=0)
-    crossed = (logs[chosen] - logs[best, np.arange(len(best))]).mean()
+    crossed = (logs[chosen] - logs[best, np.arange(count)]).mean()
     plugged = means[chosen] - means.min()
     return float(np.expm1(crossed)), float(np.expm1(plugged))
 

@@ -112,6 +112,23 @@ def test_what_worked_somewhere_wins_over_what_failed(runs, tmp_path):
         assert {r["status"] for r in read_run(tmp_path / str(number)).records} == {"ok"}
 
 
+def test_which_of_two_failures_is_kept_has_nothing_to_do_with_the_order_of_names(runs, tmp_path):
+    (first,) = hosted(runs, "first")
+
+    def failed(reason, *, backwards):
+        def change(record):
+            told = {n: v for n, v in record.items() if n not in ("time", "counters")}
+            told |= {"status": "failed", "reason": reason}
+            return dict(sorted(told.items(), reverse=backwards))
+
+        return with_records(first, change)
+
+    both = failed("hung", backwards=True), failed("killed", backwards=False)
+    for number, order in enumerate(permutations(both)):
+        merge(order, tmp_path / str(number))
+        assert {r["reason"] for r in read_run(tmp_path / str(number)).records} == {"hung"}
+
+
 def test_hosts_that_count_differently_are_named(runs, tmp_path):
     def one_more(record):
         if record["triangulator"] == "delaunay":

@@ -24,6 +24,7 @@ from harness.study.regret import (
     write,
     written,
 )
+from harness.study.statistics import regret_interval
 
 NAMES = ("optimal:exact-quads", "optimal:half-perimeter", "random#0", "random#1", "worst:overdraw")
 QUADS = (100, 103, 110, 120, 150)
@@ -290,6 +291,22 @@ def test_one_in_twenty_polygons_loses_more_than_the_p95():
     assert (found["median"], found["p95"], found["worst"]) == pytest.approx((0.5, 0.95, 1.0))
 
 
+def test_polygons_are_drawn_again_in_the_order_they_were_met_in():
+    """Not in that of their names, which would move the ends of an interval a little."""
+    (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
+    values = np.random.default_rng(1).permutation(np.arange(1, 13)) / 100
+    names = [f"polygon {k}" for k in (7, 3, 11, 0, 9, 5, 1, 10, 2, 8, 4, 6)]
+    rows = [
+        {**row, "polygon": name} | dict.fromkeys(("regret", "regret_low", "regret_high"), value)
+        for name, value in zip(names, values, strict=True)
+    ]
+    found = summarise(pd.DataFrame(rows)).iloc[0]
+    ends = regret_interval(values, values)
+    assert (found["ci_low"], found["ci_high"]) == ends
+    by_name = values[np.argsort(names)]
+    assert regret_interval(by_name, by_name) != ends
+
+
 def test_half_of_what_all_lose_is_no_single_polygons_fault():
     row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.25, "polygons": 8}
     assert written({**row, "worst": 1.0}) == "25.00% (all equal)"
@@ -313,7 +330,7 @@ def test_what_is_printed_keeps_its_order_and_is_of_criteria_alone():
     print_regret(in_two_views(), console)
     text = console.file.getvalue()
     assert text.index("128 px") < text.index(" 64 px")
-    assert text.index(label("quads")) < text.index(label("helper_lanes"))
+    assert text.index(label("helper_lanes")) < text.index(label("quads"))  # the main one first
     rows = [line.split() for line in text.splitlines() if line.startswith("half-perimeter")]
     assert [row[1] for row in rows] == ["3.00%"] * 2
     assert "random" not in text

@@ -183,12 +183,14 @@ def test_what_does_not_rise_with_the_triangle_count_is_left():
     assert partial_spearman(x, y, size) > 0.8
 
 
-def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all():
+@pytest.mark.parametrize("blocks", [2, 4])
+def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
     """Beside the best of the other blocks, of each block; and beside the best of all."""
     logs = np.array([[0.0, 1.0, 2.0, 3.0], [2.0, 0.5, 1.0, 1.5], [1.0, 4.0, 0.0, 3.5]])
+    logs = logs[:, :blocks]
     for chosen in range(3):
         crossed = []
-        for block in range(4):
+        for block in range(blocks):
             sums = np.delete(logs, block, axis=1).sum(axis=1)
             crossed.append(logs[chosen, block] - logs[int(np.argmin(sums)), block])
         means = logs.mean(axis=1)
