@@ -112,6 +112,8 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ("harness/study/regret.py", "first = good[0]", "0"): "records of a group have one view",
     ("harness/study/regret.py", "timing = good[0]", "0"): "records of a group share their rounds",
     ("harness/study/regret.py", "fontsize=6.5", "6.5"): _LETTERS,
+    ("harness/study/regret.py", "1.6 + 2.7 * len(shown)", "1.6 2.7"): _LETTERS,
+    ("harness/study/regret.py", "1.5 + 0.17 * len(names)", "1.5 0.17"): _LETTERS,
     ("harness/study/regret.py", "fontsize=8", "8"): _LETTERS,
     ("harness/study/regret.py", "ncols=2", "2"): _LETTERS,
     ("harness/study/regret.py", '"markersize": 3.5, "elinewidth": 1', "3.5 1"): _LETTERS,

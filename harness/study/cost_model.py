@@ -64,9 +64,6 @@ wrong for the others."""
 BETWEEN = 0.3
 """Weight of the differences between sets of polygons; those within a set have weight 1."""
 
-ENDS = (2.5, 97.5)
-"""Percentiles of a bootstrap that 95 % of it lie between."""
-
 DesignMatrix = NDArray[np.float64]
 
 
@@ -197,7 +194,7 @@ def fit(
         own = np.repeat(np.arange(len(drawn)), [len(part) for part in drawn])
         samples.append(np.zeros(len(TERMS)))
         samples[-1][columns] = solve(design[rows][:, columns], seconds[rows], own)
-    low, high = np.percentile(np.array(samples), ENDS, axis=0)
+    low, high = np.percentile(np.array(samples), [2.5, 97.5], axis=0)
     fitted = design @ coefficients
     quartiles = np.percentile((seconds - fitted) / seconds, [25, 50, 75])
     return Fit(

@@ -40,9 +40,6 @@ OF_QUADS = ("quads", "helper_lanes")
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that nobody would trust: they are there for the spread."""
 
-SIDES, PANEL, ENDS, ROW = 1.6, 2.7, 1.5, 0.17
-"""Inches of a picture: beside its panels, of each, above and below them, and of each name."""
-
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")
 COLUMNS = (
@@ -244,7 +241,7 @@ def _figure(part: pd.DataFrame, shown: Sequence[str], where: str) -> Figure:
     # Criteria above triangulators, each from the least regret down.
     ordered = first.sort_values(["kind", "mean"])
     names = list(zip(ordered["kind"], ordered["name"], strict=True))[::-1]
-    figure = Figure(figsize=(SIDES + PANEL * len(shown), ENDS + ROW * len(names)))
+    figure = Figure(figsize=(1.6 + 2.7 * len(shown), 1.5 + 0.17 * len(names)))
     row = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
     for panel, measure in zip(row, shown, strict=True):
         _panel(panel, part[part["measure"] == measure], names)
