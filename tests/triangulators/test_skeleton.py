@@ -61,6 +61,27 @@ def test_the_table_finds_what_the_program_finds(monkeypatch, name):
         assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_no_triangulation_is_chosen_where_there_is_none(monkeypatch, sign):
+    """Whatever weights are: a triangle of weight below 0 does not fill what nothing fills."""
+    asked = []
+    real = proof.by_table
+
+    def noted(*arguments):
+        asked.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(proof, "by_table", noted)
+    for polygon in holed()[:8]:
+        proven(polygon, "half-perimeter")
+    assert len(asked) >= 8
+    for candidates, weights, alive, cut in asked:
+        bare = np.flatnonzero(candidates.side)[-1]  # a side of the boundary without a triangle
+        rest = alive & ~(candidates.sides == bare).any(axis=1)
+        table = real(candidates, sign * weights, rest, cut)
+        assert table is None or len(table.chosen) == 0
+
+
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])
 def test_potentials_stand_in_for_exclusions(monkeypatch, name):
     excluded = 0
