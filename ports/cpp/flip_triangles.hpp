@@ -1,4 +1,5 @@
 // Flips make the triangles of a polygon cheaper to draw, on the same vertices. C++17.
+// SPDX-License-Identifier: MIT
 //
 //     std::vector<uint32_t> triangles = mapbox::earcut<uint32_t>(polygon);
 //     flip_triangles::flip(triangles, polygon);

@@ -35,6 +35,9 @@ export default function flip(triangles, vertices, {dimensions = 2, by = "l1"} = 
     if (!delaunay && !l1 && by !== "euclidean") {
         throw new RangeError(`flip: by is "l1", "euclidean" or "delaunay", not ${by}`);
     }
+    if (!(triangles.length >= 0 && vertices.length >= 0)) {
+        throw new TypeError("flip: triangles and vertices are arrays, in three.js those in attributes' .array");
+    }
     const count = triangles.length - triangles.length % 3;
     let size = count > 3 ? link(triangles, count) : 0;
     let flips = 0;

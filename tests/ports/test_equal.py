@@ -1,6 +1,7 @@
 """The same flips in Python, JavaScript and C++, and those of npm's earcut."""
 
 import re
+import json
 import subprocess
 
 import numpy as np
@@ -130,6 +131,16 @@ def test_the_types_are_those_of_the_package(node, tmp_path):
     command = [node, tool("typescript", "bin", "tsc"), *options, "use.ts"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
+
+
+def test_what_is_no_array_is_refused_in_javascript(node):
+    attribute = "{array: new Uint16Array(6), count: 6}"  # of three.js, in place of what it holds
+    program = f"import flip from {json.dumps(str(PORT / 'flip-triangles.js'))};"
+    program += f"flip({attribute}, [0, 0, 1, 0, 1, 1, 0, 1]);"
+    command = [node, "--input-type=module", "-e", program]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "TypeError: flip: triangles and vertices are arrays" in done.stderr
 
 
 def test_the_how_to_in_javascript(node, tmp_path):
