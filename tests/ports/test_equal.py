@@ -1,7 +1,7 @@
 """The same flips in Python, JavaScript and C++, and those of npm's earcut."""
 
-import re
 import json
+import re
 import subprocess
 
 import numpy as np
