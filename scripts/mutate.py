@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import csv
 import importlib
 import io
 import os
@@ -86,69 +87,8 @@ OTHER = {
 
 NOTICED, SURVIVED, SAME = "noticed", "SURVIVED", "equivalent"
 
-_LETTERS = "how large letters and marks of a picture are"
-_EITHER = "what is drawn at random is as likely on either side"
-_CELLS = "the size of cells, which costs time alone"
-_ROOM = "room that nobody uses"
-_BOX = "the strict turns after it say the same"
-_BEYOND = "what is in line with an edge is beyond its ends, where nothing crosses it"
-
-EQUIVALENT: dict[tuple[str, str, str], str] = {
-    ("", ", strict=True)", "True"): "what is joined is as many on both sides",
-    ("harness/compare/html.py", "markersize=4", "4"): _LETTERS,
-    ("harness/compare/html.py", "elinewidth=1.2", "1.2"): _LETTERS,
-    ("harness/compare/html.py", "linewidth=0.8", "0.8"): _LETTERS,
-    ("harness/compare/html.py", "ncols=4", "4"): _LETTERS,
-    ("harness/compare/markdown.py", "limit - 200", "200"): "room for a sentence",
-    ("harness/measuring/timing.py", "apart > AGREEMENT", ">"): "no time is off by just that",
-    ("harness/measuring/timing.py", "range(20)", "20"): "how often the clock is looked at",
-    ("harness/measuring/timing.py", "repeats > 1 << 20", ">"): "a million draws, or one more",
-    ("harness/page/result.py", "/ 2 <= settings.precision", "<="): "no interval is just as wide",
-    ("harness/study/cost_model.py", "extent < ALONE", "<"): "no extent is just that",
-    ("harness/study/cost_model.py", "resolution / 2 + random.uniform(-", "+"): _EITHER,
-    ("harness/study/cost_model.py", "centre + random.uniform(-", "+"): _EITHER,
-    ("harness/study/cost_model.py", "np.arange(number) + random.uniform(-", "+"): _EITHER,
-    ("harness/study/cost_model.py", "np.full(design.shape[1], 0.1)", "0.1"): "one minimum",
-    ("harness/study/regret.py", "first = good[0]", "0"): "records of a group have one view",
-    ("harness/study/regret.py", "timing = good[0]", "0"): "records of a group share their rounds",
-    ("harness/study/regret.py", "fontsize=6.5", "6.5"): _LETTERS,
-    ("harness/study/regret.py", "1.6 + 2.7 * len(shown)", "1.6 2.7"): _LETTERS,
-    ("harness/study/regret.py", "1.5 + 0.17 * len(names)", "1.5 0.17"): _LETTERS,
-    ("harness/study/regret.py", "fontsize=8", "8"): _LETTERS,
-    ("harness/study/regret.py", "ncols=2", "2"): _LETTERS,
-    ("harness/study/regret.py", '"markersize": 3.5, "elinewidth": 1', "3.5 1"): _LETTERS,
-    ("harness/study/regret.py", "labelsize=6", "6"): _LETTERS,
-    ("harness/study/regret.py", "linewidth=0.8", "0.8"): _LETTERS,
-    ("harness/study/statistics.py", "left) < 1e-9", "<"): "nothing is left by just that",
-    ("harness/study/statistics.py", "/ (count - 1)", "/ -"): "the least sum, the least mean",
-    ("triangulators/certificate/candidates.py", "(low_x < points[v, 0] < high_x", "<"): _BOX,
-    ("triangulators/certificate/candidates.py", "low_y < points[v, 1] < high_y)", "<"): _BOX,
-    ("triangulators/certificate/", "np.empty((2, len(points))", "2"): _ROOM,
-    ("triangulators/certificate/", "np.empty((len(points), 2)", "2"): _ROOM,
-    ("triangulators/certificate/", "np.empty(2, dtype=np.int64)", "2"): _ROOM,
-    (
-        *("triangulators/certificate/proof.py", "np.stack((triangles, np.roll(triangles, -1"),
-        "- 1",
-    ): "by two, or back: the same three sides",
-    (
-        *("triangulators/certificate/skeleton.py", "elif state[out] == 1 or state[h] == 1"),
-        "1 or",
-    ): "of three guards against a circle one is enough",
-    ("triangulators/checking/edges.py", "turn(points, a, b, c) > 0.0)", ">"): _BEYOND,
-    ("triangulators/checking/edges.py", "turn(points, a, b, d) > 0.0)", ">"): _BEYOND,
-    ("triangulators/checking/edges.py", "turn(points, c, d, a) > 0.0", ">"): _BEYOND,
-    ("triangulators/checking/edges.py", "turn(points, c, d, b) > 0.0)", ">"): _BEYOND,
-    ("triangulators/checking/units.py", "if b < a and b < c", "<"): "corners differ",
-    ("triangulators/checking/units.py", "if c < a and c < b", "<"): "corners differ",
-    ("triangulators/checking/weights.py", "while i > j or i > k", ">"): "corners differ",
-    ("triangulators/checking/visible_pairs.py", "cells = max(1, min(512,", "max 1 min 512"): _CELLS,
-    ("triangulators/checking/visible_pairs.py", "np.sqrt(len(edges) / 2.0)", "/ 2.0"): _CELLS,
-    ("triangulators/checking/visible_pairs.py", "np.empty((16 + 4 * len(edges)", "16 4"): _ROOM,
-    ("triangulators/checking/visible_pairs.py", "np.empty((2 * (count + more)", "2"): _ROOM,
-    ("triangulators/checking/visible_pairs.py", "np.empty(64,", "64"): _ROOM,
-    ("triangulators/checking/visible_pairs.py", "< distance(points, a", "<"): "which comes first",
-    ("triangulators/checking/", " > _FEW else 1", "> 1"): "among how many threads work is shared",
-}
+with (ROOT / "scripts" / "equivalent_changes.csv").open(encoding="utf-8", newline="") as _rows:
+    EQUIVALENT = {(r["file"], r["piece"], r["tokens"]): r["why"] for r in csv.DictReader(_rows)}
 """Changes of which no result can tell: where a file's name begins so, of these tokens in a piece of
 its code, and why. They are not tried."""
 

@@ -37,10 +37,11 @@ done
 
 # What do flips after ear clipping buy, and when do they pay?
 for scene in city helsinki glyphs counties:level=state counties; do
-    once $to/llvmpipe/flips-${scene#counties:level=} "${harness[@]}" run --scene $scene \
+    name=flips-${scene#counties:level=}
+    once $to/llvmpipe/$name "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,512,1024 --budget 1 --triangulators \
         ear-clipping,earcut-refine,delaunay,flips:l1,flips:euclidean,refined,optimal:half-perimeter
-    once $to/llvmpipe/flips-${scene#counties:level=}-walk "${harness[@]}" run --scene $scene \
+    once $to/llvmpipe/$name-walk "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,1024 --budget 1 --order walk --triangulators \
         ear-clipping,earcut-refine,flips:l1,refined
 done

@@ -71,8 +71,8 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
 def _half() -> None:
     """Do the second process's half."""
     warm_up(BESIDE)
-    triangulate_many(load(SCENES[0]).polygons, "refined")
     polygons = load(SCENES[0]).polygons
+    triangulate_many(polygons, "refined")
     frame = make_frame(polygons, View(64))
     found = triangulate_polygons(parse("ear-clipping"), frame.polygons)
     _rasterise(frame, frame.join(found.parts))

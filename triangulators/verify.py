@@ -6,7 +6,7 @@ triangles need be intersected, and on snapped input no rounding enters. Edges th
 after they are split at vertices lying on them are T-junctions: covered, but not conforming.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -121,11 +121,9 @@ def split_edges(
     outline: Boundary, loose: Counter[Edge]
 ) -> tuple[list[tuple[int, Edge]], list[Edge]]:
     """Split unmatched edges at the vertices on them: return (T-junctions, edges still left)."""
-    allowed = tolerance(outline.points)
-    candidates = np.unique(outline.edges)
     junctions: list[tuple[int, Edge]] = []
     balance: Counter[Edge] = Counter()
-    on_edges = vertices_on(outline.points, candidates, loose, allowed)
+    on_edges = vertices_on(outline, loose)
     for (a, b), times in loose.items():
         inside = on_edges.get((a, b), [])
         junctions += [(vertex, (a, b)) for vertex in inside]
@@ -136,22 +134,22 @@ def split_edges(
     return junctions, [edge for edge, times in balance.items() if times]
 
 
-def vertices_on(
-    points: np.ndarray, candidates: np.ndarray, edges: Collection[Edge], allowed: float
-) -> dict[Edge, list[int]]:
-    """Return by edge a-b those of `candidates` that lie on it between its ends, from a to b.
+def vertices_on(outline: Boundary, edges: Collection[Edge]) -> dict[Edge, list[int]]:
+    """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.
 
-    Edges that none lies on are left out. An index of all candidates finds those in an edge's box.
+    Edges that none lies on are left out. An index of all vertices finds those in an edge's box.
     """
+    points, allowed = outline.points, tolerance(outline.points)
+    candidates = np.unique(outline.edges)
     tails, heads = points[np.array(list(edges), dtype=np.int64).reshape(-1, 2).T]
     low, high = np.minimum(tails, heads) - allowed, np.maximum(tails, heads) + allowed
     tree = shapely.STRtree(shapely.points(points[candidates]))
-    near: dict[int, list[int]] = {}
+    near: defaultdict[int, list[int]] = defaultdict(list)
     for number, place in tree.query(shapely.box(*low.T, *high.T)).T.tolist():
-        near.setdefault(number, []).append(int(candidates[place]))
+        near[number].append(int(candidates[place]))
     found: dict[Edge, list[int]] = {}
     for number, (a, b) in enumerate(edges):
-        inside = [v for v in near[number] if v not in (a, b)] if number in near else []
+        inside = [v for v in near[number] if v not in (a, b)]
         inside = [v for v in inside if on_segment(points, v, a, b, allowed)]
         if inside:
             along = (points[inside] - points[a]) @ (points[b] - points[a])

@@ -36,4 +36,4 @@ CHOSEN = {
 }
 """Pages that cite no result, with patterns of the sizes, limits and versions that they name."""
 
-DOCUMENTS |= {page: ([], (COMMON, pattern or COMMON)) for page, pattern in CHOSEN.items()}
+DOCUMENTS |= {page: ([], (COMMON, pattern)) for page, pattern in CHOSEN.items()}

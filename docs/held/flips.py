@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import Row, bold, one, percent, some, table_row, text, two, whole
 
@@ -30,57 +32,56 @@ def lanes() -> list[str]:
     return [table_row(LABELS[row[0]], *bold(row, {L1})[1:]) for row in found]
 
 
-MEASURED = {
-    "city": "city",
-    "helsinki": "Helsinki",
-    "glyphs": "letters",
-    "state": "U.S. states",
-    "counties": "counties",
-}
-"""Scenes that flips were timed on, by the ends of their runs' names."""
+MEASURED = ("city", "helsinki", "glyphs", "counties:level=state", "counties")
+"""Scenes that flips were timed on."""
 
+SIZES = (64, 512, 1024)
 SHOWN = ("earcut-refine", "flips:l1", "flips:euclidean", "refined:half-perimeter")
 BEST_FOR_H = "optimal:half-perimeter"
 
 
-def _timed(scene: str, name: str, px: int = 1024) -> Row:
-    return one(f"llvmpipe/flips-{scene}/summary.csv", triangulator=name, resolution=px)
+def _timed(scene: str, name: str, px: int = 1024, order: str = "") -> Row:
+    file = f"llvmpipe/flips-{scene.removeprefix('counties:level=')}{order}/summary.csv"
+    return one(file, triangulator=name, resolution=px)
+
+
+def _ratio(*which: object) -> float:
+    return float(_timed(*which)["time_ratio"])  # type: ignore[arg-type]
+
+
+def _ends(found: list[float]) -> list[str]:
+    return [two(min(found)), two(max(found))]
+
+
+def _drawn(scene: str, px: int) -> list[str]:
+    """Return cells of draw times in ratio to ear clipping's, the least in bold."""
+    cells = [two(_ratio(scene, name, px)) for name in (*SHOWN, BEST_FOR_H)]
+    return bold(cells, {place for place, cell in enumerate(cells) if cell == min(cells)})
 
 
 def drawn() -> list[str]:
     """Return the table of draw times in ratio to ear clipping's."""
-    lines = []
-    for scene, label in MEASURED.items():
-        for px in (64, 512, 1024):
-            rows = [_timed(scene, name, px) for name in (*SHOWN, BEST_FOR_H)]
-            cells = [two(row["time_ratio"]) for row in rows]
-            least = {place for place, cell in enumerate(cells) if cell == min(cells)}
-            lines.append(table_row(f"{label}, {px}", *bold(cells, least)))
-    return lines
+    views = product(MEASURED, SIZES)
+    return [table_row(f"{LABELS[scene]}, {px}", *_drawn(scene, px)) for scene, px in views]
 
 
 def bought() -> list[str]:
     """Return the table of helper lanes and of draw times, both in ratio to ear clipping's."""
-    named = {LABELS.get(row[0], row[0]): row[0] for row in _rows()}
-    lines = []
-    for scene, label in MEASURED.items():
-        for px in (64, 512, 1024):
-            (row,) = [r for r in _rows() if r[0] == named[label] and r[1] == str(px)]
-            times = [two(_timed(scene, n, px)["time_ratio"]) for n in (*SHOWN, BEST_FOR_H)]
-            least = {place for place, cell in enumerate(times) if cell == min(times)}
-            lanes_of = bold([row[3], row[L1], row[L1 + 1], row[L1 + 2]], {1})
-            lines.append(table_row(f"{label}, {px}", *lanes_of, *bold(times, least)))
-    return lines
+    lanes_of = {(row[0], int(row[1])): bold([row[3], *row[L1:]], {1}) for row in _rows()}
+    return [
+        table_row(f"{LABELS[scene]}, {px}", *lanes_of[scene, px], *_drawn(scene, px))
+        for scene, px in product(MEASURED, SIZES)
+    ]
 
 
 def paid() -> list[str]:
     """Return the table of milliseconds to triangulate, and after how many draws they pay."""
     lines = []
-    for scene, label in MEASURED.items():
+    for scene in MEASURED:
         rows = [_timed(scene, name) for name in ("ear-clipping", *SHOWN, BEST_FOR_H)]
         cells = [_milliseconds(row["triangulate_ms"]) for row in rows]
         cells += [_draws(_timed(scene, name)) for name in ("earcut-refine", "flips:l1", BEST_FOR_H)]
-        lines.append(table_row(label, *cells))
+        lines.append(table_row(LABELS[scene], *cells))
     return lines
 
 
@@ -122,32 +123,23 @@ def unordered() -> list[str]:
     """Return by how many per cent L1 flips are drawn slower than `refined`: ends over scenes."""
     found = []
     for px in (64, 1024):
-        rows = [(_timed(scene, "flips:l1", px), _timed(scene, SHOWN[-1], px)) for scene in MEASURED]
-        shares = [float(a["time_ratio"]) / float(b["time_ratio"]) - 1.0 for a, b in rows]
+        shares = [_ratio(s, "flips:l1", px) / _ratio(s, SHOWN[-1], px) - 1.0 for s in MEASURED]
         found += [percent(min(shares), 1), percent(max(shares), 1)]
     return found
 
 
 def small() -> list[str]:
     """Return the ends over scenes of times at 64 px: of flips as they come, and of `refined`."""
-    found = []
-    for names in (SHOWN[:3], SHOWN[3:]):
-        ratios = [float(_timed(s, name, 64)["time_ratio"]) for s in MEASURED for name in names]
-        found += [two(min(ratios)), two(max(ratios))]
-    return found
+    as_they_come, refined = (
+        _ends([_ratio(scene, name, 64) for scene in MEASURED for name in names])
+        for names in (SHOWN[:3], SHOWN[3:])
+    )
+    return as_they_come + refined
 
 
 def walked() -> list[str]:
     """Return L1 flips' time in ratio to ear clipping's, both walked, at 64 px: ends over scenes."""
-    found = [
-        float(
-            one(f"llvmpipe/flips-{scene}-walk/summary.csv", triangulator="flips:l1", resolution=64)[
-                "time_ratio"
-            ]
-        )
-        for scene in MEASURED
-    ]
-    return [two(min(found)), two(max(found))]
+    return _ends([_ratio(scene, "flips:l1", 64, "-walk") for scene in MEASURED])
 
 
 def in_short() -> list[str]:
@@ -169,10 +161,6 @@ def in_short() -> list[str]:
     ]
 
 
-DRAWN = Table(
-    "| scene, px | `earcut-refine` | `flips:l1` | `flips:euclidean` | `refined` | best for H |",
-    drawn,
-)
 PAID = Table(
     "| scene | ear clipping | `earcut-refine` | `flips:l1` | `flips:euclidean` | `refined` |"
     " best for H | `earcut-refine` pays | `flips:l1` pays | best for H pays |",
@@ -188,15 +176,17 @@ SMALL = Sentence(
     " {}.",
     small,
 )
-LANES_TABLE = Table(
-    "| scene | px | polygons | `earcut-refine` | Delaunay | `flips:l1` | `flips:euclidean` |"
-    " `refined` |",
-    lanes,
-)
 
 HELD: list[Held] = [
-    LANES_TABLE,
-    DRAWN,
+    Table(
+        "| scene | px | polygons | `earcut-refine` | Delaunay | `flips:l1` | `flips:euclidean` |"
+        " `refined` |",
+        lanes,
+    ),
+    Table(
+        "| scene, px | `earcut-refine` | `flips:l1` | `flips:euclidean` | `refined` | best for H |",
+        drawn,
+    ),
     Sentence(
         "drawn {} to {} % slower than `refined` at 64 px, and {} to {} % at 1024 px", unordered
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from contextlib import suppress
 
 from harness.machine import system
 from harness.measuring import tasks  # noqa: F401 - for the workers
@@ -16,12 +17,9 @@ from triangulators.compute.storing import NotKept, only_kept
 
 def _load() -> None:
     """Load what the usual triangulators have compiled; on a new machine there is none yet."""
-    try:
-        with only_kept():
-            for name in DEFAULT_TRIANGULATORS:
-                warm_up(parse(name))
-    except NotKept:
-        return
+    with suppress(NotKept), only_kept():
+        for name in DEFAULT_TRIANGULATORS:
+            warm_up(parse(name))
 
 
 if os.environ.pop(MARK, None):

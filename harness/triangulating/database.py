@@ -30,6 +30,7 @@ from platformdirs import user_cache_path
 import triangulators
 from harness.errors import UsageError
 from harness.machine import system
+from harness.machine.environment import source_hash
 
 SCHEMA = 1
 LIMIT_BYTES = 4 * 2**30
@@ -248,9 +249,8 @@ def prefix(triangulator: str, parameters: dict[str, Any]) -> Any:
 @once
 def triangulators_version() -> str:
     """A hash of the triangulators' source and the versions of the libraries they call."""
-    digest = hashlib.blake2b(digest_size=12)
-    for path in sorted(Path(triangulators.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    own = source_hash(Path(triangulators.__file__).parent)
+    digest = hashlib.blake2b(own.encode(), digest_size=12)
     for name in ("numpy", "shapely", "mapbox-earcut", "manifold3d", "PyOpenGL"):
         try:
             digest.update(f"{name} {importlib.metadata.version(name)}".encode())

@@ -20,6 +20,7 @@ from harness.frame import View, make_frame
 from scenes import load
 from triangulators import flip, triangulate_many, vertices
 from triangulators.geometry.half_edges import link
+from triangulators.geometry.predicates import turns
 
 STARTS = ("ear-clipping", "delaunay")
 
@@ -31,25 +32,16 @@ def diagonals(
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
     twin = link(corner)
     here = np.flatnonzero(twin > np.arange(len(twin)))  # each once
-
-    def apex(edge: NDArray[np.int64]) -> NDArray[np.float64]:
-        return points[corner[edge // 3 * 3 + (edge + 2) % 3]]
-
-    following = here // 3 * 3 + (here + 1) % 3
-    a, b = points[corner[here]], points[corner[following]]
-    c, d = apex(here), apex(twin[here])
-    now = np.abs(a - b).sum(axis=1)
-    shorter = np.abs(c - d).sum(axis=1) < now
-    convex = (_turn(d, b, c) > 0) & (_turn(c, a, d) > 0)
-    blocked = float((shorter & ~convex).mean()) if len(here) else 0.0
+    there = twin[here]
+    # The diagonal a-b, and c-d, which a flip puts in its place.
+    a, b = corner[here], corner[here // 3 * 3 + (here + 1) % 3]
+    c, d = (corner[edge // 3 * 3 + (edge + 2) % 3] for edge in (here, there))
+    now = np.abs(points[a] - points[b]).sum(axis=1)
+    shorter = np.abs(points[c] - points[d]).sum(axis=1) < now
+    corners = (np.column_stack(each) for each in ((d, b, c), (c, a, d)))
+    at_b, at_a = (turns(points, each) > 0.0 for each in corners)
+    blocked = float((shorter & ~(at_b & at_a)).mean()) if len(here) else 0.0
     return float(now.sum()), blocked, len(here)
-
-
-def _turn(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    u, v = b - a, c - a
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
 def main() -> None:

@@ -242,12 +242,12 @@ def _fill(
 
     A search in depth, with a stack in place of recursion. Where it is full, it fails, too: a
     half-edge may be on it twice, put there by two triangles before it was looked at. Each half-edge
-    is looked at twice: once
-    (state 0) to put what its triangles lead out to on the stack, and again, when it is on top once
-    more and all of that is known, to take the least. Invariant: all in state 2 have their final
-    `far`; those in state 1 are on the stack, each put there by one below it. To meet a half-edge in
-    state 1 would be a circle, which a polygon without holes does not have. Every triangle is tried
-    from each of its sides at most, so the time goes by their number.
+    is looked at twice: once (state 0) to put what its triangles lead out to on the stack, and
+    again, when it is on top once more and all of that is known, to take the least. Invariant: all
+    in state 2 have their final `far`; those in state 1 are on the stack, each put there by one
+    below it. To meet a half-edge in state 1 would be a circle, which a polygon without holes does
+    not have. Every triangle is tried from each of its sides at most, so the time goes by their
+    number.
     """
     _points, _edges, side, triangles, sides, start, items = candidates
     far, choice, state, seen = beyond

@@ -38,29 +38,14 @@ def by_length(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 @njit
 def _keep(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Mark the pairs of points that cross no earlier one kept.
-
-    Segments whose bounding boxes are apart do not cross. Most are, and four comparisons take a
-    fraction of the exact test's time.
-    """
+    """Mark the pairs of points that cross no earlier one kept."""
     kept = np.zeros(len(pairs), dtype=np.bool_)
     chosen = np.empty((len(pairs), 2), dtype=np.int64)
-    low, high = (
-        np.empty((len(pairs), 2)),
-        np.empty((len(pairs), 2)),
-    )  # corners of chosen ones' boxes
     size = 0
     for index in range(len(pairs)):
         a, b = pairs[index]
-        low[size] = np.minimum(points[a], points[b])
-        high[size] = np.maximum(points[a], points[b])
-        left, bottom = low[size]
-        right, top = high[size]
         crossed = False
         for other in range(size):
-            beside = low[other, 0] > right or high[other, 0] < left
-            if beside or low[other, 1] > top or high[other, 1] < bottom:
-                continue
             if cross(points, a, b, chosen[other, 0], chosen[other, 1]):
                 crossed = True
                 break

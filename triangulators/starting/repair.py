@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from triangulators.geometry.predicates import tolerance
 from triangulators.polygon import Boundary
 from triangulators.verify import unmatched_edges, vertices_on
 
@@ -17,9 +16,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     loose = unmatched_edges(outline, triangles)
     if not loose:
         return triangles
-    allowed = tolerance(outline.points)
-    candidates = np.unique(outline.edges)
-    inside = vertices_on(outline.points, candidates, loose, allowed)
+    inside = vertices_on(outline, loose)
     result: list[tuple[int, int, int]] = []
     for corners in triangles.tolist():
         chains = []
