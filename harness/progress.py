@@ -29,8 +29,28 @@ def let_go_of_terminal() -> None:
     os.close(nowhere)
 
 
-LINE_EVERY_S = 20.0
-"""Seconds between two lines about one stage where there is no terminal."""
+SILENT_S = 3.0, 10.0
+"""Least and most seconds between two lines about one stage, where there is no terminal."""
+
+
+class Due:
+    """Says when the next line about a stage is due: as long as it lasts, the less often.
+
+    clock : seconds
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._start = self._last = clock()
+
+    def now(self) -> float:
+        """Return how many seconds the stage has lasted if a line is due; otherwise 0."""
+        now = self._clock()
+        least, most = SILENT_S
+        if now - self._last < min(most, max(least, (now - self._start) / 20)):
+            return 0.0
+        self._last = now
+        return now - self._start
 
 
 class Stage:
@@ -211,13 +231,11 @@ class Reporter:
 
     def _parts_in_lines(self, title: str, count: int, rate: Rate, unit: str) -> Parts:
         self.say(f"{title} ...")
-        last = self._clock()
+        line = Due(self._clock)
 
         def show(done: int, amount: float) -> None:
-            nonlocal last
             rate.add(amount)
-            if self._clock() - last >= LINE_EVERY_S:
-                last = self._clock()
+            if line.now():
                 self.say(f"{title}: {rate.text(done, count, unit)}")
 
         return show
@@ -235,19 +253,15 @@ class Reporter:
     @contextmanager
     def _lines(self, title: str, total: float) -> Iterator[Stage]:
         self.say(f"{title} ...")
-        start = last = self._clock()
-        rate = Rate(total, self._clock)
+        rate, line = Rate(total, self._clock), Due(self._clock)
 
         def show(steps: float) -> None:
-            nonlocal last
             if steps > 0:
                 rate.add(steps)
-            if self._clock() - last >= LINE_EVERY_S and total:
-                last = self._clock()
+            if steps < total and (lasted := line.now()):
                 left = rate.left_s()
                 told = "" if left is None else f", about {left:.0f} s left"
-                share = min(1.0, steps / total)
-                self.say(f"{title}: {share:.0%} after {last - start:.0f} s{told}")
+                self.say(f"{title}: {steps / total:.0%} after {lasted:.0f} s{told}")
 
         yield Stage(show)
 

@@ -41,7 +41,7 @@ from platformdirs import user_cache_path
 ROOT = Path(__file__).resolve().parent.parent
 
 TESTS = {
-    "harness/figures": "tests/figures tests/harness/test_summary.py",
+    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_estimates.py",
     "harness/compare": "tests/compare/test_times.py tests/compare/test_gate.py"
     " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"
     " tests/compare/test_cli.py",

@@ -73,7 +73,7 @@ def _note(test: Element, tag: str, message: str, **kind: str) -> None:
 def _uncompared(comparison: Comparison, case: CaseChange, test: Element) -> None:
     message = ": ".join(part for part in (STATUS_TEXT[case.status], case.reason) if part)
     wrong = "error" if case.status in BROKEN else "failure"
-    if case.status in BROKEN or comparison.is_regressed(case):
+    if comparison.is_regressed(case):
         _note(test, wrong, message, type=case.status)
     else:
         _note(test, "skipped", message)

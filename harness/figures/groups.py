@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from harness.errors import unknown
-from harness.figures.ratios import Ratio, paired_ratio
+from harness.figures.ratios import Ratio, of_any_run, paired_ratio
 from harness.stored.folder import Record, Run
 
 USUAL_BASE = "ear-clipping"
@@ -58,7 +58,10 @@ def with_base(run: Run, name: str) -> Run:
 
 
 def time_ratio(record: Record, base: Record | None) -> Ratio | None:
-    """Return the paired ratio of two records' times, None where they are not comparable."""
+    """Return the paired ratio of two records' times, None where they are not comparable.
+
+    Its interval is that of a run like theirs, not of theirs alone (`of_any_run`).
+    """
     if base is None or record.get("polygons") != base.get("polygons"):
         return None
     times, base_times = record.get("time") or {}, base.get("time") or {}
@@ -70,7 +73,7 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
     if len(times["samples_s"]) != len(base_times["samples_s"]):
         return None
     parts = times.get("epochs"), times.get("processes")
-    return paired_ratio(times["samples_s"], base_times["samples_s"], *parts)
+    return of_any_run(paired_ratio(times["samples_s"], base_times["samples_s"], *parts))
 
 
 def _has_rounds(times: dict[str, Any]) -> bool:

@@ -32,9 +32,18 @@ class Ratio:
         return FASTER if self.high < 1 else SLOWER if self.low > 1 else UNDECIDED
 
 
+RUN_SCATTER = 0.003
+"""Standard deviation by which the log ratio of two drawings moves from one run to the next, with
+the machine in one state, beyond what its rounds and epochs show: each process lays out its memory
+anew, and neighbours on a host come and go. 20 equal runs told it (docs/findings.md, "How far to
+trust this"); other runs, in four processes each, and runs on another CPU were tested with it."""
+
 FEWEST_EPOCHS = 4
 """With fewer, how much epochs differ cannot be told."""
 
+
+NORMAL = 1.959963985
+"""The normal distribution's 97.5 % quantile."""
 
 FOLDS = 6
 """Parts of rounds that were all timed in one epoch."""
@@ -92,6 +101,17 @@ def paired_ratio(
         return _of_logs(medians, count)
     low, high = median_interval(ratios.tolist())
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
+
+
+def of_any_run(ratio: Ratio) -> Ratio:
+    """Return a run's ratio with the interval in which another run, too, may find it.
+
+    Two independent errors: what the run's own interval tells, and `RUN_SCATTER`.
+    """
+    middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
+    reach = NORMAL * RUN_SCATTER
+    low, high = (middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach))
+    return Ratio(ratio.value, float(np.exp(low)), float(np.exp(high)), ratio.rounds)
 
 
 def _of_logs(logs: NDArray[np.float64], rounds: int) -> Ratio:

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval
-from harness.figures.ratios import paired_ratio
+from harness.figures.ratios import RUN_SCATTER, of_any_run, paired_ratio
 from harness.study.statistics import by_polygon, median_estimate, regret_ends, regret_interval
 
 REGRETS = Path("results/reference/cpu/regret-city/regret_by_polygon.csv")
@@ -124,6 +124,8 @@ def kinds() -> Iterator[Kind]:
         yield Kind("correlation", "rank, skewed", number, _correlation(number))
         yield Kind("criteria compared", "paired ranks", number, _compared(number))
     yield Kind("ratio of times", "epochs differ", 6, _ratio(6, 1))
+    for number in (6, 24):
+        yield Kind("ratio of times", "runs and epochs differ", number, _ratio_of_any_run(number))
     for repeats in (2, 3, 5, 10):
         yield Kind("ratio of times", "repeats and epochs differ", repeats, _ratio(6, repeats))
     for number in (12, 24):
@@ -222,6 +224,20 @@ def _ratio(epochs: int, repeats: int) -> Callable[[np.random.Generator], Trial]:
         ones = np.ones(len(logs))
         found = paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats), parts)
         old = paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats))
+        return Trial((found.low, found.high), (old.low, old.high), 1.0)
+
+    return make
+
+
+def _ratio_of_any_run(epochs: int) -> Callable[[np.random.Generator], Trial]:
+    """Time one process as `_ratio` does, in a run that is off by what runs scatter."""
+
+    def make(rng: np.random.Generator) -> Trial:
+        epoch = np.repeat(0.003 * rng.standard_normal(epochs), 10)
+        logs = RUN_SCATTER * rng.standard_normal() + epoch
+        logs = logs + 0.01 * rng.standard_normal(len(epoch))
+        old = paired_ratio(np.exp(logs), np.ones(len(logs)), [10] * epochs)
+        found = of_any_run(old)
         return Trial((found.low, found.high), (old.low, old.high), 1.0)
 
     return make

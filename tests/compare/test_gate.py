@@ -57,6 +57,13 @@ def test_every_counter_of_the_binner_is_gated(tmp_path):
         assert all(case.regressions()[0].metric == name for case in found.cases)
 
 
+def test_what_regressed_has_the_first_column_and_others_follow_what_is_usual(tmp_path):
+    before = {"quads": 100, "spills": 100, "stalls": 100}
+    after = before | {"spills": 150, "stalls": 150}
+    (group,) = groups(compared(tmp_path, counted(before), counted(after)))
+    assert group.heading[1:4] == ("spills", "quads", "stalls")
+
+
 @pytest.mark.parametrize("name", ["spills", "overdraw", "draw_ms", "half_perimeter"])
 def test_a_counter_nobody_registered_is_gated_whatever_its_name(tmp_path, name):
     found = compared(tmp_path, counted({name: 100}), counted({name: 101}))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import quantile_test
 
-from harness.figures.intervals import mean_interval, median_over
-from harness.figures.ratios import blocks, paired_ratio
+from harness.figures.intervals import mean_interval, median_interval, median_over
+from harness.figures.ratios import RUN_SCATTER, Ratio, blocks, of_any_run, paired_ratio
 from scripts.studies.interval_coverage import Kind, kinds, share_interval, simulate
 
 TRIALS = 200
@@ -48,6 +51,29 @@ def test_a_share_of_groups_is_known_no_better_than_groups_are_many():
     low, high = share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
     assert 0 <= low < 4 / 42 < high < 0.4
     assert np.isnan(share_interval(np.zeros(0))).all()
+
+
+def test_a_run_says_what_another_run_may_find():
+    exact = of_any_run(Ratio(0.9, 0.9, 0.9, 40))
+    assert exact.value == 0.9
+    assert np.log([exact.low / 0.9, exact.high / 0.9]) == pytest.approx(
+        [-1.96 * RUN_SCATTER, 1.96 * RUN_SCATTER], rel=1e-4
+    )
+    wide = of_any_run(Ratio(0.9, 0.7, 1.2, 40))
+    assert (wide.low, wide.high) == pytest.approx((0.7, 1.2), abs=2e-4)
+    assert wide.low < 0.7 < 1.2 < wide.high
+
+
+@given(st.lists(st.floats(0.1, 10.0), min_size=6, max_size=200))
+def test_median_interval_is_the_exact_order_statistics_one(samples):
+    low, high = median_interval(samples)
+    expected = quantile_test(samples, q=0, p=0.5).confidence_interval(0.95)
+    assert (low, high) == (pytest.approx(expected.low), pytest.approx(expected.high))
+    assert low <= np.median(samples) <= high
+
+
+def test_median_interval_of_few_samples_is_their_range():
+    assert median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
 
 
 def test_processes_count_as_often_as_there_were():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.figures.correlation import ranks, spearman
 from harness.figures.polygons import (
     columns_of,
     correlation_of_ratios,
@@ -33,6 +34,17 @@ def test_three_pairs_are_ranked_and_two_are_not():
     assert rank_correlation(x, np.array([1.0, np.nan, 2.0])) is None
     assert rank_correlation(x, np.ones(3)) is None
     assert rank_correlation(np.ones(3), y) is None
+
+
+def test_equal_values_share_the_mean_of_their_ranks():
+    assert ranks(np.array([3.0, 1.0, 3.0, 2.0, 3.0])).tolist() == [4, 1, 4, 2, 4]
+    assert ranks(np.array([2.0, 2.0])).tolist() == [1.5, 1.5]
+
+
+def test_a_column_of_any_width_is_ranked():
+    unit, wide = np.array([0.0, 0.4, 1.0]), np.array([5.0, 7.0, 9.0])
+    assert spearman(unit, wide) == spearman(wide, unit) == pytest.approx(1)
+    assert np.isnan(spearman(unit, np.ones(3)))
 
 
 def test_ratios_of_polygons_that_both_drew():

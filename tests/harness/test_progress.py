@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+from itertools import pairwise
 
 import pytest
 from rich.console import Console
 
-from harness.progress import LINE_EVERY_S, Rate, Reporter
+from harness.progress import SILENT_S, Due, Rate, Reporter
 
 
 class Said:
@@ -34,13 +35,22 @@ def test_without_a_terminal_there_are_lines_now_and_then():
         for _ in range(60):
             said.now += 1.0
             stage.advance()
-    assert said.lines == [
+    assert said.lines[:3] == [
         "counting ...",
-        "counting: 33% after 20 s, about 40 s left",
-        "counting: 67% after 40 s, about 20 s left",
-        "counting: 100% after 60 s, about 0 s left",
+        "counting: 5% after 3 s",
+        "counting: 10% after 6 s, about 54 s left",
     ]
-    assert LINE_EVERY_S == 20
+    assert said.lines[-1] == "counting: 95% after 57 s, about 3 s left"
+    assert len(said.lines) == 20
+
+
+def test_the_longer_a_stage_the_fewer_lines_but_never_long_silence():
+    seconds = iter(range(4000))
+    line = Due(lambda: next(seconds))
+    told = [second for second in range(1, 4000) if line.now()]
+    gaps = [later - sooner for sooner, later in pairwise([0, *told])]
+    assert (gaps[0], gaps[-1]) == SILENT_S
+    assert gaps == sorted(gaps)
 
 
 def test_a_short_stage_is_one_line():
@@ -104,7 +114,7 @@ def test_parts_say_their_rate_and_the_time_left():
     assert said.lines[:3] == [
         "triangulating ...",
         "triangulating: 1/40 parts",
-        "triangulating: 11/40 parts, 12,500 footprints/s, 0:00:58 left",
+        "triangulating: 3/40 parts",
     ]
 
 

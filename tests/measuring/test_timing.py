@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import quantile_test, sem, t
+from scipy.stats import sem, t
 
+from harness.figures.intervals import median_interval
 from harness.figures.ratios import paired_ratio
 from harness.measuring.timing import (
     EMPTY,
@@ -22,7 +21,6 @@ from harness.measuring.timing import (
     TimingSettings,
     _clock_resolution,
     _warm_up,
-    median_interval,
     self_test,
     time_together,
 )
@@ -173,18 +171,6 @@ def test_drift_alone_is_no_difference():
         times = time_together(drawings, settings, WALL, seed=seed, clock=clock)
         verdicts.append(paired_ratio(times["a"].samples_s, times["b"].samples_s).verdict)
     assert verdicts.count("no difference shown") >= 92
-
-
-@given(st.lists(st.floats(0.1, 10.0), min_size=6, max_size=200))
-def test_median_interval_is_the_exact_order_statistics_one(samples):
-    low, high = median_interval(samples)
-    expected = quantile_test(samples, q=0, p=0.5).confidence_interval(0.95)
-    assert (low, high) == (pytest.approx(expected.low), pytest.approx(expected.high))
-    assert low <= np.median(samples) <= high
-
-
-def test_median_interval_of_few_samples_is_their_range():
-    assert median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
 
 
 class TimedBy:

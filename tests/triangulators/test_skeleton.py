@@ -161,3 +161,9 @@ def test_crossed_edges_are_those_of_the_other_diagonal():
     edges = np.array([(0, 1), (1, 2), (2, 3), (0, 3), (0, 2), (1, 3), (3, 4)], np.int32)
     assert skeleton.crossed(points, edges, 0, 2).tolist() == [0, 0, 0, 0, 0, 1, 0]
     assert skeleton.crossed(points, edges, 1, 2).tolist() == [0, 0, 0, 0, 0, 0, 0]
+
+
+def test_a_triangulations_sides_are_told_from_other_edges():
+    edges = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
+    sides = proof._has_edges(edges, np.array([(0, 1, 2), (2, 1, 3)]), 4)
+    assert sides.tolist() == [True, True, False, True, True, True]

@@ -9,15 +9,19 @@ function median(values) {
 
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
 
+/* By how much a log ratio moves from one run to the next, beyond what its rounds show. */
+const RUN_SCATTER = 0.003;
+const NORMAL = 1.959963985;
+
 /* Student's 97.5 % quantile, by expansion in 1 / freedom (Abramowitz and Stegun, 26.7.5): to 1 % from 3 on. */
 function student(freedom) {
-  const z = 1.959963985;
+  const z = NORMAL;
   return z + (z ** 3 + z) / (4 * freedom) + (5 * z ** 5 + 16 * z ** 3 + 3 * z) / (96 * freedom ** 2)
     + (3 * z ** 7 + 19 * z ** 5 + 17 * z ** 3 - 15 * z) / (384 * freedom ** 3);
 }
 
 /* Ratio of `samples` to `base`, round by round: the mean over epochs of their medians of logarithms, with
-   Student's interval for as many independent values as there are epochs. */
+   Student's interval for as many independent values as there are epochs, in which another run may find it, too. */
 function pairedRatio(samples, base, epochs) {
   const logs = samples.map((sample, round) => Math.log(sample / base[round]));
   const medians = [];
@@ -30,7 +34,8 @@ function pairedRatio(samples, base, epochs) {
   const middle = mean(medians);
   const freedom = medians.length - 1;
   const variance = medians.reduce((sum, value) => sum + (value - middle) ** 2, 0) / freedom;
-  const reach = freedom > 0 ? student(freedom) * Math.sqrt(variance / medians.length) : Infinity;
+  const own = freedom > 0 ? student(freedom) * Math.sqrt(variance / medians.length) : Infinity;
+  const reach = Math.hypot(own, NORMAL * RUN_SCATTER);
   return { value: Math.exp(middle), low: Math.exp(middle - reach), high: Math.exp(middle + reach) };
 }
 
