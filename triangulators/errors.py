@@ -1,4 +1,10 @@
-"""What a triangulator can raise."""
+"""What a triangulator can raise, and how that is told."""
+
+import traceback
+from pathlib import Path
+
+MOST_SAID = 300
+"""Characters of an error that are kept."""
 
 
 class TriangulationError(Exception):
@@ -19,3 +25,12 @@ class UnknownName(ValueError):  # noqa: N818 - the name says what went wrong
 
 class Unavailable(TriangulationError):  # noqa: N818 - says what the package is
     """An optional package is missing; the message holds the line that installs it."""
+
+
+def told_of(error: BaseException) -> str:
+    """Return in one line, and not a long one, what was raised and where."""
+    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if len(text) > MOST_SAID:
+        text = f"{text[:MOST_SAID]} ... ({len(str(error)):,} characters)"
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text

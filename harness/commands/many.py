@@ -10,7 +10,13 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from harness.errors import INTERRUPTED, Inconclusive, UsageError, refuse_failed
+from harness.errors import (
+    INTERRUPTED,
+    Inconclusive,
+    NothingMeasured,
+    UsageError,
+    refuse_failed,
+)
 from harness.export.certified import Certified
 from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
@@ -79,6 +85,8 @@ def count_many_files(
     ------
     UsageError
         if there is no file, or the folder is not for that
+    NothingMeasured
+        if there is no footprint that all could do
     Inconclusive
         if parts were set aside
     """
@@ -87,6 +95,9 @@ def count_many_files(
     summary = _complete(dataset, out, where, reporter)
     done = [part.key for part in dataset.cut.parts if part.key in dataset.done]
     sums = total(dataset.out, done, len(names))
+    if not sums.footprints:
+        _warn(summary, reporter)
+        raise NothingMeasured(f"{os.path.relpath(out)}: no footprint was done by all triangulators")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         census_report.write(out, sums, options)
     _warn(summary, reporter)

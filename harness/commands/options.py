@@ -213,7 +213,7 @@ Precision = Annotated[
     typer.Option(
         callback=_more_than_none(1.0),
         metavar="SHARE",
-        help="Wanted half-width of the 95 % interval over the median.",
+        help="Wanted half-width of the 95 % interval of a time, or of its ratio to the others.",
     ),
 ]
 

@@ -24,6 +24,8 @@ Points = NDArray[np.float64]
 
 def fits(vertices: Points) -> bool:
     """Whether single precision is fine enough for these (n, 2 or 3) coordinates."""
+    if len(vertices) == 0:
+        return True
     plan = vertices[:, :2]
     extent = float(np.ptp(plan, axis=0).max())
     return float(np.spacing(np.float32(np.abs(plan).max()))) * STEPS <= extent

@@ -26,7 +26,8 @@ MOST_S = 1e6
 class TimingSettings:
     """How carefully to time.
 
-    precision : wanted half-width of the 95 % interval of the median, relative to the median
+    precision : wanted half-width of a drawing's 95 % interval, relative to its middle: of the
+        median, or of the time in ratio to the geometric mean of all that are compared
     budget_s : seconds of drawing a candidate may cost on average; what ends the rounds when
         `precision` is not reached
     min_batch_s : a batch of draws lasts at least this, or 100 resolutions of the timer

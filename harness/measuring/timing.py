@@ -23,7 +23,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+import numpy as np
+
 from harness.figures.intervals import median_interval
+from harness.figures.ratios import paired_ratio
 from harness.measuring.settings import TimingSettings
 from harness.rasterisers.base import Sample
 
@@ -146,8 +149,8 @@ def time_together(
 ) -> dict[str, Times]:
     """Time all `drawings` in shuffled, interleaved rounds.
 
-    Sample r of every drawing comes from round r. The rounds end when each drawing's interval is
-    narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
+    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that of
+    its median or of its ratio to what it is compared with, is narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
     number of drawings has passed; not before there are `settings.epochs` where `renew` is given.
     """
     start = clock()
@@ -184,9 +187,10 @@ def time_together(
             continue
         if rounds >= check_at or clock() >= deadline:
             check_at = rounds + max(1, rounds // 8)
+            # An empty draw is all noise: it must not keep the others waiting.
+            precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
-                # An empty draw is all noise: it must not keep the others waiting.
-                entry.precision_reached = name == EMPTY or _is_precise(entry, settings.precision)
+                entry.precision_reached = name in precise or _is_precise(entry, settings.precision)
             if clock() >= deadline or all(entry.precision_reached for entry in times.values()):
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
@@ -233,6 +237,29 @@ class _Epochs:
 def _is_precise(entry: Times, precision: float) -> bool:
     low, high = entry.ci95_s
     return (high - low) / 2 <= precision * entry.median_s
+
+
+def _compared_precisely(
+    times: Mapping[str, Times],
+    compared: Sequence[str],
+    settings: TimingSettings,
+    epochs: Sequence[int],
+) -> Sequence[str]:
+    """Return the drawings whose ratio to all that are compared is known well enough.
+
+    Ratios are what they are timed for: while the machine drifts, medians alone would be waited for
+    in vain. The reference draw, which only tells of that drift, is waited for with them.
+    """
+    if not settings.paired or len(compared) < 2:
+        return ()
+    samples = np.array([times[name].samples_s for name in compared])
+    if not (samples > 0.0).all():
+        return ()
+    together = np.exp(np.log(samples).mean(axis=0))
+    ratios = [paired_ratio(own, together, epochs) for own in samples]
+    precise = [each.high - each.low <= 2 * settings.precision * each.value for each in ratios]
+    names = [name for name, is_so in zip(compared, precise, strict=True) if is_so]
+    return [*names, REFERENCE] if all(precise) else names
 
 
 def _warm_up(

@@ -16,6 +16,7 @@ from harness.figures.polygons import rank_correlation
 from harness.figures.processors import of_cpu
 from harness.figures.registry import predictions
 from harness.machine.processor import label_of, same
+from harness.stored import atomic
 from harness.stored.folder import Record, Run
 from harness.webpages.single_file import write_whole
 
@@ -137,7 +138,7 @@ def write_summary(run: Run, file: Path) -> Path:
 
 def _read(file: Path) -> Summary:
     try:
-        found = json.loads(file.read_bytes())
+        found = json.loads(atomic.read(file))
     except (OSError, ValueError) as error:
         raise UsageError(f"{file}: cannot be read: {error}") from error
     if not isinstance(found, dict) or found.get("format") != FORMAT:

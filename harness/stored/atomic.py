@@ -39,6 +39,19 @@ def write(place: Path, content: bytes, *, forced: bool = False) -> None:
         raise
 
 
+def read(file: Path) -> bytes:
+    """Return the content of a file that was stored.
+
+    Raises
+    ------
+    OSError
+        if it cannot be read, or is a device, a pipe or a socket, which might never end
+    """
+    if file.exists() and not file.is_file():
+        raise OSError(errno.EINVAL, f"{file.name} is no regular file")
+    return file.read_bytes()
+
+
 def move(made: Path, place: Path, *, forced: bool = False) -> None:
     """Rename a finished file to where it belongs, in the same file system.
 

@@ -255,7 +255,7 @@ def read_run(path: Path) -> Run:
     problems: list[str] = []
     facts = read_facts(cases.parent, problems)
     with clear_errors(path):
-        content = cases.read_bytes() if cases.exists() else b""
+        content = atomic.read(cases) if cases.exists() else b""
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
         raise UsageError(
@@ -282,7 +282,7 @@ def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
     if not file.exists():
         return {}
     with clear_errors(folder):
-        content = file.read_bytes()
+        content = atomic.read(file)
     try:
         found = parsed(content)
     except ValueError as error:
@@ -298,7 +298,7 @@ def read_counted(path: Path) -> dict[str, Record]:
     """Return by key what the unfinished run at `path` had counted; see `Store.append_counted`."""
     file = path / COUNTED
     with clear_errors(path):
-        content = file.read_bytes() if file.exists() else b""
+        content = atomic.read(file) if file.exists() else b""
     return {record["key"]: record for record in _parse_lines(content, file, [])}
 
 
@@ -328,6 +328,8 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
     """Return the per-polygon columns of the case `key`, or None if they were not kept whole."""
     place = run.path if run.path.is_dir() else run.path.parent
     file = place / folder / f"{key}.npz"
+    if not file.is_file():
+        return None
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}

@@ -243,7 +243,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
         if it is missing, no calibration, or was refused when it was made
     """
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(atomic.read(file))
         if content.get("refused"):
             raise UsageError(
                 f"{file} was refused: it fits too badly; repeat raster-harness calibrate"

@@ -7,7 +7,6 @@ import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,11 +20,8 @@ from triangulators import Skipped, vertices
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
+from triangulators.errors import told_of
 from triangulators.verify import verify
-
-MOST_SAID = 300
-"""Characters of an error that are kept."""
-
 
 @dataclass(frozen=True)
 class Prediction:
@@ -217,15 +213,6 @@ def _batch(
     if done.any():
         result.seconds += time.perf_counter() - start
     return {place: found[place] for place in np.flatnonzero(done).tolist()}
-
-
-def told_of(error: BaseException) -> str:
-    """Return in one line, and not a long one, what was raised and where."""
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    if len(text) > MOST_SAID:
-        text = f"{text[:MOST_SAID]} ... ({len(str(error)):,} characters)"
-    frames = traceback.extract_tb(error.__traceback__)
-    return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
 
 
 class _Computed(NamedTuple):

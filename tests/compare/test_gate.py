@@ -17,6 +17,7 @@ from harness.compare.html import to_html
 from harness.compare.json import to_json
 from harness.compare.junit import to_junit
 from harness.compare.markdown import to_markdown
+from harness.compare.matching import case_name
 from harness.compare.rounds import decide
 from harness.compare.rows import groups
 from harness.compare.wording import headline
@@ -45,6 +46,21 @@ def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTE
         for name, seed, edit in (("base", 1, base), ("head", 2, head))
     ]
     return compare_runs(*runs, settings)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *(("scene", "cad"), ("triangulator", "fan"), ("rasteriser", "webgpu"), ("device", "zink")),
+        *(("resolution", 512), ("rotation", 30.0), ("fit", "cover"), ("options", {"samples": 4})),
+    ],
+)
+def test_what_differs_in_one_of_these_is_another_case(field, value):
+    usual = record("delaunay", seed=1)
+    assert case_name(usual) != case_name(usual | {field: value})
+    assert case_name(usual) == case_name(usual | {"polygons": 3})
+    older = {name: usual[name] for name in usual if name not in ("fit", "rotation", "options")}
+    assert case_name(older) == case_name(usual)
 
 
 def test_every_counter_of_the_binner_is_gated(tmp_path):

@@ -145,6 +145,19 @@ def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():
             assert {target for target, _ in imports(file)} <= {package}, file
 
 
+def test_checker_and_search_share_definitions_alone():
+    """Units and the form of evidence; only `certify`, which asks for the check, knows the checker."""
+    shared = {"evidence", "units", "claims"}
+    for file in sources():
+        if "checking" in file.parts:
+            continue
+        parts = [name.split(".") for name in named(file)]
+        known = {part[2] for part in parts if part[:2] == ["triangulators", "checking"]}
+        assert known <= shared | ({"checker"} if file.stem == "certify" else set()), file
+    of_checking = (name for file in sources() if "checking" in file.parts for name in named(file))
+    assert not any(name.startswith("triangulators.certificate") for name in of_checking)
+
+
 def test_a_reader_sees_the_names_that_the_picture_declares():
     groups = list(ET.parse(PICTURE).getroot().iter(f"{SVG}g"))
     assert len(groups) == len(boxes())

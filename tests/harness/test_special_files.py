@@ -12,9 +12,13 @@ import threading
 import pytest
 
 from harness.errors import UsageError
+from harness.page import device_summaries
 from harness.page.result import read_result
 from harness.stored import atomic
+from harness.stored.folder import POLYGONS, Run, read_arrays
+from harness.study.calibration_draws import read_coefficients
 from harness.webpages.single_file import write_whole
+from tests.compare.runs import write_run
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no device nodes in its files")
 
@@ -75,3 +79,31 @@ def test_a_pipe_is_no_result_of_a_page(tmp_path):
     os.mkfifo(pipe)
     with pytest.raises(UsageError, match="a folder, pipe or device, not a file"):
         read_result(pipe)
+
+
+@pytest.mark.usefixtures("no_plots")
+@pytest.mark.parametrize("name", ["cases.jsonl", "run.json"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("report {}", "page {}", "gains {} --out gains", "history {}", "compare {} {}"),
+        *("merge {} {} --hosts a,b --out merged", "run --resume {}"),
+    ],
+)
+def test_a_pipe_in_a_run_is_refused_before_it_is_waited_for(harness, tmp_path, command, name):
+    folder = write_run(tmp_path / "run", seed=1)
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    code, _, err = harness(*command.format(folder, folder).split())
+    assert code == 2
+    assert f"{name} is no regular file" in err
+
+
+def test_a_pipe_is_no_calibration_no_summary_and_no_columns(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for read in (read_coefficients, device_summaries._read):
+        with pytest.raises(UsageError, match="no regular file"):
+            read(tmp_path / "pipe")
+    (tmp_path / POLYGONS).mkdir()
+    os.mkfifo(tmp_path / POLYGONS / "key.npz")
+    assert read_arrays(Run(tmp_path, {}, []), "key") is None

@@ -107,6 +107,21 @@ def test_budget_ends_what_never_gets_precise():
     assert clock.now == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.parametrize(("names", "reached"), [("ab", True), ("a", False)])
+def test_a_machine_that_drifts_is_not_waited_for_where_ratios_are_known(names, reached):
+    """It gets slower by a tenth each second, so medians never get as narrow as ratios are."""
+    drawings, clock, _ = scripted(
+        dict.fromkeys(names, 2e-3), 0.002, Clock(speed=lambda now: 1 + now / 10)
+    )
+    settings = TimingSettings(precision=0.003, budget_s=3.0, least_share=0.2, warm_up_s=0.0)
+    times = time_together(drawings, settings, WALL, clock=clock)
+    assert all(entry.precision_reached is reached for entry in times.values())
+    assert (clock.now < 0.9 * len(names)) == reached
+    for entry in times.values():
+        low, high = entry.ci95_s
+        assert (high - low) / 2 > 0.003 * entry.median_s
+
+
 def test_an_empty_draw_does_not_keep_the_others_waiting():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)

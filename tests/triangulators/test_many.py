@@ -6,6 +6,7 @@ import shapely
 
 from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
 from triangulators import Ragged, UnknownName, triangulate, triangulate_many, vertices
+from triangulators.batch import triangulate_many as batch
 from triangulators.batch.triangulate_many import polygon_at, ragged
 from triangulators.criteria import predict
 from triangulators.verify import verify
@@ -80,3 +81,23 @@ def test_real_buildings():
     for index in range(len(polygons)):
         if index not in bad:
             assert verify(polygons[index], result[index]).conforming
+
+
+@pytest.mark.parametrize("name", ["ear-clipping", "flips:l1"])
+@pytest.mark.parametrize("vertices_before", [[], [10], [10, 30], [30, 10], [10, 10], [19, 1]])
+def test_ears_are_clipped_in_parts_of_any_size(monkeypatch, name, vertices_before):
+    """Parts end at the polygons that hold each tenth vertex, the last one's among them."""
+    monkeypatch.setattr(batch, "_CHUNK", 10)
+    for last in (3, 4, 9, 10, 11, 30, 31):
+        polygons = [convex(max(3, n)) for n in [*vertices_before, last]]
+        found = triangulate_many(polygons, name)
+        assert found.failed == {}
+        assert found.compiled.all()
+        for polygon, triangles in zip(polygons, found, strict=True):
+            assert verify(polygon, triangles).conforming
+
+
+def test_a_users_function_costs_the_polygons_it_fails_on():
+    found = triangulate_many([shapely.box(0, 0, 1, 1), star(9)], "tests.broken:exits")
+    assert set(found.failed) == {0, 1}
+    assert found.failed[0].startswith("SystemExit: 0 (broken.py:")

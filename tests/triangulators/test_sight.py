@@ -15,6 +15,7 @@ from triangulators.certificate.sight import fans_of, sight_of
 from triangulators.checking import boxes, checker, exclusions, potentials, visible_pairs
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visible_pairs import visible
+from triangulators.starting.segments import inner_segments
 from triangulators.starting.starts import best_start
 
 
@@ -69,6 +70,18 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
     for polygon in [*touching_polygons(5, 150), *touching_polygons(6, 60), *holed]:
         ours, checkers = edges_of_both(polygon)
         assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
+
+
+def test_starts_find_the_same_segments_in_a_third_way():
+    rng = np.random.default_rng(4)
+    polygons = [*touching_polygons(6, 60), with_holes(rng, 30, 4), comb(20), annulus(12, 2)]
+    for polygon in polygons:
+        outline, _ = posed(polygon)
+        own = inner_segments(outline)
+        checkers = np.sort(visible(outline.points, outline.edges, outline.site), axis=1)
+        sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
+        found = set(map(tuple, own.tolist())) - sides
+        assert found == set(map(tuple, checkers.tolist())) - sides, polygon.wkt
 
 
 def test_neighbours_are_listed_in_order():

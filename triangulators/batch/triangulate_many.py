@@ -16,7 +16,7 @@ from triangulators.criteria import find as find_criterion
 from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name
-from triangulators.errors import Skipped, TriangulationError
+from triangulators.errors import Skipped, TriangulationError, told_of
 from triangulators.gpu import engine, known_devices
 from triangulators.gpu.rings import MOST, SIZES
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
@@ -221,7 +221,7 @@ def _clipped(
     wanted = (sound & (np.diff(work.begins) >= 3)).tolist()
     nothing = np.empty(0, dtype=np.uint32)
     cuts = np.searchsorted(work.begins, np.arange(0, work.begins[-1], _CHUNK))
-    bounds = [*np.unique(cuts).tolist(), len(work.done)]
+    bounds = np.unique(np.append(cuts, len(work.done))).tolist()
     running = []
     with ThreadPoolExecutor(threads) as pool:
         for first, last in pairwise(bounds):
@@ -286,6 +286,7 @@ def _finish(
     pieces: list[np.ndarray] = []
     lengths = np.diff(starts)
     copied = 0
+    builtin = parse(name).entry.builtin
     for index in np.flatnonzero(~work.done).tolist():
         pieces.append(triangles[starts[copied] : starts[index]])
         copied = index + 1
@@ -294,6 +295,11 @@ def _finish(
             pieces.append(triangulate(given, name, **parameters))
         except (TriangulationError, Skipped) as error:
             failed[index] = str(error)
+            pieces.append(triangles[:0])
+        except (Exception, SystemExit) as error:
+            if builtin:
+                raise
+            failed[index] = told_of(error)
             pieces.append(triangles[:0])
         lengths[index] = len(pieces[-1])
     pieces.append(triangles[starts[copied] :])
