@@ -68,6 +68,10 @@ class Stage:
         self._done = steps
         self._show(steps)
 
+    def wait(self, _waited: float) -> None:
+        """Say that it goes on; how long the step in progress has lasted does not matter."""
+        self._show(self._done)
+
     def advance(self) -> None:
         """Say that one more step is done."""
         self.complete(int(self._done) + 1)

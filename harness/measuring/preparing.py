@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -58,7 +58,7 @@ def prepare(
             if recipe in broken:
                 yield recipe, ("failed", broken[recipe])
             else:
-                result = _prepare(scene, frame, recipe, bench, reporter)
+                result = _prepare(scene, frame, recipe, bench, reporter, stage.wait)
                 if recipe == BASELINE and isinstance(result, Prepared):
                     begun = lower_limits.begin(frame, result.triangulation.parts, bench)
                     limits = result.limits
@@ -71,11 +71,16 @@ def prepare(
 
 
 def _prepare(
-    scene: Scene, frame: Frame, recipe: Recipe, bench: Bench, reporter: Reporter
+    scene: Scene,
+    frame: Frame,
+    recipe: Recipe,
+    bench: Bench,
+    reporter: Reporter,
+    tick: Callable[[float], None],
 ) -> Prepared | tuple[str, str]:
     try:
         _compile(recipe, bench, reporter)
-        result = _triangulate(scene, frame, recipe, bench)
+        result = _triangulate(scene, frame, recipe, bench, tick)
     except TaskTimedOut as error:
         # Ours are slow by design, others may have hung.
         return ("skipped" if recipe.builtin else "failed"), str(error)
@@ -106,10 +111,12 @@ def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:
     bench.compile(recipe, tell)
 
 
-def _triangulate(scene: Scene, frame: Frame, recipe: Recipe, bench: Bench) -> FrameTriangulation:
+def _triangulate(
+    scene: Scene, frame: Frame, recipe: Recipe, bench: Bench, tick: Callable[[float], None]
+) -> FrameTriangulation:
     """Run one triangulator over the frame, or over the scene not yet turned."""
     if not recipe.upright:
-        return bench.triangulate(recipe, frame.polygons)
+        return bench.triangulate(recipe, frame.polygons, tick)
     upright = make_frame(scene.polygons, replace(frame.view, rotation=0.0))
-    before = bench.triangulate(recipe.before_turning, upright.polygons)
+    before = bench.triangulate(recipe.before_turning, upright.polygons, tick)
     return carry_over(before, upright, frame)

@@ -140,8 +140,15 @@ class Bench:
             return
         self.compute_soon(warm_up_all, ours)
 
-    def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
+    def triangulate(
+        self,
+        recipe: Recipe,
+        polygons: Sequence[Polygon],
+        tick: Callable[[float], None] | None = None,
+    ) -> FrameTriangulation:
         """Run a triangulator over polygons in px, compiled first if that was not done.
+
+        tick : called while it is waited for, with the seconds so far
 
         Raises
         ------
@@ -152,7 +159,7 @@ class Bench:
         with self.clocked("triangulate"):
             try:
                 return self._triangulating(
-                    recipe, triangulate_polygons, recipe, polygons, self.database
+                    recipe, triangulate_polygons, recipe, polygons, self.database, tick=tick
                 )
             except TaskTimedOut as error:
                 if not recipe.builtin:

@@ -23,6 +23,7 @@ from triangulators.criteria import predict
 from triangulators.errors import told_of
 from triangulators.verify import verify
 
+
 @dataclass(frozen=True)
 class Prediction:
     """Criteria of one triangulation of a frame: `columns` (p,) a polygon, `totals` of all.

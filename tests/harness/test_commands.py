@@ -168,6 +168,23 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     assert_one_line(err, "unknown triangulator")
 
 
+def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch):
+    run = ("run", "--scene", str(block), "--resolution", "64", "--out", "run", *MOCK)
+    assert harness(*run, "--triangulators", "ear-clipping,delaunay")[0] == 0
+    assert harness("gains", "run", "--out", "gains")[0] == 0
+    before = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
+
+    def cut_off(_table, folder):
+        folder.mkdir()
+        (folder / "half.png").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("harness.study.gains.plot", cut_off)
+    assert harness("gains", "run", "--out", "gains", "--bases", "delaunay")[0] == 130
+    after = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
+    assert after == before
+
+
 def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     """Two runs: one varies the rotation, the other, which comes first, has one alone."""
     names = ("--triangulators", "ear-clipping,delaunay")

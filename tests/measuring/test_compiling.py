@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 from rich.console import Console
@@ -37,15 +38,16 @@ class Slow(Inline):
         self._log.append((function.__name__, timeout_s))
         if function.__name__ == self._fails:
             raise TaskTimedOut("it ran past its time and was stopped")
-        if tick and function.__name__ == "warm_up":
+        if tick and function.__name__ in ("warm_up", "triangulate_polygons"):
             tick(60.0)
         return super().call(function, *arguments)
 
 
-def measured(block, out, log, fails=""):
+def measured(block, out, log, fails="", names=("ear-clipping", "optimal:overdraw")):
     said = io.StringIO()
-    reporter = Reporter(console=Console(file=said, width=200))
-    plan = plan_for(block, triangulators=("ear-clipping", "optimal:overdraw"), timeout_s=7.0)
+    seconds = count(step=60)
+    reporter = Reporter(console=Console(file=said, width=200), clock=lambda: next(seconds))
+    plan = plan_for(block, triangulators=names, timeout_s=7.0)
     result = run(plan, out, reporter, open_worker=lambda *_: Slow(log, fails))
     return result.records, said.getvalue()
 
@@ -61,6 +63,16 @@ def test_compiling_has_its_own_budget_and_line(block, tmp_path):
     assert names == ["warm_up", "triangulate_polygons"] * 3
     assert ("fewest", COMPILE_S) in log
     assert said.count("compiling optimal:overdraw, which only the first run") == 1
+
+
+def test_a_users_function_is_waited_for_not_compiled_and_lines_go_on(block, tmp_path):
+    name = "tests.broken:right"
+    _, said = measured(block, tmp_path / "out", [], names=("ear-clipping", name))
+    assert said.count(f"still waiting for {name}, on its first polygons") == 1
+    assert f"compiling {name}" not in said
+    # One line when the baseline is waited for, and one when it is done, and so on.
+    told = [line for line in said.splitlines() if line.startswith("triangulating: ")]
+    assert [line.split()[1] for line in told] == ["0%", "33%", "33%", "67%", "67%"]
 
 
 def test_a_triangulator_that_is_slow_is_told_from_one_that_is_slow_to_compile(block, tmp_path):

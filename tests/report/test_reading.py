@@ -127,6 +127,23 @@ def test_narrow_windows_do_not_scroll_sideways(browser, folder, width):
     assert browser.errors == []
 
 
+def test_the_ranking_is_seen_whole_on_a_usual_screen(browser, folder):
+    browser.resize(1400, 900)
+    browser.open(folder / "report.html")
+    too_wide = "(box) => box.querySelector('table.ranking') && box.scrollWidth > box.clientWidth"
+    assert browser.evaluate(f"[...document.querySelectorAll('.scroll')].some({too_wide})") is False
+    assert browser.evaluate("document.querySelectorAll('.scroll table.ranking').length") > 0
+
+
+def test_the_chart_sets_helper_lanes_against_their_estimate_first(page):
+    shown = page.evaluate("['a', 'b'].map((side) => $(`criterion-${side}`).value)")
+    assert shown[0] == "helper_lanes_by_quads"
+    assert shown[1] != shown[0]
+    assert page.evaluate("state.report.estimates.helper_lanes_by_quads") == page.evaluate(
+        "group().main"
+    )
+
+
 def test_print_is_on_white_with_every_fact(browser, folder, tmp_path):
     browser.prefer("dark")
     browser.open(folder / "report.html")
