@@ -149,9 +149,10 @@ def time_together(
 ) -> dict[str, Times]:
     """Time all `drawings` in shuffled, interleaved rounds.
 
-    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that of
-    its median or of its ratio to what it is compared with, is narrow enough and the least share of the budget is drawn, or when `settings.budget_s` times the
-    number of drawings has passed; not before there are `settings.epochs` where `renew` is given.
+    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that
+    of its median or of its ratio to what it is compared with, is narrow enough and the least share
+    of the budget is drawn, or when `settings.budget_s` times the number of drawings has passed; not
+    before there are `settings.epochs` where `renew` is given.
     """
     start = clock()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)

@@ -196,20 +196,25 @@ class _Bench(Bench):
         if not isinstance(recipe, Earlier):
             super().compile(recipe, tick)
 
-    def triangulate(self, recipe: Recipe, polygons: Sequence[Polygon]) -> FrameTriangulation:
+    def triangulate(
+        self,
+        recipe: Recipe,
+        polygons: Sequence[Polygon],
+        tick: Callable[[float], None] | None = None,
+    ) -> FrameTriangulation:
         """Run a triangulator of HEAD or of BASE over polygons in px; raises as `Bench` does."""
         if not isinstance(recipe, Earlier):
-            result = super().triangulate(recipe, polygons)
+            result = super().triangulate(recipe, polygons, tick)
             if self._latest[0] is not polygons:
                 self._latest = (polygons, {})
             self._latest[1][recipe] = result
             return result
         if recipe.plain.builtin and self._has_same_builtins():
             known = self._latest[1].get(recipe.plain) if self._latest[0] is polygons else None
-            return known or super().triangulate(recipe.plain, polygons)
+            return known or super().triangulate(recipe.plain, polygons, tick)
         with self.clocked("triangulate"):
             arguments = (recipe.plain, polygons, self._beside.place)
-            return self._triangulating(recipe, triangulate_elsewhere, *arguments)
+            return self._triangulating(recipe, triangulate_elsewhere, *arguments, tick=tick)
 
     def _has_same_builtins(self) -> bool:
         """Whether BASE's package `triangulators` is the one of here, or equal to it."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.compare.differences import machines_differ
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT
@@ -92,6 +93,14 @@ def test_the_same_device_name_on_other_hardware_is_refused(runs, harness):
     code, out, _ = harness("compare", "base", "head", "--across-devices", "--format", "json")
     assert code == 0
     assert json.loads(out)["machines_differ"] is True
+
+
+def test_machines_differ_only_where_both_are_known():
+    one, other = ({"environment": {"cpu": cpu, "threads": 2}} for cpu in ("A", "B"))
+    assert machines_differ(one, other)
+    assert not machines_differ(one, one)
+    assert not machines_differ(one, {})
+    assert not machines_differ({}, other)
 
 
 def test_a_driver_update_is_reported_not_refused(runs):

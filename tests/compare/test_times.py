@@ -226,6 +226,15 @@ def test_cases_that_were_never_timed_have_no_verdict():
     assert read_pair({}, {"time": None}, same_work=True) is None
 
 
+@pytest.mark.parametrize(("drift", "outcome"), [(1.0, "unchanged"), (2.5, "regressed")])
+def test_without_a_reference_draw_all_of_the_drift_is_told(drift, outcome):
+    rng = np.random.default_rng(11)
+    found = [replace(pair, reference=None) for pair in pairs(rng, [0] * 5, drift=drift)]
+    _, together = judge(found)
+    assert (together.outcome, together.reference, together.gated) == (outcome, None, False)
+    assert together.low < drift < together.high
+
+
 def test_two_cases_that_draw_the_same_are_peers_enough():
     """By these the third one grew, and by the reference draw, which drifts otherwise, it shrank."""
     rng = np.random.default_rng(12)

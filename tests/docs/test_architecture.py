@@ -146,7 +146,7 @@ def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():
 
 
 def test_checker_and_search_share_definitions_alone():
-    """Units and the form of evidence; only `certify`, which asks for the check, knows the checker."""
+    """Units and the form of evidence; `certify` alone, which asks for the check, knows it."""
     shared = {"evidence", "units", "claims"}
     for file in sources():
         if "checking" in file.parts:

@@ -57,6 +57,19 @@ NAMES = ("ear-clipping", "delaunay", "greedy")
 EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 
 
+@pytest.mark.parametrize(
+    ("alike", "said"),
+    [
+        (["a"], "no difference to a is shown"),
+        (["a", "b"], "no difference to a and b is shown"),
+        (["a", "b", "c"], "no difference to a, b and c is shown"),
+    ],
+)
+def test_those_that_draw_alike_are_listed(alike, said):
+    quick = [made(name, "faster") for name in ("delaunay", *alike)]
+    assert advice([base(), *quick]).endswith(f"; {said}.")
+
+
 @pytest.mark.parametrize(("draws", "triangulating", "counts"), EVERY)
 def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     """One other triangulator in every state, with a second one that is shown to be slower."""
