@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from itertools import combinations
 
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import (
@@ -17,6 +19,7 @@ from docs.held.lookups import (
     two,
     whole,
 )
+from harness.figures.ratios import NORMAL, RUN_SCATTER
 
 SHARES = "learned/shares.csv"
 SCENES = {"glyphs": "letters"}
@@ -85,23 +88,36 @@ def alarms() -> list[str]:
     return [str(n) for n in (len(equal), ends.count("1"), ends.count("5"), found, len(slower))]
 
 
-STATES = "llvmpipe/states.txt"
-"""Runs of `scripts/studies/states.py`: a line of CSV for each, then what pairs of them say."""
+STATES, IN_FOUR, AGAIN = (
+    f"llvmpipe/{name}.txt" for name in ("states", "states-in-four", "states-again")
+)
+"""Runs of `scripts/studies/states.py`: the processor, a line of CSV for each run, then what pairs
+of them say. The first two are from before intervals held `RUN_SCATTER`, which the first one told.
+"""
+
+LOADS = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
+ONE_STATE = 1.03
+"""Ratio of two runs' reference draws up to which they count as in one state."""
 
 
 def states() -> list[str]:
-    """Return a row for each state of the machine: how many runs, and the ends of what they say."""
-    lines = [line.split(",") for line in text(STATES).splitlines() if line.count(",") == 8]
-    runs = [dict(zip(lines[0], line, strict=True)) for line in lines[1:]]
-    told = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
+    """Return a row for each processor and state: how many runs, and the ends of what they say."""
     rows = []
-    for state, what in told.items():
-        of_state = [run for run in runs if run["run"].startswith(f"{state}-")]
-        best = [run for run in of_state if run["triangulator"] == "optimal:half-perimeter"]
-        others = [run for run in of_state if run["triangulator"] == "delaunay"]
-        cells = [_ends(best, "reference_ms", 2), _ends(best, "all", 3), _ends(others, "all", 3)]
-        rows.append(f"| {what} | {len(best)} | {' | '.join(cells)} |")
+    for file in (STATES, AGAIN):
+        runs = _runs(file)
+        for load, what in LOADS.items():
+            of_state = [run for run in runs if run["run"].startswith(f"{load}-")]
+            best = [run for run in of_state if run["triangulator"] == "optimal:half-perimeter"]
+            others = [run for run in of_state if run["triangulator"] == "delaunay"]
+            cells = [_ends(best, "reference_ms", 2), _ends(best, "all", 3), _ends(others, "all", 3)]
+            where = text(file).splitlines()[0].removeprefix("# ")
+            rows.append(f"| {where} | {what} | {len(best)} | {' | '.join(cells)} |")
     return rows
+
+
+def _runs(file: str) -> list[Row]:
+    lines = [line.split(",") for line in text(file).splitlines() if line.count(",") == 8]
+    return [dict(zip(lines[0], line, strict=True)) for line in lines[1:]]
 
 
 def _ends(runs: list[Row], column: str, digits: int) -> str:
@@ -110,12 +126,30 @@ def _ends(runs: list[Row], column: str, digits: int) -> str:
 
 
 def apart() -> list[str]:
-    """Return pairs of undisturbed runs that are apart and how many there are, of the best for H:
-    of runs in one state, then of all; then the same of Delaunay.
+    """Return of how many pairs of undisturbed runs in one state, of both triangulators, how many
+    are further apart than both intervals allow: by what each run alone says, of the first two
+    studies; then with what runs scatter, of all three.
     """
-    pattern = r"{}, none: (\d+) of (\d+) pairs in one state apart, (\d+) of (\d+) of all"
-    names = ("optimal:half-perimeter", "delaunay")
-    return [number for name in names for number in matched(STATES, pattern.format(name))]
+    alone = [number for file in (STATES, IN_FOUR) for number in _apart(file, scattered=False)]
+    held = [number for file in (STATES, IN_FOUR, AGAIN) for number in _apart(file, scattered=True)]
+    return [*alone, *held]
+
+
+def _apart(file: str, *, scattered: bool) -> tuple[str, str]:
+    found = []
+    for pair in combinations([r for r in _runs(file) if r["run"].startswith("none-")], 2):
+        slow, fast = (pick(float(run["reference_ms"]) for run in pair) for pick in (max, min))
+        if len({run["triangulator"] for run in pair}) > 1 or slow > ONE_STATE * fast:
+            continue
+        reach = 0.0
+        for run in pair:
+            own = math.log(float(run["high"]) / float(run["low"])) / 2
+            held = NORMAL * RUN_SCATTER
+            alone = own if file != AGAIN else math.sqrt(max(0.0, own**2 - held**2))
+            reach = math.hypot(reach, alone, held if scattered else 0.0)
+        first, second = (math.log(float(run["all"])) for run in pair)
+        found.append(abs(first - second) > reach)
+    return str(sum(found)), str(len(found))
 
 
 HUNT = "hunt.txt"

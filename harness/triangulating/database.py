@@ -1,7 +1,10 @@
 """The model database: triangulations kept by content, so that a second run reads them.
 
-One SQLite file serves several processes at once (write-ahead log). Nothing in it is trusted: each
-entry carries a checksum, and a file that SQLite cannot read is set aside and begun afresh.
+One SQLite file serves several processes at once (write-ahead log). Each entry carries a checksum,
+what is read is verified to be a triangulation of its polygon, and a file that SQLite cannot read is
+set aside and begun afresh. That what is read is the optimum is believed, for only optima are kept
+as such: whoever may write the file can make others believe otherwise. `--certify` proves anew what
+was read, `--no-cache` reads nothing.
 """
 
 from __future__ import annotations

@@ -8,12 +8,13 @@ are there already are kept. With repeats, each run times everything in so many f
 so many times the seconds. With a load, another program copies memory, or computes, on another
 core; with --half it does so in the second half of each run alone.
 
-Prints, for each triangulator's ratio to ear clipping: of all runs in OUT the reference draw and the
-ratio, by three ways to take the rounds; and of runs of one load in how many pairs the difference is
-more than 1.96 standard errors: of all pairs, and of those in one state, whose reference draws are
-within 3 % of each other. The ways: `all` rounds, as the harness does; `quiet` rounds alone,
-whose reference draw is at most 15 % over the run's tenth percentile; and a line `fitted` through
-all rounds, at that percentile. Both take the reference draw's median over nine rounds.
+Prints the processor and, for each triangulator's ratio to ear clipping: of all runs in OUT the
+reference draw and the ratio, by three ways to take the rounds; and of runs of one load in how many
+pairs the difference is more than 1.96 standard errors: of all pairs, and of those in one state,
+whose reference draws are within 3 % of each other. The ways: `all` rounds, as the harness does;
+`quiet` rounds alone, whose reference draw is at most 15 % over the run's tenth percentile; and a
+line `fitted` through all rounds, at that percentile. Both take the reference draw's median over nine
+rounds.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from harness.figures.groups import time_ratio
+from harness.machine.processor import label_of
 from harness.stored.folder import Record, read_run
 
 BASE = "ear-clipping"
@@ -108,6 +110,8 @@ def _load(folder: Path, given: argparse.Namespace, over: threading.Event) -> Non
 
 def report(out: Path) -> None:
     """Print what all runs in the folder say."""
+    first = next(out.glob("*-*"))
+    print(f"# {label_of(read_run(first).facts)}")
     print("triangulator,run,reference_ms,quiet_rounds,all,low,high,quiet,fitted")
     found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     for folder in sorted(out.glob("*-*"), key=lambda path: (path.name[:7], path.stat().st_mtime)):

@@ -180,3 +180,9 @@ def registry_names() -> list[str]:
     from triangulators import registry as built_in
 
     return [*built_in.BUILTIN, *(f"optimal:{name}" for name in criteria.names())]
+
+
+def test_shaded_lanes_are_four_a_quad():
+    shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
+    assert find("overshading")(shaded) == pytest.approx(4 * 300 / 900)
+    assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None

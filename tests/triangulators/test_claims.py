@@ -29,6 +29,7 @@ from triangulators import TriangulationError, certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
 from triangulators.checking.claims import as_claim, from_claim
+from triangulators.checking.edges import crossing
 from triangulators.checking.evidence import Evidence, Leaf, Refused
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
@@ -228,3 +229,23 @@ def test_no_entry_of_a_table_may_be_one_better(size):
                     refused.append(str(why))
             assert refused, edge
             assert all("potentials exceed" in why for why in refused), refused
+
+
+def test_what_crosses_does_not_depend_on_how_large_it_is():
+    rng = np.random.default_rng(7)
+    points = rng.integers(0, 9, (24, 2)).astype(np.float64)
+    edges = rng.integers(0, 24, (200, 2)).astype(np.int32)
+    crossings = 0
+    for a, b in rng.integers(0, 24, (60, 2)).tolist():
+        large = crossing(points * 2.0**40, edges, a, b)
+        for size in (1.0, 2.0**-40):
+            assert np.array_equal(crossing(points * size, edges, a, b), large)
+        crossings += large.sum()
+        segment = shapely.LineString(points[[a, b]])
+        for (c, d), crossed in zip(edges.tolist(), large.tolist(), strict=True):
+            other = shapely.LineString(points[[c, d]])
+            if segment.length > 0.0 and other.length > 0.0 and segment.crosses(other):
+                at = segment.intersection(other)
+                inside = all(at.distance(shapely.Point(points[k])) > 1e-9 for k in (a, b, c, d))
+                assert crossed or not inside
+    assert crossings > 100
