@@ -13,8 +13,8 @@ reference draw and the ratio, by three ways to take the rounds; and of runs of o
 pairs the difference is more than 1.96 standard errors: of all pairs, and of those in one state,
 whose reference draws are within 3 % of each other. The ways: `all` rounds, as the harness does;
 `quiet` rounds alone, whose reference draw is at most 15 % over the run's tenth percentile; and a
-line `fitted` through all rounds, at that percentile. Both take the reference draw's median over nine
-rounds.
+line `fitted` through all rounds, at that percentile. Both take the reference draw's median over
+nine rounds.
 """
 
 from __future__ import annotations
