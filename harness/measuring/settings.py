@@ -45,7 +45,7 @@ class TimingSettings:
     budget_s: float = 2.0
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
-    least_share: float = 0.65
+    least_share: float = 0.5
     paired: bool = True
     epochs: int = 6
     processes: int = 1

@@ -61,7 +61,7 @@ def test_steady_drawings_stop_at_the_fewest_rounds():
 def test_the_least_share_of_the_budget_is_drawn_however_steady_it_is():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
-    assert clock.now == pytest.approx(0.65 * 2, rel=0.05)
+    assert clock.now == pytest.approx(TimingSettings.least_share * 2, rel=0.05)
     assert all(entry.precision_reached for entry in times.values())
 
 
