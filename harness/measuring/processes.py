@@ -297,7 +297,14 @@ class Bench:
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
-                    arguments = (dict(candidates), options, settings, test, seed + number, dict(own))
+                    arguments = (
+                        dict(candidates),
+                        options,
+                        settings,
+                        test,
+                        seed + number,
+                        dict(own),
+                    )
                     told = tick and _after(tick, time.perf_counter() - began)
                     parts.append(
                         self._on(

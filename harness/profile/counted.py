@@ -30,7 +30,9 @@ TERMS = {
     "draw": Term("s", "A draw by itself costs {}.", "the draw itself"),
     "triangles": Term("s", "A triangle costs {}, however small it is.", "triangles"),
     "set_up": Term(
-        "s", "One whose box holds a pixel centre costs {} more.", "triangles with a centre in the box"
+        "s",
+        "One whose box holds a pixel centre costs {} more.",
+        "triangles set up",
     ),
     "vertices": Term("s", "A vertex costs {}.", "vertices"),
     "fragments": Term("s", "A pixel that a triangle covers costs {}.", "covered pixels"),

@@ -7,8 +7,8 @@ has followed it, is given a new sign (the wild bootstrap: R. Davidson and E. Fla
 bootstrap, tamed at last", Journal of Econometrics 146(1), 2008, with the errors of J. MacKinnon and
 H. White, "Some heteroskedasticity-consistent covariance matrix estimators with improved finite
 sample properties", Journal of Econometrics 29(3), 1985). The errors hold the noise of the epochs,
-too, so intervals are rather too wide than too narrow. `scripts/studies/laws.py` tells how often they
-hold the truth.
+too, so intervals are rather too wide than too narrow. `scripts/studies/laws.py` tells how often
+they hold the truth.
 """
 
 from __future__ import annotations

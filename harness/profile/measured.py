@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from harness.errors import NothingMeasured
 from harness.figures.ratios import Ratio, paired_ratio
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import EMPTY, Times
 from harness.measuring.settings import TimingSettings
+from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
 
@@ -101,7 +101,9 @@ def measure(
         if it cannot be opened
     """
     names = [str(number) for number in range(len(draws))]
-    candidates = {name: (draw.frame, draw.triangles) for name, draw in zip(names, draws, strict=True)}
+    candidates = {
+        name: (draw.frame, draw.triangles) for name, draw in zip(names, draws, strict=True)
+    }
     own = {name: Options(work=d.work) for name, d in zip(names, draws, strict=True) if d.work}
     candidates[CONTROL] = candidates[names[len(names) // 2]]
     groups, failures = bench.time(backend, candidates, Options(), timing, seed, tick, own)

@@ -22,7 +22,7 @@ SIDE = 1024
 """Width and height of the viewport of every draw, px."""
 
 GAP = 2 * SUBPIXEL
-"""Between neighbours: a triangle may stray by less than a pixel, and shares no pixel with another."""
+"""Between neighbours: one strays by less than a pixel, and shares no pixel with another."""
 
 MARGIN = SUBPIXEL
 """Kept free at each side of the viewport."""
@@ -163,7 +163,7 @@ def zigzag(corners: int) -> Triangles:
 
 
 def halved(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring: each of its chains is cut in its middle."""
+    """Return (corners - 2, 3) triangles of a convex ring: each chain is cut in its middle."""
     found: list[tuple[int, int, int]] = []
     open_chains = [(0, corners - 1)]
     while open_chains:

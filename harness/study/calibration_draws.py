@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -227,7 +227,15 @@ def write(
             "draws": validation.draws,
         },
     }
-    if not validation.good:
+    return keep(content, file)
+
+
+def keep(content: Mapping[str, Any], file: Path) -> Path:
+    """Write a calibration's content to `file`, or beside it where it is `refused`.
+
+    Returns the file that was written.
+    """
+    if content["refused"]:
         file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
     atomic.write(file, (json.dumps(content, indent=2) + "\n").encode())
