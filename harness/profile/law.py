@@ -41,14 +41,13 @@ class Law:
     resampled : (n, t) the same of each resample
     r2_over, r2_within : of log time of draws that were held out, over all of them and within groups
         of draws that differ in what their kind isolates alone
-    fewest : the fewest terms that predict as well as all, within one standard error
+    most : (t,) the largest number of each term for a second of any draw
     """
 
     seconds: Seconds
     resampled: Seconds
     r2_over: float
     r2_within: float
-    fewest: tuple[str, ...]
     most: Seconds
 
     @property
@@ -64,7 +63,13 @@ class Law:
         return self.intervals[:, 0] * self.most > SHARE
 
 
-def fit(design: Design, epochs: Seconds, groups: Sequence[str], seed: int = 0) -> Law:
+def fit(
+    design: Design,
+    epochs: Seconds,
+    groups: Sequence[str],
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+) -> Law:
     """Fit a law to (k, t) rows of `TERMS` and (e, k) seconds of each epoch.
 
     groups : (k,) draws that differ in what their kind isolates have one name
@@ -76,20 +81,18 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], seed: int = 0) -
     errors = _errors(design, seconds, fitted, found > 0)
     random = np.random.default_rng(seed)
     resampled = []
-    for _ in range(RESAMPLES):
+    for _ in range(resamples):
         chosen = random.integers(len(epochs), size=len(epochs))
         noise = np.exp(np.log(epochs[chosen]).mean(axis=0)) / seconds
         signs = random.choice([-1.0, 1.0], len(seconds))
         times = fitted * np.maximum(1.0 + signs * errors, 0.01) * noise
         resampled.append(cost_model.solve(design, times, labels, signed=True))
-    folds = random.permutation(len(seconds)) % FOLDS
-    predicted = held_out(design, seconds, labels, folds)
+    predicted = held_out(design, seconds, labels, seed)
     return Law(
         seconds=found,
         resampled=np.array(resampled),
         r2_over=cost_model.r_squared(np.log(seconds), np.log(predicted)),
         r2_within=cost_model.r_squared_within(seconds, predicted, labels.tolist()),
-        fewest=_fewest(design, seconds, labels, folds),
         most=(design / seconds[:, None]).max(axis=0),
     )
 
@@ -104,13 +107,9 @@ def _errors(
     return (seconds / fitted - 1.0) / (1.0 - leverage)
 
 
-def held_out(
-    design: Design,
-    seconds: Seconds,
-    labels: NDArray[np.int64],
-    folds: NDArray[np.int64],
-) -> Seconds:
-    """Return (k,) seconds, each predicted by a fit to the draws of the other folds."""
+def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: int) -> Seconds:
+    """Return (k,) seconds, each predicted by a fit to the draws of other folds than its own."""
+    folds = np.random.default_rng(seed).permutation(len(seconds)) % FOLDS
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold
@@ -119,8 +118,8 @@ def held_out(
     return np.maximum(predicted, 1e-12)
 
 
-def _fewest(
-    design: Design, seconds: Seconds, labels: NDArray[np.int64], folds: NDArray[np.int64]
+def fewest(
+    design: Design, seconds: Seconds, groups: Sequence[str], seed: int = 0
 ) -> tuple[str, ...]:
     """Return the fewest terms that predict as well as all.
 
@@ -128,9 +127,10 @@ def _fewest(
     on this way, the smallest within one standard error of the best is taken (see
     `harness.study.model_terms`).
     """
+    labels = np.unique(np.asarray(groups), return_inverse=True)[1]
 
     def errors(columns: Sequence[int]) -> NDArray[np.float64]:
-        predicted = held_out(design[:, columns], seconds, labels, folds)
+        predicted = held_out(design[:, columns], seconds, labels, seed)
         squared: NDArray[np.float64] = np.log(seconds / predicted) ** 2
         return squared
 
@@ -145,4 +145,4 @@ def _fewest(
         found.append(judged[best])
     distances = in_standard_errors(np.array(found))
     chosen = max(place for place, distance in enumerate(distances) if distance <= 1.0)
-    return tuple(np.array(list(TERMS))[way[chosen]].tolist())
+    return tuple(list(TERMS)[column] for column in way[chosen])

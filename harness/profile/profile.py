@@ -40,7 +40,8 @@ def profile(
     design = design_of(counted)
     fitted = [n for n, draw in enumerate(draws) if draw.kind not in NOT_FITTED]
     groups = [draw.group for draw in draws]
-    law = laws.fit(design[fitted], measured.epochs[:, fitted], [groups[n] for n in fitted], seed)
+    of_fitted = [groups[n] for n in fitted]
+    law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
     # A criterion knows nothing of the arithmetic of a fragment.
     plain = [n for n in fitted if draws[n].work == 0]
     predicted = predicted_of([(draws[n].frame, draws[n].triangles) for n in plain])
@@ -56,7 +57,7 @@ def profile(
         "seed": seed,
         "device": dict(device),
         "terms": _terms(law),
-        "fewest": list(law.fewest),
+        "fewest": list(laws.fewest(design[fitted], measured.seconds[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
         "refused": not good,
