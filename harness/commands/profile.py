@@ -46,12 +46,14 @@ def profile(
     from harness.measuring.worker import Worker
     from harness.profile import advice, chart, design, measured, words
     from harness.profile import profile as profiles
+    from harness.rasterisers.base import Options
     from harness.study.calibration_draws import keep
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
     backend = Backend(name, rasterisers.find_device(name, device))
-    draws = design.draws(seed)
+    kind = rasterisers.get(name)
+    draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
     bench = Bench(Worker, timeout_s=600)
     try:
         timing = measured.settings(budget)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -113,8 +113,3 @@ def _costs(
         found[name] = sum((coefficients[term] * columns[term] for term in TERMS[1:]), np.zeros(1))
         kept &= np.array([part is not None for part in made.parts])
     return {name: seconds[kept] for name, seconds in found.items()} if kept.any() else None
-
-
-def named(scenes: Sequence[str]) -> list[str]:
-    """Return scenes as a sentence names them."""
-    return [SCENES.get(scene, scene) for scene in scenes]

@@ -85,4 +85,4 @@ def _shares(more: NDArray[np.float64], seconds: float, law: Law) -> Mapping[str,
     ends = np.sort(more[:, None] * law.intervals / seconds, axis=1)
     order = np.argsort(-value)
     names = list(TERMS)
-    return {names[n]: [float(value[n]), *ends[n].tolist()] for n in order if value[n] != 0}
+    return {names[n]: [float(value[n]), *ends[n].tolist()] for n in order if abs(value[n]) > 1e-6}

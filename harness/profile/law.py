@@ -2,13 +2,14 @@
 
 The fit is that of `harness.study.cost_model`: coefficients that are not negative, relative errors.
 An interval holds two things. One is how much the times differ from epoch to epoch: epochs are drawn
-anew. The other is by how much the draws miss the law: each error, made larger by as much as the fit
-has followed it, is given a new sign (the wild bootstrap: R. Davidson and E. Flachaire, "The wild
-bootstrap, tamed at last", Journal of Econometrics 146(1), 2008, with the errors of J. MacKinnon and
-H. White, "Some heteroskedasticity-consistent covariance matrix estimators with improved finite
-sample properties", Journal of Econometrics 29(3), 1985). The errors hold the noise of the epochs,
-too, so intervals are rather too wide than too narrow. `scripts/studies/laws.py` tells how often
-they hold the truth.
+anew. The other is by how much the draws miss the law beyond that noise: each error, made larger by
+as much as the fit has followed it, is given a new sign. Resamples may be negative: where they may
+not, a term that costs nothing makes others too small.
+
+Sources: R. Davidson and E. Flachaire, "The wild bootstrap, tamed at last", Journal of Econometrics
+146(1), 2008; J. MacKinnon and H. White, "Some heteroskedasticity-consistent covariance matrix
+estimators with improved finite sample properties", Journal of Econometrics 29(3), 1985. How often
+the intervals hold the truth: `scripts/studies/laws.py`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.intervals import TAIL
 from harness.profile.counted import TERMS, Design
 from harness.study import cost_model
 from harness.study.model_terms import in_standard_errors
@@ -53,7 +55,7 @@ class Law:
     @property
     def intervals(self) -> Seconds:
         """The ends of each 95 % interval, (t, 2): no less than 0, and around the fitted seconds."""
-        low, high = np.percentile(self.resampled, [2.5, 97.5], axis=0)
+        low, high = np.quantile(self.resampled, [TAIL, 1.0 - TAIL], axis=0)
         ends = np.minimum(low, self.seconds), np.maximum(high, self.seconds)
         return np.maximum(np.stack(ends, axis=1), 0.0)
 
@@ -78,12 +80,15 @@ def fit(
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
     found = cost_model.solve(design, seconds, labels)
     fitted = design @ found
-    errors = _errors(design, seconds, fitted, found > 0)
+    logs = np.log(epochs) - np.log(seconds)
+    apart = np.sqrt(len(epochs) / (len(epochs) - 1.0))
+    noise_of_mean = logs.var(axis=0, ddof=1).mean() / len(epochs)
+    errors = _errors(design, seconds, fitted, found > 0, float(noise_of_mean))
     random = np.random.default_rng(seed)
     resampled = []
     for _ in range(resamples):
         chosen = random.integers(len(epochs), size=len(epochs))
-        noise = np.exp(np.log(epochs[chosen]).mean(axis=0)) / seconds
+        noise = np.exp(apart * logs[chosen].mean(axis=0))
         signs = random.choice([-1.0, 1.0], len(seconds))
         times = fitted * np.maximum(1.0 + signs * errors, 0.01) * noise
         resampled.append(cost_model.solve(design, times, labels, signed=True))
@@ -98,18 +103,29 @@ def fit(
 
 
 def _errors(
-    design: Design, seconds: Seconds, fitted: Seconds, kept: NDArray[np.bool_]
+    design: Design, seconds: Seconds, fitted: Seconds, kept: NDArray[np.bool_], noise: float
 ) -> NDArray[np.float64]:
-    """Return relative errors (k,), each over 1 less its leverage (MacKinnon and White's HC3)."""
+    """Return by how much each draw misses the law, (k,), relative, the noise of epochs taken out.
+
+    Each is over 1 less its leverage (MacKinnon and White's HC3).
+    noise : variance of a draw's mean over the epochs, which the errors hold, too
+    """
     rows = design[:, kept] / fitted[:, None]
     basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
     leverage = np.minimum((basis**2).sum(axis=1), 0.99)
-    return (seconds / fitted - 1.0) / (1.0 - leverage)
+    errors = (seconds / fitted - 1.0) / (1.0 - leverage)
+    missed = max(0.0, 1.0 - noise / float(np.mean(errors**2) + 1e-30))
+    return np.asarray(errors * np.sqrt(missed))
 
 
 def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: int) -> Seconds:
-    """Return (k,) seconds, each predicted by a fit to the draws of other folds than its own."""
-    folds = np.random.default_rng(seed).permutation(len(seconds)) % FOLDS
+    """Return (k,) seconds, each predicted by a fit to the draws of other folds than its own.
+
+    Each group's draws are spread over the folds, so that no fit is without a kind of draws.
+    """
+    order = np.lexsort((np.random.default_rng(seed).random(len(seconds)), labels))
+    folds = np.empty(len(seconds), np.int64)
+    folds[order] = np.arange(len(seconds)) % FOLDS
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold

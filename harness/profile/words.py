@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 STEPS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))
 
+NOTHING = 1e-16
+"""Seconds that round-off makes of nothing."""
+
 LEAST_SHARE = 0.05
 """Of what thin triangles take more: what takes less than this is not named."""
 
@@ -33,7 +36,7 @@ def seconds(value: float) -> str:
     for step, unit in STEPS:
         if value >= step:
             return f"{_digits(value / step)} {unit}"
-    return "0 s" if value == 0 else f"{_digits(value / 1e-12)} ps"
+    return "0 s" if value < NOTHING else f"{_digits(value / STEPS[-1][0])} ps"
 
 
 def _digits(value: float) -> str:
@@ -90,7 +93,7 @@ def _advice(profile: Mapping[str, Any]) -> Iterator[str]:
         return
     name = advice["triangulator"]
     saved = [
-        f"{values[0]:.1%} on {SCENES[scene]} ({values[1]:.1%} to {values[2]:.1%})"
+        f"{values[0]:.1%} on {SCENES.get(scene, scene)} ({values[1]:.1%} to {values[2]:.1%})"
         for scene, values in advice["saved"].items()
     ]
     by = f"by {name}" if name in CRITERIA else f"by {name} with this file"

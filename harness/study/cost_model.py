@@ -259,7 +259,7 @@ def solve(
         if found.any():
             errors = rows[:, :-1] @ found - rows[:, -1]
             trust = (1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25
-        scale = np.abs(rows[:, :-1]).max(axis=0)
+        scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
         found = least(rows[:, :-1] / scale * trust[:, None], rows[:, -1] * trust)[0] / scale
         before = fitted
         # A draw that the fit misses by far keeps a weight of its own size.

@@ -56,6 +56,7 @@ class Clock:
     logs: list[float] = field(default_factory=list)
 
     def __call__(self) -> float:
+        """Return the seconds that have passed."""
         return self.now
 
     def spend(self, seconds: float) -> float:
@@ -118,8 +119,9 @@ def go(of: Design, seed: int, budget_s: float = 0.3, resamples: int = 200) -> Go
     )
     told = measured.of_times(times, names)
     found = law.fit(of.rows, told.epochs, of.groups, seed, resamples)
-    # The law is of the machine at its mean speed.
-    return Go(truth * float(np.exp(np.mean(clock.logs))), found)
+    # The law is of the machine at its mean speed in the rounds, and as each epoch begins.
+    drawn = len(seconds) * (sum(told.rounds) + len(told.rounds) - 1)
+    return Go(truth * float(np.exp(np.mean(clock.logs[-drawn:]))), found)
 
 
 def main() -> None:
