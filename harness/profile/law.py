@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
-from harness.figures.intervals import TAIL
 from harness.profile.counted import TERMS, Design
 from harness.study import cost_model
 from harness.study.model_terms import in_standard_errors
@@ -55,7 +55,7 @@ class Law:
     @property
     def intervals(self) -> Seconds:
         """The ends of each 95 % interval, (t, 2): no less than 0, and around the fitted seconds."""
-        low, high = np.quantile(self.resampled, [TAIL, 1.0 - TAIL], axis=0)
+        low, high = np.percentile(self.resampled, [2.5, 97.5], axis=0)
         ends = np.minimum(low, self.seconds), np.maximum(high, self.seconds)
         return np.maximum(np.stack(ends, axis=1), 0.0)
 
@@ -78,12 +78,15 @@ def fit(
     """
     seconds = np.exp(np.log(epochs).mean(axis=0))
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
-    found = cost_model.solve(design, seconds, labels)
-    fitted = design @ found
+    free = _solve(design, seconds, signed=True)
+    fitted = np.clip(design @ free, seconds / cost_model.FAR_OFF, seconds * cost_model.FAR_OFF)
     logs = np.log(epochs) - np.log(seconds)
-    apart = np.sqrt(len(epochs) / (len(epochs) - 1.0))
+    # Resampled means of few epochs scatter too little: by the variance's bias, and as Student's
+    # distribution is wider than the normal one.
+    free_epochs = len(epochs) - 1
+    apart = np.sqrt(len(epochs) / free_epochs) * stdtrit(free_epochs, 0.975) / ndtri(0.975)
     noise_of_mean = logs.var(axis=0, ddof=1).mean() / len(epochs)
-    errors = _errors(design, seconds, fitted, found > 0, float(noise_of_mean))
+    errors = _errors(design, seconds, fitted, float(noise_of_mean))
     random = np.random.default_rng(seed)
     resampled = []
     for _ in range(resamples):
@@ -91,10 +94,10 @@ def fit(
         noise = np.exp(apart * logs[chosen].mean(axis=0))
         signs = random.choice([-1.0, 1.0], len(seconds))
         times = fitted * np.maximum(1.0 + signs * errors, 0.01) * noise
-        resampled.append(cost_model.solve(design, times, labels, signed=True))
+        resampled.append(_solve(design, times, signed=True))
     predicted = held_out(design, seconds, labels, seed)
     return Law(
-        seconds=found,
+        seconds=_solve(design, seconds),
         resampled=np.array(resampled),
         r2_over=cost_model.r_squared(np.log(seconds), np.log(predicted)),
         r2_within=cost_model.r_squared_within(seconds, predicted, labels.tolist()),
@@ -102,15 +105,18 @@ def fit(
     )
 
 
-def _errors(
-    design: Design, seconds: Seconds, fitted: Seconds, kept: NDArray[np.bool_], noise: float
-) -> NDArray[np.float64]:
+def _solve(design: Design, seconds: Seconds, *, signed: bool = False) -> Seconds:
+    """Return the coefficients, each draw a group of its own: what draws share counts as well."""
+    return cost_model.solve(design, seconds, np.arange(len(seconds)), signed=signed)
+
+
+def _errors(design: Design, seconds: Seconds, fitted: Seconds, noise: float) -> NDArray[np.float64]:
     """Return by how much each draw misses the law, (k,), relative, the noise of epochs taken out.
 
     Each is over 1 less its leverage (MacKinnon and White's HC3).
     noise : variance of a draw's mean over the epochs, which the errors hold, too
     """
-    rows = design[:, kept] / fitted[:, None]
+    rows = design[:, design.any(axis=0)] / fitted[:, None]
     basis = np.linalg.qr(rows / np.linalg.norm(rows, axis=0))[0]
     leverage = np.minimum((basis**2).sum(axis=1), 0.99)
     errors = (seconds / fitted - 1.0) / (1.0 - leverage)
@@ -129,7 +135,7 @@ def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: 
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold
-        found = cost_model.solve(design[~out], seconds[~out], labels[~out])
+        found = _solve(design[~out], seconds[~out])
         predicted[out] = design[out] @ found
     return np.maximum(predicted, 1e-12)
 

@@ -38,7 +38,7 @@ HELD_OUT = (
 )
 """Triangulators of the held-out polygons: good ones in many ways, for a model must choose among
 them, and the worst."""
-RANDOM = 12
+RANDOM = tuple(f"random#{number}" for number in range(12))
 
 LEAST_R2 = 0.8
 """A fit that explains less than this share of the held-out draws' variance, over polygons or within
@@ -101,7 +101,7 @@ def calibrate(
     with fewer terms; the figures of all are of the rest, which nothing was chosen by
     """
     designed, sets = designed_draws(bench, resolution, seed)
-    draws, polygons = held_out_draws(bench, scenes, resolution, seed)
+    draws, polygons, _ = held_out_draws(bench, scenes, resolution, seed)
     time_all = partial(time_draws, backend, bench, settings, options, reporter)
     fitted_on, tested_on = time_all(designed, "designed draws"), time_all(draws, "polygons")
     second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
@@ -141,21 +141,31 @@ def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
 
 
 def held_out_draws(
-    bench: Bench, scenes: Sequence[Scene], resolution: int, seed: int
-) -> tuple[list[Draw], list[str]]:
-    """Return draws of polygons by several triangulators, and the name of each draw's polygon."""
+    bench: Bench,
+    scenes: Sequence[Scene],
+    resolution: int,
+    seed: int,
+    names: Sequence[str] = (*HELD_OUT, *RANDOM),
+    calibration: Mapping[str, float] | None = None,
+) -> tuple[list[Draw], list[str], list[str]]:
+    """Return draws of polygons by several triangulators, and each draw's polygon and triangulator.
+
+    names : triangulators; calibration : coefficients that optimal:calibrated minimises
+    """
     draws: list[Draw] = []
     polygons: list[str] = []
-    design = Design(polygons=24, random=RANDOM)
+    ways: list[str] = []
     for scene in scenes:
-        for number, alone in choose_polygons(scene, design):
+        for number, alone in choose_polygons(scene, Design(polygons=24)):
             frame = make_frame(alone.polygons, View(resolution))
-            for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
-                parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
+            for name in names:
+                recipe = parse(name, seed=seed, calibration=calibration)
+                parts = bench.triangulate(recipe, frame.polygons).parts
                 if all(part is not None for part in parts):
                     draws.append((frame, frame.join(parts)))
                     polygons.append(f"{scene.name} {number}")
-    return draws, polygons
+                    ways.append(name)
+    return draws, polygons, ways
 
 
 def time_draws(
