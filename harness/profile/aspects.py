@@ -24,7 +24,8 @@ def aspects(
 
     area : px^2; aspects : base in ratio to height
     ratios, low, high : time less the empty draw's, mean over the angles, in ratio to aspect 1
-    lanes_alone : the same if, of all that changes, helper lanes alone took time
+    lanes : lanes shaded in ratio to those of aspect 1
+    lanes_alone : the same as `ratios` if, of all that changes, helper lanes alone took time
     doubled_at : aspect at which the ratio is 2, with its interval; None where it does not get there
     shares : of what the thinnest takes more than the widest, how much each term of the law is; each
         with its interval
@@ -47,6 +48,7 @@ def _of_area(
     counts = np.stack([design[row].mean(axis=0) for row in rows])
     whole = np.exp(np.log(net).mean(axis=0))
     lane = law.seconds[list(TERMS).index(LANES)]
+    shaded = counts[:, list(TERMS).index("fragments")] + counts[:, list(TERMS).index(LANES)]
     more = counts[:, list(TERMS).index(LANES)] - counts[0, list(TERMS).index(LANES)]
     return {
         "area": area,
@@ -54,6 +56,7 @@ def _of_area(
         "ratios": ends[:, 0].tolist(),
         "low": ends[:, 1].tolist(),
         "high": ends[:, 2].tolist(),
+        "lanes": (shaded / shaded[0]).tolist(),
         "lanes_alone": (1.0 + lane * more / whole[0]).tolist(),
         "doubled_at": _doubled(ratios),
         "shares": _shares(counts[-1] - counts[0], float(whole[-1] - whole[0]), law),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.pictures.style import plain_table
@@ -19,6 +21,9 @@ NOTHING = 1e-16
 
 LEAST_SHARE = 0.05
 """Of what thin triangles take more: what takes less than this is not named."""
+
+SHOWN = ("draw", "triangles", "set_up", "fragments", "helper_lanes", "half_perimeter", "blocks")
+"""Terms that a table of devices has a column for."""
 
 BY_TERM = {
     "helper_lanes": "helper lanes",
@@ -122,3 +127,35 @@ def table(profile: Mapping[str, Any]) -> Table:
         needed = "yes" if term["name"] in profile["fewest"] else ""
         found.add_row(TERMS[term["name"]].noun, cost, ends, needed)
     return found
+
+
+def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of a table of the profiles in a folder, one a device."""
+    heads = (
+        "device",
+        *(TERMS[name].noun for name in SHOWN),
+        "twice as long from",
+        "triangulate by",
+    )
+    rows = []
+    for file in sorted(folder.glob("*.json")):
+        profile = json.loads(file.read_text(encoding="utf-8"))
+        device = profile["device"]
+        where = f"{device['name']} ({device['rasteriser']})"
+        cpu = f"; {device['cpu']}" if device["software"] else ""
+        terms = {term["name"]: term for term in profile["terms"]}
+        doubled = ", ".join(
+            f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
+            for each in profile["aspects"]
+        )
+        advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
+        costs = (cost_of(terms[name]) for name in SHOWN)
+        rows.append((f"{where}{cpu}", *costs, doubled, f"`{advice}`"))
+    return heads, rows
+
+
+def cost_of(term: Mapping[str, Any]) -> str:
+    """Return what a term costs, with its interval; "-" where no cost is shown."""
+    if not term["shown"]:
+        return "-"
+    return f"{seconds(term['seconds'])} ({seconds(term['low'])} to {seconds(term['high'])})"
