@@ -46,7 +46,7 @@ MOST = 3000
 """Triangles of a draw of small ones."""
 
 LEGS = (2, 4, 8, 16, 32)
-"""Legs in px of triangles on whole pixels; so many that each draw has equal helper lanes."""
+"""Legs in px of triangles on whole pixels; their number makes all draws' helper lanes equal."""
 
 RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192, 32, 8))
 """Width in px, corners and flatness of the convex polygons that are cut in several ways."""
@@ -117,7 +117,7 @@ def _framed(points: NDArray[np.int32]) -> Frame:
 
 
 def _few(seed: int) -> Iterator[Draw]:
-    for number, count in enumerate((1, 16, 128)):
+    for number, count in enumerate((1, 16)):
         made = _scattered(2048, 2048, SLANTED, count, (seed, number))
         yield Draw("few", f"{count} triangles of 8 px", "few", *made)
 
@@ -139,26 +139,35 @@ def _sizes(seed: int) -> Iterator[Draw]:
         yield Draw("size", f"{side / SUBPIXEL:g} px", "size", *made)
 
 
-def _on_pixels(legs: int, count: int, start: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return right triangles whose legs are whole pixels, each from `start` px in its 8-px cell."""
+def _on_pixels(
+    legs: int, count: int, start: int, numbers: tuple[int, int]
+) -> tuple[Frame, NDArray[np.int32]]:
+    """Return right triangles whose legs are whole pixels, each from `start` px in its 8-px cell.
+
+    Of every two, one is the other turned by half a circle, so that all draws have as many of both.
+    """
     cell = -(-(legs + start + 1) // 8) * 8
     across = (SIDE - 8) // cell
     number = np.arange(min(count, across * across))
     corner = np.stack([number % across, number // across], axis=-1) * cell + 4 + start
-    legs_there = np.array([(0, 0), (legs, 0), (0, legs)])
-    points = ((corner[:, None] + legs_there) * SUBPIXEL).astype(np.int32).reshape(-1, 2)
-    return _framed(points), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    random = placing.mixed(*numbers, len(number))
+    turned = (number + (random[number // 2] >> 24)) % 2 == 1
+    upright = np.array([(0, 0), (legs, 0), (0, legs)])
+    local = np.where(turned[:, None, None], legs - upright, upright)
+    points = placing.begun_anywhere((corner[:, None] + local) * SUBPIXEL, random)
+    flat = points.astype(np.int32).reshape(-1, 2)
+    return _framed(flat), np.arange(len(flat), dtype=np.int32).reshape(-1, 3)
 
 
-def _lanes(seed: int) -> Iterator[Draw]:  # noqa: ARG001 - on whole pixels, for any seed
-    for legs in LEGS:
-        made = _on_pixels(legs, 4096 // legs, 0)
+def _lanes(seed: int) -> Iterator[Draw]:
+    for number, legs in enumerate(LEGS):
+        made = _on_pixels(legs, 16384 // legs, 0, (seed, 300 + number))
         yield Draw("lanes", f"legs of {legs} px", "lanes", *made)
 
 
-def _places(seed: int) -> Iterator[Draw]:  # noqa: ARG001
+def _places(seed: int) -> Iterator[Draw]:
     for start in range(4):
-        made = _on_pixels(4, 2048, start)
+        made = _on_pixels(4, 2048, start, (seed, 320 + start))
         yield Draw("places", f"legs of 4 px, from pixel {start}", "places", *made)
 
 
@@ -186,12 +195,14 @@ def _strips(seed: int) -> Iterator[Draw]:
     for number, (step, height) in enumerate(STRIPS):
         steps = width // step
         bands = min((SIDE - 8) // (height + 2), max(1, MOST // (2 * steps)))
-        stray = placing.mixed(seed, 500 + number, bands) % SUBPIXEL
-        low = 4 * SUBPIXEL + np.arange(bands) * (height + 2) * SUBPIXEL + stray
-        x = 4 * SUBPIXEL + np.arange(steps + 1) * step
-        # Along the bottom, then along the top, of each band.
-        y = np.stack([low, low + height * SUBPIXEL], axis=-1)
-        points = np.stack(np.broadcast_arrays(x, y[:, :, None]), axis=-1).reshape(-1, 2)
+        random = placing.mixed(seed, 500 + number, bands * 2 * (steps + 1))
+        stray = random.reshape(bands, 2, steps + 1)
+        low = 4 * SUBPIXEL + np.arange(bands) * (height + 2) * SUBPIXEL
+        # Along the bottom, then along the top, of each band; no two triangles are alike.
+        ends = np.stack([low, low + height * SUBPIXEL], axis=-1)[:, :, None]
+        x = 3 * SUBPIXEL + np.arange(steps + 1) * step + stray % (step // 2)
+        y = ends + stray // SUBPIXEL % SUBPIXEL
+        points = np.stack([x, y], axis=-1).reshape(-1, 2)
         k = np.arange(steps)
         first = np.stack([k, k + 1, k + steps + 1], axis=-1)
         second = np.stack([k + 1, k + steps + 2, k + steps + 1], axis=-1)
@@ -212,12 +223,15 @@ def _slivers(seed: int) -> Iterator[Draw]:
             yield Draw("slivers", name, "slivers", *made)
 
 
-def _vertices(seed: int) -> Iterator[Draw]:  # noqa: ARG001
+def _vertices(seed: int) -> Iterator[Draw]:
     """A mesh of squares cut in two, with shared vertices, and with three for each triangle."""
-    for side in (2, 16):
+    for number, side in enumerate((2, 16)):
         across = min(40, (SIDE - 8) // side)
-        step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL + 77
-        points = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2).astype(np.int32)
+        step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL
+        even = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+        random = placing.mixed(seed, 650 + number, len(even))
+        room = side * SUBPIXEL // 2
+        points = (even + np.stack([random % room, random // SUBPIXEL % room], -1)).astype(np.int32)
         k = np.arange(across)
         corner = (k[:, None] * (across + 1) + k).ravel()
         right, up = corner + 1, corner + across + 1

@@ -66,7 +66,7 @@ def test_a_seed_makes_the_same_draws_everywhere_and_another_seed_others(counted)
     }
     others = {draw.kind: draw.checksum for draw in reversed(design.draws(1))}
     same = {kind for kind in first if first[kind] == others[kind]}
-    assert same == {"lanes", "places", "vertices"}
+    assert not same
 
 
 def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
@@ -96,7 +96,7 @@ def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
         assert len({each[equal] for each in found}) == 1, equal
     pairs = [(each["helper_lanes"], each["blocks"]) for each in found]
     assert len({lanes for lanes, _ in pairs}) == 2
-    assert len({blocks for _, blocks in pairs}) == 3
+    assert len({blocks for _, blocks in pairs}) == 4
 
 
 def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
