@@ -45,8 +45,8 @@ SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 MOST = 3000
 """Triangles of a draw of small ones."""
 
-LEGS = (2, 4, 8, 16, 32)
-"""Legs in px of triangles on whole pixels; their number makes all draws' helper lanes equal."""
+EQUAL_LANES = ((1024, 2880), (2048, 1440), (4096, 720), (8192, 360), (16384, 180))
+"""Sizes in 1/256 px and numbers of triangles that have equal helper lanes, within 4 %."""
 
 RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192, 32, 8))
 """Width in px, corners and flatness of the convex polygons that are cut in several ways."""
@@ -56,6 +56,10 @@ STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 
 SLIVERS = ((64, 16), (64, 64), (16, 16))
 """Length in px and height in 1/256 px of triangles thinner than a pixel."""
+
+MESHES = (2, 16)
+SHARED_RINGS = (0, 2)
+"""Sides in px of meshes, and places among `RINGS`, that are drawn with vertices shared or not."""
 
 WORK = (16, 64)
 """Rounds of arithmetic of a fragment."""
@@ -139,51 +143,38 @@ def _sizes(seed: int) -> Iterator[Draw]:
         yield Draw("size", f"{side / SUBPIXEL:g} px", "size", *made)
 
 
-def _on_pixels(
-    legs: int, count: int, start: int, numbers: tuple[int, int]
-) -> tuple[Frame, NDArray[np.int32]]:
-    """Return right triangles whose legs are whole pixels, each from `start` px in its 8-px cell.
-
-    Of every two, one is the other turned by half a circle, so that all draws have as many of both.
-    """
-    cell = -(-(legs + start + 1) // 8) * 8
-    across = (SIDE - 8) // cell
-    number = np.arange(min(count, across * across))
-    corner = np.stack([number % across, number // across], axis=-1) * cell + 4 + start
-    random = placing.mixed(*numbers, len(number))
-    turned = (number + (random[number // 2] >> 24)) % 2 == 1
-    upright = np.array([(0, 0), (legs, 0), (0, legs)])
-    local = np.where(turned[:, None, None], legs - upright, upright)
-    points = placing.begun_anywhere((corner[:, None] + local) * SUBPIXEL, random)
-    flat = points.astype(np.int32).reshape(-1, 2)
-    return _framed(flat), np.arange(len(flat), dtype=np.int32).reshape(-1, 3)
-
-
 def _lanes(seed: int) -> Iterator[Draw]:
-    for number, legs in enumerate(LEGS):
-        made = _on_pixels(legs, 16384 // legs, 0, (seed, 300 + number))
-        yield Draw("lanes", f"legs of {legs} px", "lanes", *made)
+    for number, (side, count) in enumerate(EQUAL_LANES):
+        made = _scattered(side, side, SLANTED, count, (seed, 300 + number))
+        yield Draw("lanes", f"{count} triangles of {side // SUBPIXEL} px", "lanes", *made)
 
 
 def _places(seed: int) -> Iterator[Draw]:
+    """Triangles in boxes of 4 px, all boxes as far from a corner of the 8-px grid."""
+    side, across = 4 * SUBPIXEL, 52
+    number = np.arange(across * across)
+    cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
+    local = placing.triangle(side, side)(placing.mixed(seed, 320, len(number)))
     for start in range(4):
-        made = _on_pixels(4, 2048, start, (seed, 320 + start))
-        yield Draw("places", f"legs of 4 px, from pixel {start}", "places", *made)
+        points = (local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32).reshape(-1, 2)
+        made = _framed(points), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *made)
+
+
+def _rings(seed: int, place: int) -> tuple[Frame, NDArray[np.int32]]:
+    """Return one of `RINGS` as often as there is room, and where each copy's points begin."""
+    width, corners, flat = RINGS[place]
+    size = width * SUBPIXEL, width * SUBPIXEL // flat
+    outline = placing.ring(corners, *size)
+    count = max(1, MOST // (corners - 2))
+    numbers = placing.mixed(seed, 400 + place, count)
+    points = placing.placed(lambda _: outline[None], size, SLANTED, numbers)
+    return _framed(points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
 
 
 def _cuts(seed: int) -> Iterator[Draw]:
-    for number, (width, corners, flat) in enumerate(RINGS):
-        size = width * SUBPIXEL, width * SUBPIXEL // flat
-        outline = placing.ring(corners, *size)
-        count = max(1, MOST // (corners - 2))
-        numbers = placing.mixed(seed, 400 + number, count)
-
-        def shape(numbers: NDArray[np.int64], outline: placing.Points = outline) -> placing.Points:
-            return np.broadcast_to(outline, (len(numbers), *outline.shape))
-
-        points = placing.placed(shape, size, SLANTED, numbers)
-        frame = _framed(points.reshape(-1, 2))
-        starts = (np.arange(len(points)) * corners).astype(np.int32)
+    for place, (width, corners, flat) in enumerate(RINGS):
+        frame, starts = _rings(seed, place)
         for way, cut in placing.WAYS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {way}"
@@ -224,24 +215,34 @@ def _slivers(seed: int) -> Iterator[Draw]:
 
 
 def _vertices(seed: int) -> Iterator[Draw]:
-    """A mesh of squares cut in two, with shared vertices, and with three for each triangle."""
-    for number, side in enumerate((2, 16)):
-        across = min(40, (SIDE - 8) // side)
-        step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL
-        even = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-        random = placing.mixed(seed, 650 + number, len(even))
-        room = side * SUBPIXEL // 2
-        points = (even + np.stack([random % room, random // SUBPIXEL % room], -1)).astype(np.int32)
-        k = np.arange(across)
-        corner = (k[:, None] * (across + 1) + k).ravel()
-        right, up = corner + 1, corner + across + 1
-        halves = [np.stack([corner, right, up], -1), np.stack([right, up + 1, up], -1)]
-        shared = np.stack(halves, axis=1).reshape(-1, 3).astype(np.int32)
-        alone = np.arange(shared.size, dtype=np.int32).reshape(-1, 3)
-        group = f"vertices {side}"
-        name = f"a mesh of {side} px"
-        yield Draw("vertices", f"{name}, shared", group, _framed(points), shared)
-        yield Draw("vertices", f"{name}, unshared", group, _framed(points[shared.ravel()]), alone)
+    """Meshes of squares cut in two and rings, with shared vertices, and with three a triangle."""
+    shared = [(f"a mesh of {side} px", *_mesh(seed, side)) for side in MESHES]
+    for place in SHARED_RINGS:
+        width, corners, _ = RINGS[place]
+        frame, starts = _rings(seed, place)
+        triangles = (placing.halved(corners) + starts[:, None, None]).reshape(-1, 3)
+        # Every other triangle, so that no draw is that of another kind.
+        shared.append((f"half of rings of {width} px", frame, triangles[::2]))
+    for name, frame, triangles in shared:
+        alone = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)
+        apart = _framed(frame.points[triangles.ravel()])
+        yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
+        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", apart, alone)
+
+
+def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
+    """Return squares of `side` px, their corners moved, each cut in two."""
+    across = min(40, (SIDE - 8) // side)
+    step = np.arange(across + 1) * side * SUBPIXEL + 4 * SUBPIXEL
+    even = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    random = placing.mixed(seed, 650 + side, len(even))
+    room = side * SUBPIXEL // 2
+    points = even + np.stack([random % room, random // SUBPIXEL % room], axis=-1)
+    k = np.arange(across)
+    corner = (k[:, None] * (across + 1) + k).ravel()
+    right, up = corner + 1, corner + across + 1
+    halves = [np.stack([corner, right, up], -1), np.stack([right, up + 1, up], -1)]
+    return _framed(points.astype(np.int32)), np.stack(halves, 1).reshape(-1, 3).astype(np.int32)
 
 
 def _work(seed: int) -> Iterator[Draw]:

@@ -124,19 +124,9 @@ def triangle(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
         x = np.stack([nothing, nothing + base, apex], axis=-1)
         y = np.stack([low, low, high], axis=-1)
         hangs = (numbers >> 24 & 1)[:, None] == 1
-        hung = np.stack([np.where(hangs, base - x, x), np.where(hangs, height - y, y)], axis=-1)
-        return begun_anywhere(hung, numbers)
+        return np.stack([np.where(hangs, base - x, x), np.where(hangs, height - y, y)], axis=-1)
 
     return shape
-
-
-def begun_anywhere(corners: Points, numbers: NDArray[np.int64]) -> Points:
-    """Return (k, 3, 2) triangles, each beginning at another of its corners.
-
-    A processor learns the branches of triangles that are all alike, and is faster for it.
-    """
-    order = (np.arange(3) + (numbers >> 25)[:, None]) % 3
-    return np.take_along_axis(corners, order[:, :, None], axis=1)
 
 
 def ring(corners: int, width: int, height: int) -> Points:

@@ -85,8 +85,8 @@ def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted)
 
 def test_equal_helper_lanes_have_unequal_numbers_of_triangles(counted):
     found = [each for _, each in of_kind(counted, "lanes")]
-    assert len({each["helper_lanes"] for each in found}) == 1
-    assert len({each["half_perimeter"] for each in found}) == 1
+    for equal in ("helper_lanes", "half_perimeter"):
+        assert max(each[equal] for each in found) < 1.05 * min(each[equal] for each in found)
     assert all(one["triangles"] == 2 * other["triangles"] for one, other in pairwise(found))
 
 
@@ -95,8 +95,10 @@ def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
     for equal in ("triangles", "fragments", "half_perimeter", "bbox_tests", "vertices", "set_up"):
         assert len({each[equal] for each in found}) == 1, equal
     pairs = [(each["helper_lanes"], each["blocks"]) for each in found]
-    assert len({lanes for lanes, _ in pairs}) == 2
-    assert len({blocks for _, blocks in pairs}) == 4
+    assert len(set(pairs)) == len(pairs)
+    lanes, blocks = (sorted(column) for column in zip(*pairs, strict=True))
+    assert lanes[-1] > 1.3 * lanes[0]
+    assert blocks[-1] > 2 * blocks[0]
 
 
 def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
