@@ -70,7 +70,9 @@ NOUNS = {
     "half_perimeter": "H",
     "blocks": "4x4 blocks",
     "bbox_tests": "pixels of boxes",
-    "tiles_64": "tiles",
+    "further_tiles": "further tiles",
+    "near": "H up to 16 px",
+    "coarse_blocks": "blocks of large ones",
     "set_up": "set-up",
     "fragments": "covered pixels",
     "-": "nothing",
@@ -99,7 +101,7 @@ def _regret(row: Row) -> str:
 
 
 def coverage() -> list[str]:
-    """Return how often intervals held the truth: goes, least share of any term, of nothing shown."""
+    """Return how often intervals held the truth: goes, and the least shares of any term."""
     rows = some("law-coverage.csv")
     goes = one("law-coverage.csv", term="draw")["goes"]
     within = min(float(row["within"]) for row in rows)

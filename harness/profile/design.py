@@ -120,6 +120,15 @@ def _framed(points: NDArray[np.int32]) -> Frame:
     return bare_frame(SIDE, points)
 
 
+def _apart(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
+    """Return the same triangles, each with three vertices of its own.
+
+    So all draws have three a triangle, but those that tell what a vertex costs.
+    """
+    alone = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)
+    return _framed(frame.points[triangles.ravel()]), alone
+
+
 def _few(seed: int) -> Iterator[Draw]:
     for number, count in enumerate((1, 16)):
         made = _scattered(2048, 2048, SLANTED, count, (seed, number))
@@ -178,7 +187,7 @@ def _cuts(seed: int) -> Iterator[Draw]:
         for way, cut in placing.WAYS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {way}"
-            yield Draw("cuts", name, f"cuts {width} {corners}", frame, triangles)
+            yield Draw("cuts", name, f"cuts {width} {corners}", *_apart(frame, triangles))
 
 
 def _strips(seed: int) -> Iterator[Draw]:
@@ -201,7 +210,8 @@ def _strips(seed: int) -> Iterator[Draw]:
         starts = np.arange(bands) * 2 * (steps + 1)
         triangles = (band + starts[:, None, None]).reshape(-1, 3).astype(np.int32)
         name = f"steps of {step / SUBPIXEL:g} px, {height} px high"
-        yield Draw("strips", name, "strips", _framed(points.astype(np.int32)), triangles)
+        made = _apart(_framed(points.astype(np.int32)), triangles)
+        yield Draw("strips", name, "strips", *made)
 
 
 def _slivers(seed: int) -> Iterator[Draw]:
@@ -224,10 +234,9 @@ def _vertices(seed: int) -> Iterator[Draw]:
         # Every other triangle, so that no draw is that of another kind.
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:
-        alone = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)
-        apart = _framed(frame.points[triangles.ravel()])
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
-        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", apart, alone)
+        made = _apart(frame, triangles)
+        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *made)
 
 
 def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:

@@ -3,13 +3,15 @@
 The fit is that of `harness.study.cost_model`: coefficients that are not negative, relative errors.
 An interval holds two things. One is how much the times differ from epoch to epoch: epochs are drawn
 anew. The other is by how much the draws miss the law beyond that noise: each error, made larger by
-as much as the fit has followed it, is given a new sign. Resamples may be negative: where they may
+as much as the fit has followed it, is given a new sign, one for all draws of a group, which share
+what the law misses. Resamples may be negative: where they may
 not, a term that costs nothing makes others too small.
 
-Sources: R. Davidson and E. Flachaire, "The wild bootstrap, tamed at last", Journal of Econometrics
-146(1), 2008; J. MacKinnon and H. White, "Some heteroskedasticity-consistent covariance matrix
-estimators with improved finite sample properties", Journal of Econometrics 29(3), 1985. How often
-the intervals hold the truth: `scripts/studies/laws.py`.
+Sources: C. Cameron, J. Gelbach and D. Miller, "Bootstrap-based improvements for inference with
+clustered errors", Review of Economics and Statistics 90(3), 2008; J. MacKinnon and H. White, "Some
+heteroskedasticity-consistent covariance matrix estimators with improved finite sample properties",
+Journal of Econometrics 29(3), 1985. How often the intervals hold the truth:
+`scripts/studies/laws.py`.
 """
 
 from __future__ import annotations
@@ -78,7 +80,7 @@ def fit(
     """
     seconds = np.exp(np.log(epochs).mean(axis=0))
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
-    free = _solve(design, seconds, signed=True)
+    free = cost_model.solve(design, seconds, labels, signed=True)
     fitted = np.clip(design @ free, seconds / cost_model.FAR_OFF, seconds * cost_model.FAR_OFF)
     logs = np.log(epochs) - np.log(seconds)
     # Resampled means of few epochs scatter too little: by the variance's bias, and as Student's
@@ -92,22 +94,17 @@ def fit(
     for _ in range(resamples):
         chosen = random.integers(len(epochs), size=len(epochs))
         noise = np.exp(apart * logs[chosen].mean(axis=0))
-        signs = random.choice([-1.0, 1.0], len(seconds))
+        signs = random.choice([-1.0, 1.0], labels.max() + 1)[labels]
         times = fitted * np.maximum(1.0 + signs * errors, 0.01) * noise
-        resampled.append(_solve(design, times, signed=True))
+        resampled.append(cost_model.solve(design, times, labels, signed=True))
     predicted = held_out(design, seconds, labels, seed)
     return Law(
-        seconds=_solve(design, seconds),
+        seconds=cost_model.solve(design, seconds, labels),
         resampled=np.array(resampled),
         r2_over=cost_model.r_squared(np.log(seconds), np.log(predicted)),
         r2_within=cost_model.r_squared_within(seconds, predicted, labels.tolist()),
         most=(design / seconds[:, None]).max(axis=0),
     )
-
-
-def _solve(design: Design, seconds: Seconds, *, signed: bool = False) -> Seconds:
-    """Return the coefficients, each draw a group of its own: what draws share counts as well."""
-    return cost_model.solve(design, seconds, np.arange(len(seconds)), signed=signed)
 
 
 def _errors(design: Design, seconds: Seconds, fitted: Seconds, noise: float) -> NDArray[np.float64]:
@@ -135,7 +132,7 @@ def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: 
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold
-        found = _solve(design[~out], seconds[~out])
+        found = cost_model.solve(design[~out], seconds[~out], labels[~out])
         predicted[out] = design[out] @ found
     return np.maximum(predicted, 1e-12)
 

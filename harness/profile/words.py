@@ -28,8 +28,10 @@ SHOWN = ("draw", "triangles", "set_up", "fragments", "helper_lanes", "half_perim
 BY_TERM = {
     "helper_lanes": "helper lanes",
     "half_perimeter": "the walk along the box's width and height",
+    "near": "the first pixels of that walk",
+    "coarse_blocks": "4x4 blocks of large triangles",
     "blocks": "4x4 blocks touched",
-    "tiles_64": "64x64 tiles touched",
+    "further_tiles": "further 64x64 tiles",
     "bbox_tests": "pixels of bounding boxes",
     "set_up": "triangles set up",
     "fragments": "covered pixels",

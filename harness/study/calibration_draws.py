@@ -16,7 +16,7 @@ from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, frame_as_it_is, make_frame, on_grid
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import REFERENCE, TimingSettings
+from harness.measuring.timing import EMPTY, REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored import atomic
@@ -75,12 +75,13 @@ class Timed:
     """Draws timed in ratio to the reference draw of the same rounds.
 
     ratios : (k,) medians; halves : (k, 2) medians of either half of the rounds; reference_s : the
-    reference's median seconds in each group
+    reference's median seconds in each group; empty_s : those of a draw of nothing
     """
 
     ratios: NDArray[np.float64]
     halves: NDArray[np.float64]
     reference_s: list[float]
+    empty_s: list[float]
 
 
 def calibrate(
@@ -189,6 +190,7 @@ def time_draws(
     ratios = np.full(len(draws), np.nan)
     halves = np.full((len(draws), 2), np.nan)
     seconds: list[float] = []
+    empty: list[float] = []
     # Small and large draws share a group, so that a slow minute touches all kinds alike.
     order = np.random.default_rng(0).permutation(len(draws))
     with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
@@ -201,13 +203,14 @@ def time_draws(
             group = next(iter(groups.values()))
             reference = group[REFERENCE]
             seconds.append(reference.median_s)
+            empty.append(group[EMPTY].median_s)
             for member in members:
                 samples = group[str(member)].samples_s
                 ratios[member] = paired_ratio(samples, reference.samples_s).value
                 rounds = np.divide(samples, reference.samples_s)
                 halves[member] = [np.median(rounds[half::2]) for half in range(2)]
             stage.complete(start + len(members))
-    return Timed(ratios, halves, seconds)
+    return Timed(ratios, halves, seconds, empty)
 
 
 def write(

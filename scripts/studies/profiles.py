@@ -1,15 +1,17 @@
 """Is a profile's law right? Polygons that it has not seen, drawn on its device.
 
     PYTHONPATH=. python scripts/studies/profiles.py PROFILE.json... [--out FOLDER]
-        [--scenes city,helsinki,glyphs,counties] [--resolution 256] [--budget 0.1] [--seed 0]
+        [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--budget 0.1] [--seed 0]
 
 Of each scene, 24 polygons are drawn by ten triangulators, by optimal:calibrated with the profile's
 coefficients, and by six random ones, timed together group by group. Writes <profile>-judged.csv
 beside the others: of each scene
 
 r2_over, r2_within : of log time as the profile's coefficients predict it, over all draws and
-    within polygons; r2_most : what it would be if only noise were left, by how the two halves of
-    the rounds agree (C. Spearman and W. Brown, 1910)
+    within polygons, with this session's own draw of nothing (it depends on the viewport), and one
+    factor, `speed`, for how fast the machine was in ratio to the profile's session
+r2_most : what r2_within would be if only noise were left, by how the two halves of the rounds agree
+    (C. Spearman and W. Brown, 1910)
 regret, low, high : what a triangulator costs above the best of all but the random ones, mean
     over polygons, with its 95 % interval; `advice` is the one that the profile names
 """
@@ -52,7 +54,7 @@ ALWAYS = (
 """Triangulators whose regret is told: as if always taken."""
 
 COLUMNS = (
-    *("scene", "resolution", "polygons", "draws", "r2_over", "r2_within", "r2_most"),
+    *("scene", "resolution", "polygons", "draws", "r2_over", "r2_within", "r2_most", "speed"),
     *("triangulator", "advice", "regret", "low", "high"),
 )
 
@@ -63,7 +65,7 @@ def main() -> None:
     parser.add_argument("profiles", type=Path, nargs="+")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--scenes", default="city,helsinki,glyphs,counties")
-    parser.add_argument("--resolution", type=int, default=256)
+    parser.add_argument("--resolution", type=int, default=512)
     parser.add_argument("--budget", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
@@ -100,7 +102,10 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
     finally:
         bench.close()
     seconds = timed.ratios * float(np.median(timed.reference_s))
-    predicted = cost_model.predict(profile["coefficients"], study.design_of(draws))
+    empty = float(np.median(timed.empty_s))
+    cost = cost_model.predict({**profile["coefficients"], "draw": 0.0}, study.design_of(draws))
+    speed = float(np.median((seconds - empty) / cost))
+    predicted = empty + speed * cost
     held = HeldOut(study.design_of(draws), seconds, timed.halves, polygons)
     common = {
         "scene": scene,
@@ -110,6 +115,7 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
         "r2_over": f"{cost_model.r_squared(np.log(seconds), np.log(predicted)):.4f}",
         "r2_within": f"{cost_model.r_squared_within(seconds, predicted, polygons):.4f}",
         "r2_most": f"{reliability(held):.4f}",
+        "speed": f"{speed:.3f}",
     }
     advice = profile["advice"]["triangulator"] if profile.get("advice") else ""
     for name in ALWAYS:

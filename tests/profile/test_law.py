@@ -44,7 +44,8 @@ def test_the_fewest_terms_are_those_that_cost_something(of):
 
 
 def test_a_draw_that_misses_the_law_widens_the_intervals(of):
-    truth = np.array([2e-5, 5e-8, *np.zeros(4), 7e-9, 3e-8, *np.zeros(3)])
+    truth = np.zeros(len(TERMS))
+    truth[:2] = 2e-5, 5e-8
     random = np.random.default_rng(0)
     widths = []
     for missed in (0.0, 0.05):
