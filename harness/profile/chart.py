@@ -47,7 +47,7 @@ def _panel(panel: Axes, each: Mapping[str, Any]) -> None:
     panel.errorbar(x, y, yerr=error, label="measured", capsize=2, linewidth=1.3, **style)
     style = {"color": lanes.colour, "linestyle": "--", "linewidth": 1.3}
     panel.plot(x, each["lanes_alone"], label="if helper lanes alone took more", **style)
-    style = {"color": "#777777", "linestyle": ":", "linewidth": 1.3}
+    style = {"color": look_of(2).colour, "linestyle": "-.", "linewidth": 1.3}
     panel.plot(x, each["lanes"], label="lanes shaded", **style)
     panel.axhline(2.0, color="#777777", linewidth=0.8, linestyle=":")
     if each["doubled_at"]:

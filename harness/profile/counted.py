@@ -42,17 +42,17 @@ TERMS = {
     "fragments": Term("s", "A pixel that a triangle covers costs {}.", "covered pixels"),
     "helper_lanes": Term("s", "A helper lane costs {}.", "helper lanes"),
     "half_perimeter": Term(
-        "s/px", "A pixel of width or height of its box costs {}.", "half-perimeter"
+        "s/px", "Each pixel of its box's width and height costs {}.", "half-perimeter"
     ),
     "near": Term(
         "s/px",
-        f"Each of the first {COARSE} pixels of its width and of its height costs {{}} more.",
+        f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
         f"half-perimeter up to {COARSE} px",
     ),
-    "blocks": Term("s", "A block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
+    "blocks": Term("s", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
     "coarse_blocks": Term(
         "s",
-        f"Where it is wider or higher than {COARSE} pixels, such a block costs {{}} more.",
+        f"Where it is wider or higher than {COARSE} pixels, a block of 4x4 costs {{}} more.",
         f"4x4 blocks of triangles over {COARSE} px",
     ),
     "further_tiles": Term(
