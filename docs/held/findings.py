@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from docs.held import Held, Sentence, Table, flips, tables
+from docs.held import Held, Sentence, Table, flips, profiles, tables
 from docs.held.lookups import matched, one, percent, three, two, whole
 from docs.held.others import apart, states
 
@@ -328,6 +328,7 @@ HELD: list[Held] = [
         " all pairs {} of {}. For Delaunay it is {} of {}, and {} of {}.",
         apart,
     ),
+    *profiles.HELD,
 ]
 
 DEFINITIONS = (
@@ -341,6 +342,7 @@ DEFINITIONS = (
     r"With 64 it|With 4 samples",
     r"0 to 90 degrees in steps of 5|at 0 degrees",
     r"A = \d+|18 of the 47|the 29 without|All 47",
+    r"\b(1|8|64):1|triangles of 8 and|a tile of 64x64|16 px",
     r"3 % of one drawing's|Of 11 findings|below 1 % are not|within 3 % of each other",
 )
 """Not measured: what was chosen, levels of confidence, exact counts that tests of the code hold."""
