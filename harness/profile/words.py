@@ -142,6 +142,8 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     rows = []
     for file in sorted(folder.glob("*.json")):
         profile = json.loads(file.read_text(encoding="utf-8"))
+        if profile["refused"]:
+            continue
         device = profile["device"]
         where = f"{device['name']} ({device['rasteriser']})"
         cpu = f"; {device['cpu']}" if device["software"] else ""
