@@ -141,7 +141,9 @@ HELD: list[Held] = [
     ),
     Sentence(
         "On softpipe the law explains {} of the variance over all draws and {} within groups",
-        lambda: [three(profile("opengl-softpipe.refused")[key]) for key in ("r2_over", "r2_within")],
+        lambda: [
+            three(profile("opengl-softpipe.refused")[key]) for key in ("r2_over", "r2_within")
+        ],
     ),
     Sentence(
         "of {} synthetic devices with known costs, each cost is within its interval in {} % or"
