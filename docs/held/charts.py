@@ -119,7 +119,7 @@ def thin() -> str:
     """Return the chart of thin triangles' times on devices, at equal area."""
     first = profiles.profile(next(iter(profiles.PROFILES)))["aspects"]
     figure, axes = _figure(len(first), "base in ratio to height")
-    for place, (name, label) in enumerate(profiles.PROFILES.items()):
+    for place, (name, label) in enumerate(profiles.TIMED.items()):
         for ax, each in zip(axes, profiles.profile(name)["aspects"], strict=True):
             style = {"color": COLOURS[place], "marker": MARKS[place], "markersize": 4}
             ax.plot(each["aspects"], each["ratios"], label=label, linewidth=1.5, **style)

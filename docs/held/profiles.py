@@ -16,6 +16,9 @@ PROFILES = {
 }
 """Files of profiles, and what they are called."""
 
+TIMED = {**PROFILES, "opengl-softpipe.refused": "softpipe"}
+"""Those, and one whose law explains too little: its times are measured all the same."""
+
 JUDGED_ON = ("opengl-llvmpipe",)
 JUDGED = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 WHO = (
@@ -90,6 +93,8 @@ def judged() -> list[str]:
         label, file = PROFILES[name], f"profiles/{name}-judged.csv"
         for scene, title in JUDGED.items():
             rows = {row["triangulator"]: row for row in some(file, scene=scene)}
+            if not rows:
+                continue
             first = next(iter(rows.values()))
             fit = [three(first[key]) for key in ("r2_over", "r2_within", "r2_most")]
             regrets = [_regret(rows[who]) for who in WHO]
