@@ -117,6 +117,13 @@ def devices() -> str:
     return table(ROOT / "results" / "devices")
 
 
+def profiles() -> str:
+    """Return a table of the devices' laws."""
+    from harness.profile.words import devices_table
+
+    return _table(*devices_table(ROOT / "results" / "reference" / "profiles"))
+
+
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     return "\n".join(lines + ["| " + " | ".join(map(_cell, row)) + " |" for row in rows])
@@ -134,4 +141,5 @@ PARTS = {
     "rasterisers": rasterisers,
     "metrics": metrics,
     "devices": devices,
+    "profiles": profiles,
 }

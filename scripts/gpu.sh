@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # What this machine's best device says, in about ten minutes: what works, whether its counters are
 # those of the exact reference, which criterion predicts, what the choice of a triangulator gains,
-# what its time is made of, and how fast it finds the optimum itself.
+# what its time is made of, and how fast it finds the optimum itself. It begins with the device's
+# profile: what a triangle costs on it, in two minutes.
 #
 #   scripts/gpu.sh [OUT]      OUT: a folder, by default results/reference/<device>
 #
@@ -21,10 +22,10 @@ device=${DEVICE:-$("$python" -c \
 to=${1:-results/reference/$device}
 mkdir -p "$to"
 if [ "${QUICK:-}" = yes ]; then
-    scenes="city:buildings=40" sizes=256 budget=0.05 study=(--quick)
+    scenes="city:buildings=40" sizes=256 budget=0.05 profiled=0.05 study=(--quick)
     compared=(1000 --footprints-only)
 else
-    scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 study=(--budget 0.05)
+    scenes="city glyphs cad" sizes=256,1024,4096 budget=0.5 profiled=0.5 study=(--budget 0.05)
     compared=(100000)
 fi
 peers=ear-clipping,delaunay,refined,optimal:overdraw,optimal:half-perimeter,optimal:expected-quads
@@ -77,6 +78,8 @@ optimum() {
     return $code
 }
 
+step profile "$to/profile.json" \
+    "$python" -m harness profile --device "$device" --budget $profiled --quiet --out "$to/profile.json"
 step doctor "$to/doctor.txt" doctor
 for scene in $scenes; do
     step "equality $scene" "$to/equality-${scene%%:*}/summary.csv" equality "$scene"

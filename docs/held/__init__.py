@@ -6,7 +6,7 @@ follow from the files under `results/`. `tests/docs/test_held.py` compares; `scr
 writes the figures anew.
 
     lookups    one figure, or one row, of a file
-    findings, readme, others   the figures of each document
+    findings, readme, others, profiles   the figures of each document
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from docs.held import tables
+from docs.held import profiles, tables
 from docs.held.tables import BEST_FOR_H, DEVICES, REFINED, SCENES, SHOWN
 
 INK = "#24292f"
@@ -115,11 +115,35 @@ def devices() -> str:
     return _svg(figure)
 
 
+def thin() -> str:
+    """Return the chart of thin triangles' times on devices, at equal area."""
+    first = profiles.profile(next(iter(profiles.PROFILES)))["aspects"]
+    figure, axes = _figure(len(first), "base in ratio to height")
+    for place, (name, label) in enumerate(profiles.TIMED.items()):
+        for ax, each in zip(axes, profiles.profile(name)["aspects"], strict=True):
+            style = {"color": COLOURS[place], "marker": MARKS[place], "markersize": 4}
+            ax.plot(each["aspects"], each["ratios"], label=label, linewidth=1.5, **style)
+    for ax, each in zip(axes, first, strict=True):
+        lanes = {"color": SOFT, "linestyle": "--", "linewidth": 1.5}
+        ax.plot(each["aspects"], each["lanes"], label="lanes shaded, counted", **lanes)
+        ax.set_xscale("log", base=2)
+        ax.set_xticks(each["aspects"], [f"{aspect}:1" for aspect in each["aspects"]])
+        ax.set_yscale("log", base=2)
+        ax.set_yticks([1, 2, 4, 8], ["1", "2", "4", "8"])
+        ax.minorticks_off()
+        ax.set_title(f"triangles of {each['area']} px^2", color=INK, fontsize=10)
+        _plain(ax)
+    axes[0].set_ylabel("time, 1:1 = 1", color=INK)
+    axes[0].legend(frameon=False, labelcolor=INK, fontsize=8)
+    return _svg(figure)
+
+
 CHARTS: dict[str, Callable[[], str]] = {
     "findings-choice": choice,
     "findings-predicted": predicted,
     "findings-regret": regret,
     "findings-devices": devices,
+    "devices-thin": thin,
 }
 
 

@@ -32,6 +32,7 @@ CHOSEN = {
     "docs/how-to/meshes.md": "",
     "docs/how-to/own-criterion.md": r"up to 2,000 vertices",
     "docs/how-to/own-polygons.md": r"-180 to 180 degrees|3D model|1 GiB|100 times",
+    "docs/how-to/profile.md": "",
     "docs/how-to/put-it-in-your-program.md": r"Node\.js 18",
 }
 """Pages that cite no result, with patterns of the sizes, limits and versions that they name."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from docs.held import Held, Sentence, Table, flips, tables
+from docs.held import Held, Sentence, Table, flips, profiles, tables
 from docs.held.lookups import matched, one, percent, three, two, whole
 from docs.held.others import apart, states
 from harness.figures.ratios import RUN_SCATTER
@@ -334,6 +334,7 @@ HELD: list[Held] = [
         lambda: [n for place, n in enumerate(apart()) if place not in (5, 7)],
     ),
     Sentence("from one run to the next: {} %", lambda: [f"{100 * RUN_SCATTER:g}"]),
+    *profiles.HELD,
 ]
 
 DEFINITIONS = (
@@ -347,6 +348,7 @@ DEFINITIONS = (
     r"With 64 it|With 4 samples",
     r"0 to 90 degrees in steps of 5|at 0 degrees",
     r"A = \d+|18 of the 47|the 29 without|All 47",
+    r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|16 px|, 24 of each scene",
     r"3 % of one drawing's|Of 11 findings|below 1 % are not|within 3 % of each other",
 )
 """Not measured: what was chosen, levels of confidence, exact counts that tests of the code hold."""

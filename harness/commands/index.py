@@ -58,6 +58,13 @@ COMMANDS = {
             f"report {RUN} --out city.html",
         ),
     ),
+    "profile": Entry(
+        MEASURE,
+        "profile:profile",
+        "Say what a triangle, a pixel and a helper lane cost on a device; how to triangulate "
+        "there.",
+        ("profile --budget 0.05",),
+    ),
     "page": Entry(
         MEASURE,
         "page:page",
@@ -118,7 +125,7 @@ COMMANDS = {
         ("study buildings.geojson --out results/study --quick",),
     ),
     "calibrate": Entry(
-        STUDY,
+        ELSEWHERE,
         "calibrate:calibrate",
         "Fit a model of a device's draw time, and test it on polygons that it has not seen.",
         ("calibrate --scene city:buildings=50 --budget 0.05",),

@@ -17,6 +17,9 @@ from harness.measuring.settings import MOST_S
 CALIBRATIONS = Path("results") / "calibration"
 """Where `calibrate` writes, and optimal:calibrated looks, unless told otherwise."""
 
+PROFILES = Path("results") / "profiles"
+"""Where `profile` writes unless told otherwise."""
+
 RESOLUTIONS = (8, 16384)
 SAMPLES = (1, 4, 8)
 MOST_WORK = 65_000

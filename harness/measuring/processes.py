@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import psutil
@@ -281,10 +282,12 @@ class Bench:
         settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
+        own: Mapping[str, Options] = MappingProxyType({}),
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
         """Time the candidates, (frame, triangles), together, in shuffled rounds.
 
-        In as many fresh processes, one after the other, as the settings want.
+        In as many fresh processes, one after the other, as the settings want. `own` has the options
+        of candidates that are drawn in another way than the others.
 
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
@@ -301,7 +304,14 @@ class Bench:
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
-                    arguments = (dict(candidates), options, settings, test, seed + number)
+                    arguments = (
+                        dict(candidates),
+                        options,
+                        settings,
+                        test,
+                        seed + number,
+                        dict(own),
+                    )
                     told = tick and _after(tick, time.perf_counter() - began)
                     parts.append(
                         self._on(
@@ -315,7 +325,7 @@ class Bench:
             failures: dict[str, str] = {}
             for name, candidate in candidates.items():
                 alone = {name: candidate}
-                more, failed = self.time(backend, alone, options, settings, seed, tick)
+                more, failed = self.time(backend, alone, options, settings, seed, tick, own)
                 groups |= more
                 failures |= failed
             return groups, failures

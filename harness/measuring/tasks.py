@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -104,10 +105,12 @@ def time_group(
     settings: TimingSettings,
     test: TimerTest,
     seed: int,
+    own: Mapping[str, Options] = MappingProxyType({}),
 ) -> dict[str, Times]:
     """Time the candidates, (frame, triangles), together.
 
     All frames have one size. The result has EMPTY and REFERENCE beside the candidates.
+    own : options of candidates that are drawn in another way than the others
     """
     rasteriser = _opened(name, device)
     frame = next(iter(candidates.values()))[0]
@@ -123,7 +126,7 @@ def time_group(
             stack.close()
             prepared = {}
             for name in order:
-                prepared[name] = rasteriser.prepare(*drawn[name], options)
+                prepared[name] = rasteriser.prepare(*drawn[name], own.get(name, options))
                 stack.enter_context(prepared[name])
             return {name: prepared[name] for name in drawn}
 

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self, cast
 
 import numpy as np
@@ -233,11 +234,12 @@ class _Bench(Bench):
         settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
+        own: Mapping[str, Options] = MappingProxyType({}),
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
         """Time the candidates together; where BASE's triangles are HEAD's, one drawing is both."""
         alike = {} if self._beside.twice else _alike(candidates)
         drawn = {name: each for name, each in candidates.items() if name not in alike}
-        found, failures = super().time(backend, drawn, options, settings, seed, tick)
+        found, failures = super().time(backend, drawn, options, settings, seed, tick, own)
         for name, other in alike.items():
             if other in found:
                 found[name] = {**found[other], name: found[other][other]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from harness.errors import NothingMeasured, UsageError
 from harness.figures.ratios import paired_ratio
 from harness.frame import SUBPIXEL, Frame, View, frame_as_it_is, make_frame, on_grid
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.timing import REFERENCE, TimingSettings
+from harness.measuring.timing import EMPTY, REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored import atomic
@@ -38,7 +38,7 @@ HELD_OUT = (
 )
 """Triangulators of the held-out polygons: good ones in many ways, for a model must choose among
 them, and the worst."""
-RANDOM = 12
+RANDOM = tuple(f"random#{number}" for number in range(12))
 
 LEAST_R2 = 0.8
 """A fit that explains less than this share of the held-out draws' variance, over polygons or within
@@ -75,12 +75,13 @@ class Timed:
     """Draws timed in ratio to the reference draw of the same rounds.
 
     ratios : (k,) medians; halves : (k, 2) medians of either half of the rounds; reference_s : the
-    reference's median seconds in each group
+    reference's median seconds in each group; empty_s : those of a draw of nothing
     """
 
     ratios: NDArray[np.float64]
     halves: NDArray[np.float64]
     reference_s: list[float]
+    empty_s: list[float]
 
 
 def calibrate(
@@ -101,7 +102,7 @@ def calibrate(
     with fewer terms; the figures of all are of the rest, which nothing was chosen by
     """
     designed, sets = designed_draws(bench, resolution, seed)
-    draws, polygons = held_out_draws(bench, scenes, resolution, seed)
+    draws, polygons, _ = held_out_draws(bench, scenes, resolution, seed)
     time_all = partial(time_draws, backend, bench, settings, options, reporter)
     fitted_on, tested_on = time_all(designed, "designed draws"), time_all(draws, "polygons")
     second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
@@ -141,21 +142,31 @@ def design_of(draws: Sequence[Draw]) -> NDArray[np.float64]:
 
 
 def held_out_draws(
-    bench: Bench, scenes: Sequence[Scene], resolution: int, seed: int
-) -> tuple[list[Draw], list[str]]:
-    """Return draws of polygons by several triangulators, and the name of each draw's polygon."""
+    bench: Bench,
+    scenes: Sequence[Scene],
+    resolution: int,
+    seed: int,
+    names: Sequence[str] = (*HELD_OUT, *RANDOM),
+    calibration: Mapping[str, float] | None = None,
+) -> tuple[list[Draw], list[str], list[str]]:
+    """Return draws of polygons by several triangulators, and each draw's polygon and triangulator.
+
+    names : triangulators; calibration : coefficients that optimal:calibrated minimises
+    """
     draws: list[Draw] = []
     polygons: list[str] = []
-    design = Design(polygons=24, random=RANDOM)
+    ways: list[str] = []
     for scene in scenes:
-        for number, alone in choose_polygons(scene, design):
+        for number, alone in choose_polygons(scene, Design(polygons=24)):
             frame = make_frame(alone.polygons, View(resolution))
-            for name in (*HELD_OUT, *(f"random#{n}" for n in range(design.random))):
-                parts = bench.triangulate(parse(name, seed=seed), frame.polygons).parts
+            for name in names:
+                recipe = parse(name, seed=seed, calibration=calibration)
+                parts = bench.triangulate(recipe, frame.polygons).parts
                 if all(part is not None for part in parts):
                     draws.append((frame, frame.join(parts)))
                     polygons.append(f"{scene.name} {number}")
-    return draws, polygons
+                    ways.append(name)
+    return draws, polygons, ways
 
 
 def time_draws(
@@ -179,6 +190,7 @@ def time_draws(
     ratios = np.full(len(draws), np.nan)
     halves = np.full((len(draws), 2), np.nan)
     seconds: list[float] = []
+    empty: list[float] = []
     # Small and large draws share a group, so that a slow minute touches all kinds alike.
     order = np.random.default_rng(0).permutation(len(draws))
     with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
@@ -191,13 +203,14 @@ def time_draws(
             group = next(iter(groups.values()))
             reference = group[REFERENCE]
             seconds.append(reference.median_s)
+            empty.append(group[EMPTY].median_s)
             for member in members:
                 samples = group[str(member)].samples_s
                 ratios[member] = paired_ratio(samples, reference.samples_s).value
                 rounds = np.divide(samples, reference.samples_s)
                 halves[member] = [np.median(rounds[half::2]) for half in range(2)]
             stage.complete(start + len(members))
-    return Timed(ratios, halves, seconds)
+    return Timed(ratios, halves, seconds, empty)
 
 
 def write(
@@ -227,7 +240,15 @@ def write(
             "draws": validation.draws,
         },
     }
-    if not validation.good:
+    return keep(content, file)
+
+
+def keep(content: Mapping[str, Any], file: Path) -> Path:
+    """Write a calibration's content to `file`, or beside it where it is `refused`.
+
+    Returns the file that was written.
+    """
+    if content["refused"]:
         file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
     atomic.write(file, (json.dumps(content, indent=2) + "\n").encode())

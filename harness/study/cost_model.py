@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import nnls
 from shapely import Polygon
 
 from harness.frame import SUBPIXEL
@@ -63,6 +63,13 @@ wrong for the others."""
 
 BETWEEN = 0.3
 """Weight of the differences between sets of polygons; those within a set have weight 1."""
+
+LARGE_ERROR = 0.05
+"""A relative error beyond which an error counts by itself instead of by its square."""
+
+FAR_OFF, CLOSE, MOST_TURNS = 2.0, 1e-4, 100
+"""In which ratio to the measured time a fitted one may weigh; the fit ends when no fitted time
+changes by more than `CLOSE` of it, or after so many turns."""
 
 DesignMatrix = NDArray[np.float64]
 
@@ -219,35 +226,47 @@ def solve(
     design: DesignMatrix,
     seconds: NDArray[np.float64],
     groups: Sequence[int] | NDArray[np.int64],
+    *,
+    signed: bool = False,
 ) -> NDArray[np.float64]:
     """Return the coefficients of (k, terms) columns: non-negative, with a soft L1 loss.
 
     groups : (k,) see `fit`
+    signed : let coefficients be negative; what forbids it makes others too small on average, where
+        some cost nothing
 
     The draws of one set of polygons share a misfit that depends on the polygons' size and kind.
     It varies more than the differences within a set, but choosing a triangulation needs the
     differences. So the weight of what a set shares is `BETWEEN`, as in a model with a random
     effect for each set.
+
+    The weights that the soft L1 loss gives are found by turns with the coefficients (P. Holland and
+    R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in
+    Statistics 6(9), 1977). Errors are relative to the fitted times: relative to the measured ones,
+    which have the errors themselves, noise would make all coefficients too small. A term that costs
+    nothing gets exactly 0.
     """
     labels = np.unique(groups, return_inverse=True)[1]
-    weighted = design / seconds[:, None]
-    scale = np.abs(weighted).max(axis=0)
-    scaled = weighted / scale
-    mean = np.stack([_means(column, labels) for column in scaled.T], axis=1)
-    apart = scaled - mean[labels]
     weight = BETWEEN * np.sqrt(np.bincount(labels))
-
-    def relative_errors(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([apart @ coefficients, weight * (mean @ coefficients - 1.0)])
-
-    result = least_squares(
-        relative_errors,
-        np.full(design.shape[1], 0.1),
-        bounds=(0.0, np.inf),
-        loss="soft_l1",
-        f_scale=0.05,
-    )
-    return np.asarray(result.x / scale)
+    least: Any = np.linalg.lstsq if signed else nnls
+    fitted = seconds
+    trust = np.ones(len(seconds) + len(weight))
+    found = np.zeros(design.shape[1])
+    for _ in range(MOST_TURNS):
+        shares = np.column_stack([design, seconds]) / fitted[:, None]
+        mean = np.stack([_means(column, labels) for column in shares.T], axis=1)
+        rows = np.concatenate([shares - mean[labels], weight[:, None] * mean])
+        if found.any():
+            errors = rows[:, :-1] @ found - rows[:, -1]
+            trust = (1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25
+        scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
+        found = least(rows[:, :-1] / scale * trust[:, None], rows[:, -1] * trust)[0] / scale
+        before = fitted
+        # A draw that the fit misses by far keeps a weight of its own size.
+        fitted = np.clip(design @ found, seconds / FAR_OFF, seconds * FAR_OFF)
+        if np.abs(fitted / before - 1.0).max() <= CLOSE:
+            break
+    return np.asarray(found)
 
 
 def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:

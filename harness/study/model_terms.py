@@ -129,7 +129,7 @@ def alternatives(
     chosen_by = [cost_model.predict(fit, choosing.design) for fit in fits]
     errors = np.array([_errors(choosing, each) for each in chosen_by])
     regrets = np.array([_regrets(choosing, each)[1] for each in chosen_by])
-    distances = np.maximum(_in_standard_errors(errors), _in_standard_errors(regrets))
+    distances = np.maximum(in_standard_errors(errors), in_standard_errors(regrets))
     found = []
     for number in range(1, len(known) + 1):
         of_size = [place for place, chosen in enumerate(sets) if len(chosen) == number]
@@ -206,7 +206,7 @@ def _regrets(held_out: HeldOut, predicted: NDArray[np.float64]) -> NDArray[np.fl
     return np.array(ends).T
 
 
-def _in_standard_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_standard_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far each row's mean is above the least, in standard errors of that row's mean."""
     means = values.mean(axis=1)
     best = int(np.argmin(means))

@@ -22,6 +22,7 @@ LONG = (
     "validate",
     "pareto",
     "calibrate",
+    "profile",
     "doctor",
     "list scenes",
     "run --scene city",

@@ -81,7 +81,7 @@ def test_known_coefficients_are_found_in_spite_of_noise_and_outliers(designed_dr
     assert (found >= 0).all()
     assert found[4] < 1e-10
     others, _ = designed(seed=1)
-    assert others @ found == pytest.approx(others @ TRUE, rel=0.03)
+    assert others @ found == pytest.approx(others @ TRUE, rel=0.04)
     low, high = fit.intervals["half_perimeter"]
     assert low <= found[3] <= high
     assert fit.r2 > 0.98

@@ -33,6 +33,7 @@ LEAST: dict[str, tuple[str, ...]] = {
     "validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
     "pareto": ("--scene", "block.geojson", "--rasterisers", "reference"),
     "calibrate": ("--rasteriser", "none"),
+    "profile": ("--rasteriser", "none"),
     "compare": ("RUN", "RUN"),
     "history": ("RUN",),
     "report": ("RUN",),

@@ -1,0 +1,158 @@
+"""The figures of devices' laws, from `results/reference/profiles`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docs.held import Held, Sentence, Table
+from docs.held.lookups import Row, one, percent, some, table_row, three, values
+from harness.profile.words import seconds
+
+PROFILES = {
+    "opengl-llvmpipe": "llvmpipe by OpenGL",
+    "webgpu-lavapipe": "lavapipe by WebGPU",
+    "opengl-zink": "zink on lavapipe",
+    "bounding-box-llvmpipe": "our walk of boxes",
+}
+"""Files of profiles, and what they are called."""
+
+TIMED = {**PROFILES, "opengl-softpipe.refused": "softpipe"}
+"""Those, and one whose law explains too little: its times are measured all the same."""
+
+JUDGED_ON = ("opengl-llvmpipe",)
+JUDGED = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
+WHO = (
+    *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw"),
+    *("earcut-refine", "optimal:calibrated"),
+)
+
+
+COARSE = ("near", "blocks", "coarse_blocks", "further_tiles")
+
+
+def profile(name: str) -> Any:
+    """Return what a profile's file holds."""
+    return values(f"reference/profiles/{name}.json")
+
+
+def term(name: str, of: str) -> str:
+    """Return what a term costs, "-" where no cost is shown."""
+    found = next(each for each in profile(name)["terms"] if each["name"] == of)
+    return seconds(found["seconds"]) if found["shown"] else "-"
+
+
+def laws() -> list[str]:
+    """Return the table of what each costs, by device."""
+    shown = ("triangles", "set_up", "vertices", "fragments", "helper_lanes", "half_perimeter")
+    lines = []
+    for name, label in PROFILES.items():
+        costs = [term(name, of) for of in (*shown, *COARSE, "bbox_tests")]
+        fit = [three(profile(name)[key]) for key in ("r2_over", "r2_within")]
+        lines.append(table_row(label, *costs, *fit))
+    return lines
+
+
+def thin() -> list[str]:
+    """Return the table of thin triangles' times, by device and area."""
+    lines = []
+    for name, label in PROFILES.items():
+        for each in profile(name)["aspects"]:
+            places = [each["aspects"].index(aspect) for aspect in (8, 64)]
+            ratios = [f"{each['ratios'][place]:.2f}" for place in places]
+            doubled = f"{each['doubled_at'][0]:.0f}:1" if each["doubled_at"] else "-"
+            lanes, *_ = each["shares"].get("helper_lanes", [0.0])
+            others = [share for of, share in each["shares"].items() if of != "helper_lanes"]
+            most = max(
+                (of for of in each["shares"] if of != "helper_lanes"),
+                key=lambda of: each["shares"][of][0],
+                default="-",
+            )
+            part = max((share[0] for share in others), default=0.0)
+            cells = (doubled, percent(lanes) + " %", f"{NOUNS.get(most, most)}, {percent(part)} %")
+            lines.append(table_row(f"{label}, {each['area']} px^2", *ratios, *cells))
+    return lines
+
+
+NOUNS = {
+    "half_perimeter": "H",
+    "blocks": "4x4 blocks",
+    "bbox_tests": "pixels of boxes",
+    "further_tiles": "further tiles",
+    "near": "H up to 16 px",
+    "coarse_blocks": "blocks of large ones",
+    "set_up": "set-up",
+    "fragments": "covered pixels",
+    "-": "nothing",
+}
+
+
+def judged() -> list[str]:
+    """Return the table of how laws predict polygons that they have not seen."""
+    lines = []
+    for name in JUDGED_ON:
+        label, file = PROFILES[name], f"profiles/{name}-judged.csv"
+        for scene, title in JUDGED.items():
+            rows = {row["triangulator"]: row for row in some(file, scene=scene)}
+            if not rows:
+                continue
+            first = next(iter(rows.values()))
+            fit = [three(first[key]) for key in ("r2_over", "r2_within", "r2_most")]
+            regrets = [_regret(rows[who]) for who in WHO]
+            lines.append(table_row(f"{label}, {title}", *fit, *regrets))
+    return lines
+
+
+def _regret(row: Row) -> str:
+    shown = f"{percent(row['regret'], 1)} %"
+    return f"**{shown}**" if row["advice"] == "1" else shown
+
+
+def coverage() -> list[str]:
+    """Return how often intervals held the truth: goes, and the least shares of any term."""
+    rows = some("law-coverage.csv")
+    goes = one("law-coverage.csv", term="draw")["goes"]
+    within = min(float(row["within"]) for row in rows)
+    nothing = min(float(row["nothing_shown"]) for row in rows if row["nothing_shown"])
+    return [f"{int(goes):,}", percent(within, 1), percent(nothing, 1)]
+
+
+def doubled(name: str) -> list[str]:
+    """Return from which aspects on thin triangles of either area take twice as long."""
+    return [f"{each['doubled_at'][0]:.0f}" for each in profile(name)["aspects"]]
+
+
+def lanes_shaded() -> list[str]:
+    """Return lanes of the thinnest triangles in ratio to those of the widest, by area."""
+    first = profile("opengl-llvmpipe")
+    return [f"{each['lanes'][-1]:.1f}" for each in first["aspects"]]
+
+
+HELD: list[Held] = [
+    Sentence(
+        "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {}:1 and {}:1 on",
+        lambda: doubled("opengl-llvmpipe"),
+    ),
+    Sentence("though they shade no more than {} and {} times the lanes at 64:1", lanes_shaded),
+    Table(
+        "| device | triangle | set-up | vertex | pixel | helper lane | H, a px | H to 16 px, a px"
+        " | 4x4 block | block of a large one | further tile | box, a px | R2 over | R2 within |",
+        laws,
+    ),
+    Table("| device, area | 8:1 | 64:1 | twice from | helper lanes | most |", thin),
+    Table(
+        "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
+        " |",
+        judged,
+    ),
+    Sentence(
+        "On softpipe the law explains {} of the variance over all draws and {} within groups",
+        lambda: [
+            three(profile("opengl-softpipe.refused")[key]) for key in ("r2_over", "r2_within")
+        ],
+    ),
+    Sentence(
+        "of {} synthetic devices with known costs, each cost is within its interval in {} % or"
+        " more, and what costs nothing is shown as nothing in {} % or more",
+        coverage,
+    ),
+]

@@ -1,0 +1,115 @@
+"""Which criterion to triangulate by on a device, and what that saves, by its fitted model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.figures.intervals import mean_interval
+from harness.frame import View, make_frame
+from harness.measuring.processes import Bench
+from harness.study.cost_model import TERMS
+from harness.study.subjects import evenly
+from harness.triangulating.recipes import parse
+from scenes import SceneError, load
+
+SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters"}
+"""What is triangulated, with its name in a sentence; one that is not installed is left out."""
+
+POLYGONS = 48
+"""Of each scene, at equal steps from the smallest to the largest."""
+
+RESOLUTION = 1024
+
+BASE = "ear-clipping"
+CRITERIA = {
+    "optimal:half-perimeter": "H",
+    "optimal:expected-quads": "Q",
+    "optimal:overdraw": "A",
+}
+OWN = "optimal:calibrated"
+
+CLOSE = 0.005
+"""Regret up to which a criterion that needs no file will do as well as the device's own."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to triangulate by on a device.
+
+    triangulator : a criterion's optimum, or the optimum for the device's own coefficients
+    regret : of each, what its triangulations cost above those of the device's own optimum, by the
+        model, mean over the scenes; the draw itself left out
+    saved : by scene, the share of ear clipping's time that the advice saves by the model, with its
+        95 % interval over polygons
+    """
+
+    triangulator: str
+    regret: dict[str, float]
+    saved: dict[str, list[float]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON-ready values."""
+        return asdict(self)
+
+
+def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> Advice | None:
+    """Return what to triangulate by where draws take what `coefficients`, by `TERMS`, say.
+
+    None where no scene can be loaded, or the coefficients give no triangle a cost
+    """
+    if not any(coefficients[name] > 0 for name in TERMS[1:]):
+        return None
+    costs = {}
+    for name in SCENES:
+        found = _costs(bench, name, coefficients, seed)
+        if found is not None:
+            costs[name] = found
+    return choose(costs) if costs else None
+
+
+def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> Advice:
+    """Return the advice of (p,) seconds a polygon, by scene and triangulator.
+
+    A criterion is named instead of the device's own optimum where its regret is at most `CLOSE`.
+    """
+    regret = {
+        name: float(np.mean([each[name].sum() / each[OWN].sum() - 1 for each in costs.values()]))
+        for name in (BASE, *CRITERIA, OWN)
+    }
+    best = min(CRITERIA, key=lambda name: regret[name])
+    chosen = best if regret[best] <= CLOSE else OWN
+    saved = {}
+    for scene, each in costs.items():
+        logs = np.log(each[chosen] / each[BASE])
+        ends = [1.0 - float(np.exp(end)) for end in mean_interval(logs)]
+        saved[scene] = [1.0 - float(np.exp(logs.mean())), ends[1], ends[0]]
+    return Advice(chosen, regret, saved)
+
+
+def _costs(
+    bench: Bench, scene: str, coefficients: Mapping[str, float], seed: int
+) -> dict[str, NDArray[np.float64]] | None:
+    """Return the seconds of a scene's polygons by triangulator, of those that all triangulate."""
+    try:
+        polygons = load(scene, seed=seed, attributes=False).polygons
+    except SceneError:
+        return None
+    frame = make_frame(polygons, View(RESOLUTION))
+    sizes = np.diff(frame.offsets)
+    # A triangle has one triangulation.
+    chosen = evenly(
+        [n for n in np.argsort(sizes, kind="stable").tolist() if sizes[n] > 3], POLYGONS
+    )
+    shown = [frame.polygons[number] for number in chosen]
+    found, kept = {}, np.ones(len(shown), np.bool_)
+    for name in (BASE, *CRITERIA, OWN):
+        made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
+        columns = made.predicted.columns
+        found[name] = sum((coefficients[term] * columns[term] for term in TERMS[1:]), np.zeros(1))
+        kept &= np.array([part is not None for part in made.parts])
+    return {name: seconds[kept] for name, seconds in found.items()} if kept.any() else None

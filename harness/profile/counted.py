@@ -1,0 +1,108 @@
+"""What each draw of the design costs, counted exactly from coordinates: the columns of a law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.frame import SUBPIXEL
+from harness.profile.design import Draw
+from harness.rasterisers import binning, reference
+
+COARSE = 16
+"""Side in px of the tiles in which a rasteriser may walk small triangles in another way than large
+ones; llvmpipe does (`lp_setup_tri.c`)."""
+
+
+class Term(NamedTuple):
+    """Something that a device may take time for.
+
+    unit : of its cost
+    sentence : what that cost is, with a place for it
+    noun : what it is called in a table
+    """
+
+    unit: str
+    sentence: str
+    noun: str
+
+
+TERMS = {
+    "draw": Term("s", "A draw by itself costs {}.", "the draw itself"),
+    "triangles": Term("s", "A triangle costs {}, however small it is.", "triangles"),
+    "set_up": Term(
+        "s",
+        "One whose box holds a pixel centre costs {} more.",
+        "triangles set up",
+    ),
+    "vertices": Term("s", "A vertex costs {}.", "vertices"),
+    "fragments": Term("s", "A pixel that a triangle covers costs {}.", "covered pixels"),
+    "helper_lanes": Term("s", "A helper lane costs {}.", "helper lanes"),
+    "half_perimeter": Term(
+        "s/px", "Each pixel of its box's width and height costs {}.", "half-perimeter"
+    ),
+    "near": Term(
+        "s/px",
+        f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
+        f"half-perimeter up to {COARSE} px",
+    ),
+    "blocks": Term("s", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
+    "coarse_blocks": Term(
+        "s",
+        f"Where it is wider or higher than {COARSE} pixels, a block of 4x4 costs {{}} more.",
+        f"4x4 blocks of triangles over {COARSE} px",
+    ),
+    "further_tiles": Term(
+        "s", "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
+    ),
+    "bbox_tests": Term("s", "A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
+    "work": Term("s", "A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
+}
+"""What a law may be made of, by the counter; half-perimeters are in px, all else is counted."""
+
+IN_PX = ("half_perimeter", "near")
+"""Terms in px, whose counters are in 1/256 px."""
+
+Design = NDArray[np.float64]
+
+
+def counters(draw: Draw) -> dict[str, int]:
+    """Return the draw's exact counters; `half_perimeter` and `near` in 1/256 px.
+
+    triangles, vertices : drawn, and different ones among their corners
+    set_up : triangles whose bounding box holds a pixel centre; covering : that cover one
+    fragments, quads, helper_lanes, blocks, bbox_tests : see `harness.rasterisers.reference.predict`
+    near : of each triangle's width and height, at most `COARSE` px each; coarse_blocks : 4x4 blocks
+        touched by triangles whose box is wider or higher than that
+    further_tiles : tiles of 64 px that triangles overlap, but for the first of each
+    work : rounds of arithmetic in all lanes
+    """
+    points, triangles = draw.frame.points, draw.triangles
+    each = reference.predict(points, triangles)
+    sides = np.ptp(points[triangles].astype(np.int64), axis=1)
+    most = COARSE * SUBPIXEL
+    tiles = binning.predict(points, triangles)["tiles_64_exact"]
+    sums = {name: int(values.sum()) for name, values in each.items()}
+    return {
+        "triangles": len(triangles),
+        "vertices": len(np.unique(triangles)),
+        "set_up": int((each["bbox_tests"] > 0).sum()),
+        "covering": int((each["fragments"] > 0).sum()),
+        **sums,
+        "half_perimeter": int(sides.sum()),
+        "near": int(np.minimum(sides, most).sum()),
+        "coarse_blocks": int(each["blocks"][(sides > most).any(axis=1)].sum()),
+        "further_tiles": int(np.maximum(tiles - 1, 0).sum()),
+        "work": 4 * sums["quads"] * draw.work,
+    }
+
+
+def design_of(counted: Sequence[Mapping[str, int]]) -> Design:
+    """Return (k, 13) rows of `TERMS` of the draws' counters."""
+    rows = [{**each, "draw": 1} for each in counted]
+    found = np.array([[row[name] for name in TERMS] for row in rows], np.float64)
+    found[:, [list(TERMS).index(name) for name in IN_PX]] /= SUBPIXEL
+    return found

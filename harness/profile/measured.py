@@ -1,0 +1,136 @@
+"""The design timed on a device: seconds of every draw in every epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import NothingMeasured
+from harness.figures.ratios import Ratio, paired_ratio
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.settings import TimingSettings
+from harness.measuring.timing import EMPTY, Times
+from harness.profile.design import Draw
+from harness.rasterisers.base import Options
+
+CONTROL = "(control)"
+"""Name under which one draw of the design is drawn a second time."""
+
+EPOCHS = 12
+PRECISION = 1e-4
+"""Never reached: every profile has the same rounds for its seconds."""
+
+MOST_DRIFT = 1.5
+"""Slowest in ratio to fastest epoch beyond which a machine was not in one state."""
+
+MOST_APART = 0.03
+"""By which the control's two times may differ; equal drawings differ by where their buffers lie."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Seconds of each draw of a design.
+
+    epochs : (e, k) seconds of each of k draws in each of e epochs, with what all draws of a round
+        have in common, the machine's speed, made equal
+    speeds : (e,) each epoch's mean time in ratio to the mean of all
+    empty_s : median seconds of a draw of nothing
+    control : one draw in ratio to itself under another name
+    rounds : of each epoch
+    """
+
+    epochs: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    empty_s: float
+    control: Ratio
+    rounds: list[int]
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """Seconds of each draw, (k,)."""
+        return np.asarray(np.exp(np.log(self.epochs).mean(axis=0)))
+
+    @property
+    def drift(self) -> float:
+        """The slowest epoch's time in ratio to the fastest one's."""
+        return float(self.speeds.max() / self.speeds.min())
+
+    @property
+    def trouble(self) -> str:
+        """Why the times cannot be trusted; "" where nothing is wrong."""
+        if self.drift > MOST_DRIFT:
+            return f"the machine's speed changed by a factor of {self.drift:.2f} meanwhile"
+        apart = min(abs(self.control.low - 1.0), abs(self.control.high - 1.0))
+        if not self.control.low <= 1.0 <= self.control.high and apart > MOST_APART:
+            return f"one draw under two names took {self.control.value:.3f} times its own time"
+        return ""
+
+
+def settings(budget_s: float) -> TimingSettings:
+    """Return how a profile is timed: `budget_s` seconds a draw, in `EPOCHS` epochs."""
+    return TimingSettings(
+        precision=PRECISION,
+        budget_s=budget_s,
+        min_batch_s=2e-3,
+        warm_up_s=0.02,
+        least_share=1.0,
+        paired=False,
+        epochs=EPOCHS,
+    )
+
+
+def measure(
+    backend: Backend,
+    bench: Bench,
+    draws: Sequence[Draw],
+    timing: TimingSettings,
+    seed: int,
+    tick: Callable[[float], None] | None = None,
+) -> Measured:
+    """Time all draws together, in interleaved rounds, with the empty draw and a control.
+
+    Raises
+    ------
+    NothingMeasured
+        if the device fails under one of them
+    HarnessError
+        if it cannot be opened
+    """
+    names = [str(number) for number in range(len(draws))]
+    candidates = {
+        name: (draw.frame, draw.triangles) for name, draw in zip(names, draws, strict=True)
+    }
+    own = {name: Options(work=d.work) for name, d in zip(names, draws, strict=True) if d.work}
+    candidates[CONTROL] = candidates[names[len(names) // 2]]
+    groups, failures = bench.time(backend, candidates, Options(), timing, seed, tick, own)
+    if failures:
+        raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
+    return of_times(next(iter(groups.values())), names)
+
+
+def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
+    """Return what rounds say of the draws called `names`; all were timed together.
+
+    A round's level is the geometric mean of its draws' times: what it has in common with the next
+    round is the design, what differs is the machine's speed.
+    """
+    first: Any = times[names[0]]
+    samples = np.array([times[name].samples_s for name in names])
+    logs = np.log(np.maximum(samples, 1e-12))
+    levels = logs.mean(axis=0)
+    ends = np.cumsum(first.epochs)[:-1]
+    relative = np.split(logs - levels, ends, axis=1)
+    of_epochs = np.array([np.median(part, axis=1) for part in relative])
+    speeds = np.array([part.mean() for part in np.split(levels, ends)])
+    middle = names[len(names) // 2]
+    return Measured(
+        epochs=np.exp(of_epochs + speeds.mean()),
+        speeds=np.exp(speeds - speeds.mean()),
+        empty_s=float(times[EMPTY].median_s),
+        control=paired_ratio(times[CONTROL].samples_s, times[middle].samples_s, first.epochs),
+        rounds=list(first.epochs),
+    )

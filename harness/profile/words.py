@@ -1,0 +1,165 @@
+"""A profile in plain sentences, and its table of terms."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.pictures.style import plain_table
+from harness.profile.advice import CRITERIA, SCENES
+from harness.profile.counted import TERMS
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+STEPS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))
+
+NOTHING = 1e-16
+"""Seconds that round-off makes of nothing."""
+
+LEAST_SHARE = 0.05
+"""Of what thin triangles take more: what takes less than this is not named."""
+
+SHOWN = ("draw", "triangles", "set_up", "fragments", "helper_lanes", "half_perimeter", "blocks")
+"""Terms that a table of devices has a column for."""
+
+BY_TERM = {
+    "helper_lanes": "helper lanes",
+    "half_perimeter": "the walk along the box's width and height",
+    "near": "the first pixels of that walk",
+    "coarse_blocks": "4x4 blocks of large triangles",
+    "blocks": "4x4 blocks touched",
+    "further_tiles": "further 64x64 tiles",
+    "bbox_tests": "pixels of bounding boxes",
+    "set_up": "triangles set up",
+    "fragments": "covered pixels",
+}
+
+
+def seconds(value: float) -> str:
+    """Return seconds as people say them: 53 ns, 1.9 us."""
+    for step, unit in STEPS:
+        if value >= step:
+            return f"{_digits(value / step)} {unit}"
+    return "0 s" if value < NOTHING else f"{_digits(value / STEPS[-1][0])} ps"
+
+
+def _digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def sentences(profile: Mapping[str, Any]) -> list[str]:
+    """Return what a profile says, a sentence each."""
+    return [*_law(profile), *_thin(profile), *_advice(profile)]
+
+
+def _law(profile: Mapping[str, Any]) -> Iterator[str]:
+    shown = {term["name"]: term for term in profile["terms"] if term["shown"]}
+    yield f"On {profile['device']['name']}:"
+    for name, term in shown.items():
+        yield TERMS[name].sentence.format(seconds(term["seconds"]))
+    nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
+    if nothing:
+        yield f"Nothing is shown for {_listed(nothing)}."
+
+
+def _thin(profile: Mapping[str, Any]) -> Iterator[str]:
+    for each in profile["aspects"]:
+        thinnest = each["aspects"][-1]
+        ratio, low, high = (each[name][-1] for name in ("ratios", "low", "high"))
+        text = (
+            f"Thin triangles of {each['area']} px^2 take {ratio:.2g} times as long at {thinnest}:1 "
+            f"as at 1:1 ({low:.2f} to {high:.2f})"
+        )
+        doubled = each["doubled_at"]
+        if doubled:
+            text += (
+                f"; twice as long from {doubled[0]:.0f}:1 on ({doubled[1]:.0f} to {doubled[2]:.0f})"
+            )
+        yield f"{text}."
+        if ratio > 1.0 + LEAST_SHARE:
+            yield _why(each["shares"])
+
+
+def _why(shares: Mapping[str, Sequence[float]]) -> str:
+    lanes = shares.get("helper_lanes", (0.0, 0.0, 0.0))
+    others = [
+        f"{value:.0%} are {BY_TERM.get(name, TERMS[name].noun)}"
+        for name, (value, _, _) in shares.items()
+        if name != "helper_lanes" and value >= LEAST_SHARE
+    ]
+    text = f"Helper lanes are {lanes[0]:.0%} of that ({lanes[1]:.0%} to {lanes[2]:.0%})"
+    return f"{text}; {', '.join(others)}." if others else f"{text}."
+
+
+def _advice(profile: Mapping[str, Any]) -> Iterator[str]:
+    advice = profile.get("advice")
+    if not advice:
+        return
+    name = advice["triangulator"]
+    saved = [
+        f"{values[0]:.1%} on {SCENES.get(scene, scene)} ({values[1]:.1%} to {values[2]:.1%})"
+        for scene, values in advice["saved"].items()
+    ]
+    by = f"by {name}" if name in CRITERIA else f"by {name} with this file"
+    yield (
+        f"Triangulate {by}: by the model, it saves {_listed(saved)} of ear clipping's time, the "
+        "draw itself left out."
+    )
+    regrets = [f"{CRITERIA[each]} {advice['regret'][each]:.1%}" for each in CRITERIA]
+    yield f"Above the least that the model knows: {_listed(regrets)}."
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def table(profile: Mapping[str, Any]) -> Table:
+    """Return the table of terms with their intervals."""
+    found = plain_table(
+        f"R2 of log time on draws held out: {profile['r2_over']:.3f} over all, "
+        f"{profile['r2_within']:.3f} within groups of a kind",
+        *("what", ">each costs", ">95 % interval", "needed"),
+    )
+    for term in profile["terms"]:
+        ends = f"{seconds(term['low'])} to {seconds(term['high'])}"
+        cost = seconds(term["seconds"]) if term["shown"] else "nothing shown"
+        needed = "yes" if term["name"] in profile["fewest"] else ""
+        found.add_row(TERMS[term["name"]].noun, cost, ends, needed)
+    return found
+
+
+def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of a table of the profiles in a folder, one a device."""
+    heads = (
+        "device",
+        *(TERMS[name].noun for name in SHOWN),
+        "twice as long from",
+        "triangulate by",
+    )
+    rows = []
+    for file in sorted(folder.glob("*.json")):
+        profile = json.loads(file.read_text(encoding="utf-8"))
+        if profile["refused"]:
+            continue
+        device = profile["device"]
+        where = f"{device['name']} ({device['rasteriser']})"
+        cpu = f"; {device['cpu']}" if device["software"] else ""
+        terms = {term["name"]: term for term in profile["terms"]}
+        doubled = ", ".join(
+            f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
+            for each in profile["aspects"]
+        )
+        advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
+        costs = (cost_of(terms[name]) for name in SHOWN)
+        rows.append((f"{where}{cpu}", *costs, doubled, f"`{advice}`"))
+    return heads, rows
+
+
+def cost_of(term: Mapping[str, Any]) -> str:
+    """Return what a term costs, with its interval; "-" where no cost is shown."""
+    if not term["shown"]:
+        return "-"
+    return f"{seconds(term['seconds'])} ({seconds(term['low'])} to {seconds(term['high'])})"

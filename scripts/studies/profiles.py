@@ -1,0 +1,148 @@
+"""Is a profile's law right? Polygons that it has not seen, drawn on its device.
+
+    PYTHONPATH=. python scripts/studies/profiles.py PROFILE.json... [--out FOLDER]
+        [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--budget 0.1] [--seed 0]
+
+Of each scene, 24 polygons are drawn by ten triangulators, by optimal:calibrated with the profile's
+coefficients, and by six random ones, timed together group by group. Writes <profile>-judged.csv
+beside the others: of each scene
+
+r2_over, r2_within : of log time as the profile's coefficients predict it, over all draws and
+    within polygons, with this session's own draw of nothing (it depends on the viewport), and one
+    factor, `speed`, for how fast the machine was in ratio to the profile's session
+r2_most : what r2_within would be if only noise were left, by how the two halves of the rounds agree
+    (C. Spearman and W. Brown, 1910)
+regret, low, high : what a triangulator costs above the best of all but the random ones, mean
+    over polygons, with its 95 % interval; `advice` is the one that the profile names
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness import rasterisers
+from harness.measuring.loading import load_scene
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.settings import TimingSettings
+from harness.measuring.worker import Worker
+from harness.progress import Reporter
+from harness.rasterisers.base import Options
+from harness.study import calibration_draws as study
+from harness.study import cost_model
+from harness.study.model_terms import HeldOut
+from harness.study.statistics import regret_ends, regret_interval
+
+OWN = "optimal:calibrated"
+TEN = (
+    *("ear-clipping", "earcut-refine", "delaunay", "sweep", "greedy", "refined:half-perimeter"),
+    *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw"),
+    "optimal:edge-length",
+)
+RANDOM = tuple(f"random#{number}" for number in range(6))
+ALWAYS = (
+    *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw", "earcut-refine"),
+    OWN,
+)
+"""Triangulators whose regret is told: as if always taken."""
+
+COLUMNS = (
+    *("scene", "resolution", "polygons", "draws", "r2_over", "r2_within", "r2_most", "speed"),
+    *("triangulator", "advice", "regret", "low", "high"),
+)
+
+
+def main() -> None:
+    """Judge each profile."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("profiles", type=Path, nargs="+")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--scenes", default="city,helsinki,glyphs,counties")
+    parser.add_argument("--resolution", type=int, default=512)
+    parser.add_argument("--budget", type=float, default=0.1)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    for file in given.profiles:
+        profile = json.loads(file.read_text())
+        out = (given.out or file.parent) / f"{file.stem}-judged.csv"
+        with out.open("w", newline="") as stream:
+            table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+            table.writeheader()
+            for scene in given.scenes.split(","):
+                for row in judged(profile, scene, given):
+                    table.writerow(row)
+                    print(",".join(str(value) for value in row.values()), flush=True)
+
+
+def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> Iterator[Any]:
+    """Yield a row of `COLUMNS` for each of `ALWAYS`."""
+    reporter = Reporter(quiet=True)
+    device = profile["device"]
+    kind = device["rasteriser"]
+    backend = Backend(kind, rasterisers.find_device(kind, device["name"]))
+    bench = Bench(Worker, timeout_s=600)
+    try:
+        loaded = [load_scene(scene, given.seed, reporter)]
+        names = (*TEN, OWN, *RANDOM)
+        draws, polygons, ways = study.held_out_draws(
+            bench, loaded, given.resolution, given.seed, names, profile["coefficients"]
+        )
+        settings = TimingSettings(
+            precision=0.002, budget_s=given.budget, warm_up_s=0.02, min_batch_s=3e-3, paired=False
+        )
+        options = Options(order="walk")
+        timed = study.time_draws(backend, bench, settings, options, reporter, draws, scene)
+    finally:
+        bench.close()
+    seconds = timed.ratios * float(np.median(timed.reference_s))
+    empty = float(np.median(timed.empty_s))
+    cost = cost_model.predict({**profile["coefficients"], "draw": 0.0}, study.design_of(draws))
+    speed = float(np.median((seconds - empty) / cost))
+    predicted = empty + speed * cost
+    held = HeldOut(study.design_of(draws), seconds, timed.halves, polygons)
+    common = {
+        "scene": scene,
+        "resolution": given.resolution,
+        "polygons": len(held.rows),
+        "draws": len(draws),
+        "r2_over": f"{cost_model.r_squared(np.log(seconds), np.log(predicted)):.4f}",
+        "r2_within": f"{cost_model.r_squared_within(seconds, predicted, polygons):.4f}",
+        "r2_most": f"{reliability(held):.4f}",
+        "speed": f"{speed:.3f}",
+    }
+    advice = profile["advice"]["triangulator"] if profile.get("advice") else ""
+    for name in ALWAYS:
+        ends = []
+        for rows in held.rows:
+            shown = [row for row in rows if not ways[row].startswith("random")]
+            if name in (own := [ways[row] for row in shown]):
+                ends.append(regret_ends(held.halves[shown], own.index(name)))
+        below, above = np.array(ends).T
+        low, high = regret_interval(below, above)
+        mean = max(0.0, float((below + above).mean() / 2))
+        yield {
+            **common,
+            "triangulator": name,
+            "advice": int(name == advice),
+            **{k: f"{v:.5f}" for k, v in (("regret", mean), ("low", low), ("high", high))},
+        }
+
+
+def reliability(held: HeldOut) -> float:
+    """Return which share of the variance within polygons is not noise."""
+    centred: NDArray[np.float64] = np.log(held.halves)
+    for rows in held.rows:
+        centred[rows] -= centred[rows].mean(axis=0)
+    agree = float(np.corrcoef(centred.T)[0, 1])
+    return 2.0 * agree / (1.0 + agree)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""`harness profile` on a rasteriser that charges known costs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.commands import running
+from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
+from harness.profile import advice, words
+from harness.profile.advice import BASE, CRITERIA, OWN, choose
+from harness.study.calibration_draws import read_coefficients
+from tests.harness.test_cli import assert_one_line
+from tests.measuring.test_run import inline
+from tests.profile.charging import COSTS
+
+ON = "tests.profile.charging:"
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Workers are in this process, and advice looks at few polygons."""
+    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.profile.law.RESAMPLES", 30)
+    monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
+    monkeypatch.setattr(advice, "POLYGONS", 8)
+
+
+def profiled(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
+    arguments = ("--rasteriser", ON + rasteriser, "--budget", "0.002", "--out", "p.json", "-q")
+    return harness("profile", *arguments, *more)
+
+
+def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
+    code, out, err = profiled(harness, "Charging")
+    assert code == 0, err
+    assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
+    assert "Each pixel of its box's width and height costs 7 ns." in out
+    assert "Nothing is shown for triangles set up, vertices" in out
+    assert "on city:buildings=12 (" in out
+    content = json.loads(Path("p.json").read_text())
+    for term in content["terms"]:
+        assert term["seconds"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-13)
+        assert term["shown"] == (term["name"] in COSTS)
+    assert set(content["fewest"]) == set(COSTS)
+    assert content["r2_over"] > 0.999
+    assert content["r2_within"] > 0.999
+    assert not content["refused"]
+    thin = content["aspects"][0]
+    assert thin["ratios"][0] == 1
+    assert thin["ratios"] == sorted(thin["ratios"])
+    assert thin["shares"]["half_perimeter"][0] + thin["shares"]["blocks"][0] == pytest.approx(1.0)
+    assert "helper_lanes" not in thin["shares"]
+    assert content["second_filling"] == pytest.approx({"4 px": 1.0, "32 px": 1.0}, abs=1e-3)
+    for each in content["times"]:
+        found = {**each["counters"], "draw": 1}
+        found["half_perimeter"] /= 256
+        charged = sum(cost * found[name] for name, cost in COSTS.items())
+        assert each["epochs_s"][0] == pytest.approx(charged, rel=1e-4)
+    assert Path("p.png").stat().st_size > 10_000
+    coefficients = read_coefficients(Path("p.json"))
+    assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
+    (recipe,) = running.recipes((OWN,), 0, Path("p.json"), ())
+    assert dict(recipe.calibration or ()) == coefficients
+
+
+def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
+    monkeypatch.setattr(advice, "advise", lambda *_: None)
+    monkeypatch.setattr("harness.profile.chart.plot", lambda *_: "none")
+    code, out, err = profiled(harness, "Drifting")
+    assert code == INCONCLUSIVE
+    assert_one_line(err, "the machine's speed changed by a factor of")
+    assert "A draw by itself" in out
+    assert not Path("p.json").exists()
+    assert Path("p.refused.json").exists()
+
+
+def test_what_cannot_be_profiled_is_said_in_one_line(harness):
+    code, _, err = profiled(harness, "Nowhere")
+    assert code == NO_RASTERISER
+    assert_one_line(err, "no device works here")
+    code, _, err = profiled(harness, "Charging", "--device", "none")
+    assert code == 2
+    assert_one_line(err, "none")
+    code, _, err = profiled(harness, "Failing")
+    assert code == NOTHING_MEASURED
+    assert_one_line(err, "the device is gone")
+    assert not list(Path().iterdir())
+
+
+def costs(**of: float) -> Mapping[str, np.ndarray]:
+    """Return the seconds of eight polygons by triangulator, in ratio to the device's own."""
+    own = np.linspace(1.0, 2.0, 8)
+    names = dict(zip(CRITERIA.values(), CRITERIA, strict=True))
+    return {OWN: own, BASE: 1.25 * own} | {names[k]: ratio * own for k, ratio in of.items()}
+
+
+def test_a_criterion_is_named_where_it_does_as_well_as_the_devices_own():
+    found = choose({"one": costs(H=1.004, Q=1.002, A=1.1), "two": costs(H=1.004, Q=1.002, A=1.1)})
+    assert found.triangulator == "optimal:expected-quads"
+    assert found.regret["optimal:overdraw"] == pytest.approx(0.1)
+    assert found.saved["one"][0] == pytest.approx(1 - 1.002 / 1.25)
+    assert choose({"one": costs(H=1.02, Q=1.03, A=1.1)}).triangulator == OWN
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0 s"), (5.3e-8, "53 ns"), (1.94e-9, "1.9 ns"), (2e-13, "0.2 ps"), (0.25, "250 ms")],
+)
+def test_seconds_are_written_as_people_say_them(value, text):
+    assert words.seconds(value) == text

@@ -1,0 +1,184 @@
+"""Each kind of the design isolates what it says, and its counters are the reference's."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.frame import SUBPIXEL
+from harness.profile import design, placing
+from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.design import ASPECTS, Draw
+from harness.profile.placing import DIRECTIONS, SIDE
+from harness.rasterisers import spans
+from harness.rasterisers.base import Options
+from harness.rasterisers.reference import Reference
+
+Counted = list[tuple[Draw, dict[str, int]]]
+
+
+@pytest.fixture(scope="module")
+def counted() -> Counted:
+    return [(draw, counters(draw)) for draw in design.draws()]
+
+
+def of_kind(counted: Counted, kind: str) -> Counted:
+    return [each for each in counted if each[0].kind == kind]
+
+
+def twice_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = np.moveaxis(points[triangles].astype(np.int64), 1, 0)
+    one, other = b - a, c - a
+    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+
+
+def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
+    names = [draw.name for draw, _ in counted]
+    assert len(set(zip((draw.kind for draw, _ in counted), names, strict=True))) == len(names)
+    for draw, _ in counted:
+        points = draw.frame.points
+        assert points.min() >= SUBPIXEL, draw.name
+        assert points.max() <= (SIDE - 1) * SUBPIXEL, draw.name
+    for draw, _ in counted[::9]:
+        if draw.kind != "twice":
+            covered, helpers = np.zeros((2, SIDE, SIDE), np.int64)
+            spans.shade(draw.frame.points, draw.triangles, covered, helpers)
+            assert covered.max() <= 1, draw.name
+
+
+def test_counters_are_those_that_the_reference_counts(counted):
+    reference = Reference()
+    for draw, found in counted[::17]:
+        told = reference.count(draw.frame, draw.triangles, Options())
+        assert {name: int(told[name].sum()) for name in told} == {n: found[n] for n in told}
+        assert found["covering"] <= found["set_up"] <= found["triangles"] == len(draw.triangles)
+
+
+def test_a_seed_makes_the_same_draws_everywhere_and_another_seed_others(counted):
+    """A page in another language has made the same draws if the checksums are these."""
+    first = {draw.kind: draw.checksum for draw, _ in reversed(counted)}
+    assert first == {
+        kind: draw.checksum for draw in reversed(design.draws(0)) for kind in [draw.kind]
+    }
+    others = {draw.kind: draw.checksum for draw in reversed(design.draws(1))}
+    same = {kind for kind in first if first[kind] == others[kind]}
+    assert not same
+
+
+def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
+    for draw, found in of_kind(counted, "aspect"):
+        base, height = design.sides(draw.area, draw.aspect)
+        assert base / height == pytest.approx(draw.aspect, rel=0.01)
+        assert base * height == pytest.approx(2 * draw.area * SUBPIXEL**2, rel=0.005)
+        doubled = np.abs(twice_areas(draw.frame.points, draw.triangles))
+        # A corner is rounded by half a step, across a base as long as this.
+        assert np.abs(doubled - base * height).max() <= 2 * base + 2
+        assert doubled.mean() == pytest.approx(base * height, rel=0.005)
+        assert found["triangles"] == design.AREAS[draw.area]
+    rows = [draw for draw, _ in of_kind(counted, "aspect")]
+    assert len(rows) == len(design.AREAS) * len(ASPECTS) * len(DIRECTIONS)
+
+
+def test_equal_helper_lanes_have_unequal_numbers_of_triangles(counted):
+    found = [each for _, each in of_kind(counted, "lanes")]
+    for equal in ("helper_lanes", "half_perimeter"):
+        assert max(each[equal] for each in found) < 1.05 * min(each[equal] for each in found)
+    assert all(one["triangles"] == 2 * other["triangles"] for one, other in pairwise(found))
+
+
+def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
+    found = [each for _, each in of_kind(counted, "places")]
+    for equal in ("triangles", "fragments", "half_perimeter", "bbox_tests", "vertices", "set_up"):
+        assert len({each[equal] for each in found}) == 1, equal
+    pairs = [(each["helper_lanes"], each["blocks"]) for each in found]
+    assert len(set(pairs)) == len(pairs)
+    lanes, blocks = (sorted(column) for column in zip(*pairs, strict=True))
+    assert lanes[-1] > 1.3 * lanes[0]
+    assert blocks[-1] > 2 * blocks[0]
+
+
+def test_cuts_of_a_ring_differ_in_their_diagonals_alone(counted):
+    groups: dict[str, list[dict[str, int]]] = {}
+    for draw, found in of_kind(counted, "cuts"):
+        groups.setdefault(draw.group, []).append(found)
+    for group, found in groups.items():
+        assert len(found) == len(placing.WAYS)
+        for equal in ("triangles", "fragments", "vertices"):
+            assert len({each[equal] for each in found}) == 1, (group, equal)
+        assert len({each["half_perimeter"] for each in found}) == len(found)
+
+
+def test_vertices_work_and_a_second_filling_change_nothing_else(counted):
+    for kind, changed in (("vertices", {"vertices"}), ("work", {"work"})):
+        groups: dict[str, list[dict[str, int]]] = {}
+        for draw, found in of_kind(counted, kind):
+            groups.setdefault(draw.group, []).append(found)
+        for found in groups.values():
+            different = {name for name in found[0] if len({each[name] for each in found}) > 1}
+            assert different == changed
+    once, again = (found for _, found in of_kind(counted, "twice")[:2])
+    ratios = {name: again[name] / once[name] for name in once if once[name]}
+    assert ratios.pop("vertices") == 1
+    assert set(ratios.values()) == {2}
+
+
+def test_slivers_are_hardly_there_and_small_triangles_hold_no_centre(counted):
+    for draw, found in of_kind(counted, "slivers"):
+        base = int(draw.name.split()[0])
+        assert found["half_perimeter"] / SUBPIXEL / found["triangles"] > 0.9 * base
+        assert found["fragments"] < 0.2 * found["half_perimeter"] / SUBPIXEL
+    smallest = of_kind(counted, "size")[0][1]
+    assert smallest["set_up"] < 0.1 * smallest["triangles"]
+
+
+def test_the_design_tells_the_terms_apart(counted):
+    """No term is nearly a sum of others, in shares of a time of which each is a part."""
+    rows = design_of([found for draw, found in counted if draw.kind != "twice"])
+    rows = rows / (rows @ (1.0 / rows.max(axis=0)))[:, None]
+    for number, name in enumerate(TERMS):
+        others = np.delete(rows, number, axis=1)
+        left = rows[:, number] - others @ np.linalg.lstsq(others, rows[:, number], rcond=None)[0]
+        assert np.linalg.norm(left) > 0.03 * np.linalg.norm(rows[:, number]), name
+
+
+@pytest.mark.parametrize("corners", [4, 16, 32])
+@pytest.mark.parametrize("way", placing.WAYS)
+def test_a_convex_ring_is_triangulated_whole(corners, way):
+    triangles = placing.WAYS[way](corners)
+    assert triangles.shape == (corners - 2, 3)
+    points = placing.ring(corners, 4096, 1024)
+    doubled = twice_areas(points, triangles)
+    assert (doubled > 0).all()
+    x, y = points.T
+    outline = np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))
+    assert doubled.sum() == outline
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(500, 30000), st.integers(500, 30000), st.sampled_from(DIRECTIONS))
+def test_boxes_fit_the_viewport_and_do_not_touch(width, height, direction):
+    corners = placing.cells(width, height, direction, 50)
+    assert len(corners) <= 50
+    if len(corners):
+        ends = placing.turned(corners, direction)
+        assert np.abs(ends).max() <= SIDE * SUBPIXEL // 2 - placing.MARGIN
+        apart = np.abs(corners[:, None] - corners)
+        beside = (apart[..., 0] >= width + placing.GAP) | (apart[..., 1] >= height + placing.GAP)
+        assert (beside | np.eye(len(corners), dtype=bool)).all()
+
+
+def test_numbers_are_spread_evenly_and_differ_by_seed_and_draw():
+    numbers = placing.mixed(7, 3, 40_000)
+    assert numbers.min() >= 0
+    assert numbers.max() < 2**32
+    for shift in (0, 8, 16, 24):
+        counts = np.bincount(numbers >> shift & 255, minlength=256)
+        assert counts.min() > 80
+        assert counts.max() < 260
+    assert (numbers[:100] != placing.mixed(8, 3, 100)).all()
+    assert (numbers[:100] != placing.mixed(7, 4, 100)).all()
+    assert placing.mixed(2**63 - 1, 900, 3).max() < 2**32

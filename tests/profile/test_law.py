@@ -1,0 +1,81 @@
+"""The law of a device whose costs are known: found, with intervals that hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.figures.ratios import Ratio
+from harness.measuring.timing import EMPTY, Times
+from harness.profile import law, measured
+from harness.profile.counted import TERMS
+from harness.profile.measured import CONTROL
+from scripts.studies.laws import Design, designed, go
+
+
+@pytest.fixture(scope="module")
+def of() -> Design:
+    return designed()
+
+
+def test_costs_are_within_their_intervals_and_what_costs_nothing_is_nothing(of):
+    """The long simulation is kept in results/reference/laws.csv: 1,000 devices."""
+    held, nothing, costs, none = 0, 0, 0, 0
+    for seed in range(4):
+        truth, found = go(of, seed, budget_s=0.15, resamples=60)
+        inside = (found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1])
+        held, costs = held + int(inside[truth > 0].sum()), costs + int((truth > 0).sum())
+        nothing += int((~found.shown)[truth == 0].sum())
+        none += int((truth == 0).sum())
+        assert found.r2_over > 0.99
+        assert found.r2_within > 0.98
+        assert found.shown[0]
+    assert held >= 0.85 * costs
+    assert nothing >= 0.85 * none
+
+
+def test_the_fewest_terms_are_those_that_cost_something(of):
+    truth = np.zeros(len(TERMS))
+    places = {"draw": 2e-5, "triangles": 5e-8, "half_perimeter": 7e-9, "work": 3e-10}
+    for name, cost in places.items():
+        truth[list(TERMS).index(name)] = cost
+    noise = np.exp(0.005 * np.random.default_rng(0).standard_normal(len(of.rows)))
+    assert set(law.fewest(of.rows, of.rows @ truth * noise, of.groups)) == set(places)
+
+
+def test_a_draw_that_misses_the_law_widens_the_intervals(of):
+    truth = np.zeros(len(TERMS))
+    truth[:2] = 2e-5, 5e-8
+    random = np.random.default_rng(0)
+    widths = []
+    for missed in (0.0, 0.05):
+        times = of.rows @ truth * np.exp(missed * random.standard_normal(len(of.rows)))
+        epochs = times * np.exp(0.005 * random.standard_normal((12, len(times))))
+        found = law.fit(of.rows, epochs, of.groups, resamples=40)
+        widths.append(np.ptp(found.intervals[0]) / truth[0])
+    assert widths[1] > 3 * widths[0]
+
+
+def rounds(*speeds: float, apart: float = 1.0) -> measured.Measured:
+    """Return three draws' times in epochs of two rounds, the machine at these speeds."""
+    samples = {"0": 1e-3, "1": 2e-3, "2": 4e-3, EMPTY: 1e-5, CONTROL: 2e-3 * apart}
+    epochs = [2] * len(speeds)
+    each = np.repeat(speeds, 2)
+    times = {name: Times(1, (s * each).tolist(), epochs) for name, s in samples.items()}
+    return measured.of_times(times, ["0", "1", "2"])
+
+
+def test_a_machines_speed_does_not_change_what_draws_take():
+    found = rounds(1.0, 1.1, 1.0 / 1.1, 1.0)
+    assert found.seconds == pytest.approx([1e-3, 2e-3, 4e-3])
+    assert np.ptp(found.epochs, axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert found.drift == pytest.approx(1.21)
+    assert found.trouble == ""
+
+
+def test_a_machine_that_slows_down_and_a_control_apart_are_told():
+    assert "speed changed by a factor of 1.60" in rounds(1.0, 1.6, 1.2, 1.0).trouble
+    assert "1.050 times its own time" in rounds(1.0, 1.0, 1.0, 1.0, apart=1.05).trouble
+    found = rounds(1.0, 1.0, 1.0, 1.0, apart=1.02)
+    assert isinstance(found.control, Ratio)
+    assert found.trouble == ""
