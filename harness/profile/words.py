@@ -22,8 +22,8 @@ NOTHING = 1e-16
 LEAST_SHARE = 0.05
 """Of what thin triangles take more: what takes less than this is not named."""
 
-SHOWN = ("draw", "triangles", "set_up", "fragments", "helper_lanes", "half_perimeter", "blocks")
-"""Terms that a table of devices has a column for."""
+ALWAYS = ("draw", "triangles", "helper_lanes")
+"""Terms that a table of devices has a column for even where no device is shown to pay for them."""
 
 BY_TERM = {
     "helper_lanes": "helper lanes",
@@ -132,30 +132,35 @@ def table(profile: Mapping[str, Any]) -> Table:
 
 
 def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of a table of the profiles in a folder, one a device."""
+    """Return headings and rows of a table of the profiles in a folder, one a device.
+
+    A column for each term that any of them is shown to pay for.
+    """
+    found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.json"))]
+    profiles = [profile for profile in found if not profile["refused"]]
+    paid = {term["name"] for each in profiles for term in each["terms"] if term["shown"]}
+    names = [name for name in TERMS if name in paid | {*ALWAYS}]
     heads = (
         "device",
-        *(TERMS[name].noun for name in SHOWN),
+        *(TERMS[name].noun for name in names),
         "twice as long from",
         "triangulate by",
     )
-    rows = []
-    for file in sorted(folder.glob("*.json")):
-        profile = json.loads(file.read_text(encoding="utf-8"))
-        if profile["refused"]:
-            continue
-        device = profile["device"]
-        where = f"{device['name']} ({device['rasteriser']})"
-        cpu = f"; {device['cpu']}" if device["software"] else ""
-        terms = {term["name"]: term for term in profile["terms"]}
-        doubled = ", ".join(
-            f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
-            for each in profile["aspects"]
-        )
-        advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
-        costs = (cost_of(terms[name]) for name in SHOWN)
-        rows.append((f"{where}{cpu}", *costs, doubled, f"`{advice}`"))
-    return heads, rows
+    return heads, [_row(profile, names) for profile in profiles]
+
+
+def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+    device = profile["device"]
+    where = f"{device['name']} ({device['rasteriser']})"
+    cpu = f"; {device['cpu']}" if device["software"] else ""
+    terms = {term["name"]: term for term in profile["terms"]}
+    doubled = ", ".join(
+        f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
+        for each in profile["aspects"]
+    )
+    advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
+    costs = (cost_of(terms[name]) for name in names)
+    return (f"{where}{cpu}", *costs, doubled, f"`{advice}`")
 
 
 def cost_of(term: Mapping[str, Any]) -> str:

@@ -23,7 +23,16 @@ from harness.compare.rows import groups
 from harness.compare.wording import headline
 from harness.rasterisers.binning import Binning
 from harness.stored.folder import Run, read_run
-from tests.compare.runs import TRIANGULATORS, Edit, beside, plan, record, slower, write_run
+from tests.compare.runs import (
+    TRIANGULATORS,
+    Edit,
+    beside,
+    costlier,
+    plan,
+    record,
+    slower,
+    write_run,
+)
 from tests.compare.scenarios import SCENARIOS
 
 COUNTERS = Settings(gates=("counters",))
@@ -71,6 +80,24 @@ def test_every_counter_of_the_binner_is_gated(tmp_path):
         assert found.exit_code == 1
         assert f"+50.0 % {name}" in headline(found)
         assert all(case.regressions()[0].metric == name for case in found.cases)
+
+
+def test_the_headline_names_what_grew_most_whether_it_was_counted_or_timed(tmp_path):
+    """One case costs half more by count, another, which counts nothing, takes a fifth longer."""
+
+    def uncounted(entry: dict[str, Any]) -> None:
+        entry["counters"] = {}
+
+    def slow(entry: dict[str, Any]) -> None:
+        uncounted(entry)
+        slower(0.2)(entry)
+
+    one = write_run(tmp_path / "base", seed=1, edits={"delaunay": uncounted})
+    edits = {"delaunay": slow, "fan": costlier(0.5)}
+    other = write_run(tmp_path / "head", seed=2, edits=edits)
+    found = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
+    assert {case.name.triangulator for case in found.regressed()} == {"delaunay", "fan"}
+    assert "fan on llvmpipe" in headline(found)
 
 
 def test_what_regressed_has_the_first_column_and_others_follow_what_is_usual(tmp_path):
