@@ -158,3 +158,10 @@ def test_a_file_that_is_there_twice_is_told(harness, parts, tmp_path, no_plots):
     code, _, error = harness("census", str(folder), "-o", "out", "--triangulators", names)
     assert code == 0
     assert f"b.parquet has the content of {folder}/a.parquet: its polygons count twice" in error
+
+
+def test_where_no_footprint_is_done_by_all_there_is_no_census(harness, parts, no_plots):
+    names = "fan,tests.broken:raises"
+    code, _, error = harness("census", f"{parts}", "-o", "out", "--triangulators", names)
+    assert code == 4
+    assert "error: out: no footprint was done by all triangulators" in error
