@@ -73,11 +73,17 @@ def of_system(error: OSError, advice: str = "") -> str:
     return reason
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return a clause that names the nearest of the `known` names, or all where none is near."""
+def did_you_mean(name: str, known: Iterable[str], like: float = 0.4, otherwise: str = "") -> str:
+    """Return a clause that names the nearest of the `known` names.
+
+    like : how near it has to be, 0 to 1 for the same; otherwise : said where none is; by default
+        all that are known
+    """
     choices = sorted(known)
-    near = difflib.get_close_matches(name, choices, n=1, cutoff=0.4)
-    return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(choices) or 'none'}"
+    near = difflib.get_close_matches(name, choices, n=1, cutoff=like)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    return otherwise or f"known: {', '.join(choices) or 'none'}"
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> UsageError:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from itertools import combinations
 
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import (
@@ -20,6 +19,7 @@ from docs.held.lookups import (
     whole,
 )
 from harness.figures.ratios import NORMAL, RUN_SCATTER
+from scripts.studies import states as studied
 
 SHARES = "learned/shares.csv"
 SCENES = {"glyphs": "letters"}
@@ -96,8 +96,6 @@ of them say. The first two are from before intervals held `RUN_SCATTER`, which t
 """
 
 LOADS = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
-ONE_STATE = 1.03
-"""Ratio of two runs' reference draws up to which they count as in one state."""
 
 
 def states() -> list[str]:
@@ -136,19 +134,18 @@ def apart() -> list[str]:
 
 
 def _apart(file: str, *, scattered: bool) -> tuple[str, str]:
-    found = []
-    for pair in combinations([r for r in _runs(file) if r["run"].startswith("none-")], 2):
-        slow, fast = (pick(float(run["reference_ms"]) for run in pair) for pick in (max, min))
-        if len({run["triangulator"] for run in pair}) > 1 or slow > ONE_STATE * fast:
-            continue
-        reach = 0.0
-        for run in pair:
+    found: list[bool] = []
+    held = NORMAL * RUN_SCATTER
+    for name in studied.NAMES:
+        runs = []
+        for run in _runs(file):
+            if run["triangulator"] != name or not run["run"].startswith("none-"):
+                continue
             own = math.log(float(run["high"]) / float(run["low"])) / 2
-            held = NORMAL * RUN_SCATTER
             alone = own if file != AGAIN else math.sqrt(max(0.0, own**2 - held**2))
-            reach = math.hypot(reach, alone, held if scattered else 0.0)
-        first, second = (math.log(float(run["all"])) for run in pair)
-        found.append(abs(first - second) > reach)
+            reach = math.hypot(alone, held if scattered else 0.0)
+            runs.append((math.log(float(run["all"])), reach, float(run["reference_ms"])))
+        found += studied.apart(runs, studied.ONE_STATE)
     return str(sum(found)), str(len(found))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import Any
 
 from docs.held import Held, Sentence, Table
@@ -61,13 +62,9 @@ def thin() -> list[str]:
             ratios = [f"{each['ratios'][place]:.2f}" for place in places]
             doubled = f"{each['doubled_at'][0]:.0f}:1" if each["doubled_at"] else "-"
             lanes, *_ = each["shares"].get("helper_lanes", [0.0])
-            others = [share for of, share in each["shares"].items() if of != "helper_lanes"]
-            most = max(
-                (of for of in each["shares"] if of != "helper_lanes"),
-                key=lambda of: each["shares"][of][0],
-                default="-",
-            )
-            part = max((share[0] for share in others), default=0.0)
+            others = {of: share for of, (share, _, _) in each["shares"].items()}
+            others.pop("helper_lanes", None)
+            most, part = max(others.items(), key=itemgetter(1), default=("-", 0.0))
             cells = (doubled, percent(lanes) + " %", f"{NOUNS.get(most, most)}, {percent(part)} %")
             lines.append(table_row(f"{label}, {each['area']} px^2", *ratios, *cells))
     return lines

@@ -19,14 +19,8 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    device: Annotated[
-        str | None,
-        typer.Option(help="Device that draws; the best one by default."),
-    ] = None,
-    rasteriser: Annotated[
-        str | None,
-        typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL."),
-    ] = None,
+    device: options.OneDevice = None,
+    rasteriser: options.OneRasteriser = None,
     scene: Annotated[
         list[str] | None,
         typer.Option(

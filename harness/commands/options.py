@@ -211,6 +211,13 @@ Timeout = Annotated[
         "--quick.",
     ),
 ]
+OneDevice = Annotated[str | None, typer.Option(help="Device that draws; the best one by default.")]
+
+OneRasteriser = Annotated[
+    str | None,
+    typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL."),
+]
+
 Precision = Annotated[
     float,
     typer.Option(

@@ -17,14 +17,8 @@ BUDGET_S = 0.5
 
 
 def profile(
-    device: Annotated[
-        str | None,
-        typer.Option(help="Device that draws; the best one by default."),
-    ] = None,
-    rasteriser: Annotated[
-        str | None,
-        typer.Option(help="Rasteriser that draws; by default opengl, or webgpu without EGL."),
-    ] = None,
+    device: options.OneDevice = None,
+    rasteriser: options.OneRasteriser = None,
     budget: options.Budget = BUDGET_S,
     seed: options.Seed = 0,
     out: Annotated[

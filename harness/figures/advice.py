@@ -31,7 +31,7 @@ def _advice(decision: Decision, scene: str) -> str:
         if choice.pays is not None and choice.pays.kind in (AT_ONCE, AFTER):
             words += f", and pays {choice.pays.written}"
         if decision.alike:
-            words += f"; no difference to {_listed(decision.alike)} is shown"
+            words += f"; no difference to {listed(decision.alike)} is shown"
         return words
     if decision.ground == KEEP and base:
         return f"{take}: every other triangulator is shown to draw slower"
@@ -58,7 +58,8 @@ def _share(value: float, unit: str = " %") -> str:
     return f"{100 * value:.1f}{unit}"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence has them: a, b and c."""
     if len(names) == 1:
         return names[0]
     return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from harness.figures.advice import listed
 from harness.pictures.style import plain_table
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import TERMS
@@ -62,7 +63,7 @@ def _law(profile: Mapping[str, Any]) -> Iterator[str]:
         yield TERMS[name].sentence.format(seconds(term["seconds"]))
     nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if nothing:
-        yield f"Nothing is shown for {_listed(nothing)}."
+        yield f"Nothing is shown for {listed(nothing)}."
 
 
 def _thin(profile: Mapping[str, Any]) -> Iterator[str]:
@@ -105,15 +106,11 @@ def _advice(profile: Mapping[str, Any]) -> Iterator[str]:
     ]
     by = f"by {name}" if name in CRITERIA else f"by {name} with this file"
     yield (
-        f"Triangulate {by}: by the model, it saves {_listed(saved)} of ear clipping's time, the "
+        f"Triangulate {by}: by the model, it saves {listed(saved)} of ear clipping's time, the "
         "draw itself left out."
     )
     regrets = [f"{CRITERIA[each]} {advice['regret'][each]:.1%}" for each in CRITERIA]
-    yield f"Above the least that the model knows: {_listed(regrets)}."
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    yield f"Above the least that the model knows: {listed(regrets)}."
 
 
 def table(profile: Mapping[str, Any]) -> Table:

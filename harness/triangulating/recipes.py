@@ -9,7 +9,6 @@ module:function         a third party's, which only a worker process imports
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
 import math
 import re
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import UsageError
+from harness.errors import UsageError, did_you_mean
 from triangulators import UnknownName, criteria, full_name, registry, triangulate_with_gap, vertices
 from triangulators.batch.triangulate_many import Ragged, attempt_many
 from triangulators.methods.optimal import LIMIT
@@ -191,7 +190,6 @@ def _require_module(reference: str) -> None:
         return
     name = reference.partition(":")[0]
     # A module's name need not be like a triangulator's: only what is all but one is hinted at.
-    near = difflib.get_close_matches(name, registry.names(), n=1, cutoff=0.75)
-    found = "a module lies in the folder you are in, or is installed"
-    hint = f"did you mean '{near[0]}'?" if near else found
+    otherwise = "a module lies in the folder you are in, or is installed"
+    hint = did_you_mean(name, registry.names(), like=0.75, otherwise=otherwise)
     raise UsageError(f"unknown triangulator '{reference}': there is no module '{name}'; {hint}")

@@ -131,8 +131,8 @@ def report(out: Path) -> None:
             run = (float(np.log(ratio.value)), float(half_width), median)
             found.setdefault(key, []).append(run)
     for (name, load), runs in found.items():
-        near = list(_apart(runs, ONE_STATE))
-        every = list(_apart(runs, np.inf))
+        near = list(apart(runs, ONE_STATE))
+        every = list(apart(runs, np.inf))
         spread = np.std([value for value, _, _ in runs], ddof=1)
         print(
             f"{name}, {load}: {sum(near)} of {len(near)} pairs in one state apart, {sum(every)} of "
@@ -140,7 +140,7 @@ def report(out: Path) -> None:
         )
 
 
-def _apart(runs: list[tuple[float, float, float]], limit: float) -> Iterator[bool]:
+def apart(runs: list[tuple[float, float, float]], limit: float) -> Iterator[bool]:
     """Yield of each pair whether it differs by more than both 95 % intervals allow.
 
     runs : logarithm of the ratio, half its interval's width, the reference draw

@@ -293,13 +293,11 @@ def _finish(
         given = polygon_at(arrays, index) if isinstance(polygons, Ragged) else polygons[index]
         try:
             pieces.append(triangulate(given, name, **parameters))
-        except (TriangulationError, Skipped) as error:
-            failed[index] = str(error)
-            pieces.append(triangles[:0])
         except (Exception, SystemExit) as error:
-            if builtin:
+            refused = isinstance(error, (TriangulationError, Skipped))
+            if builtin and not refused:
                 raise
-            failed[index] = told_of(error)
+            failed[index] = str(error) if refused else told_of(error)
             pieces.append(triangles[:0])
         lengths[index] = len(pieces[-1])
     pieces.append(triangles[starts[copied] :])
