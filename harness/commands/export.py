@@ -204,6 +204,7 @@ def _in_place(
         if given is not None:
             raise UsageError(f"{option} is for polygons; for a 3D model choose --criterion only")
     from harness.models.in_place import CRITERION, retriangulate
+    from harness.models.views import VIEWS
 
     done = retriangulate(source, out, criterion or CRITERION)
     for reason, count in sorted(done.left.items()):
@@ -221,6 +222,18 @@ def _in_place(
         f"their triangles' sides are {1.0 - done.after / done.before:.1%} shorter in all. "
         "No vertex changes"
     )
+    for seen in done.seen:
+        lanes, quads = (
+            f"{after / before - 1.0:+.1%}" if before else "none"
+            for before, after in (
+                (seen.lanes_before, seen.lanes_after),
+                (seen.quads_before, seen.quads_after),
+            )
+        )
+        typer.echo(
+            f"seen from {VIEWS} sides at {seen.pixels} px, without depth: helper lanes {lanes}, "
+            f"shaded quads {quads}"
+        )
 
 
 def _many(file: str, out: Path) -> bool:

@@ -33,13 +33,17 @@ class GltfModel:
         try:
             meshes = self._file.json.get("meshes", [])
             alike: dict[str, list[dict[str, Any]]] = {}
-            for primitive in (each for mesh in meshes for each in mesh["primitives"]):
-                alike.setdefault(_key(primitive), []).append(primitive)
+            places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+            for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
+                for primitive in mesh["primitives"]:
+                    key = _key(primitive)
+                    alike.setdefault(key, []).append(primitive)
+                    places[key] = places.get(key, ()) + matrices
             for mesh in meshes:
                 keys = [_key(each) for each in mesh["primitives"]]
                 fresh = [key for key in dict.fromkeys(keys) if key not in seen]
                 seen.update(fresh)
-                parts = [self._part(alike[key]) for key in fresh]
+                parts = [self._part(alike[key], places[key]) for key in fresh]
                 yield [part for part in parts if part is not None]
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
             raise self._file.damaged(error) from error
@@ -55,7 +59,29 @@ class GltfModel:
         """Write the model; returns the files."""
         return self._file.write(out)
 
-    def _part(self, primitives: list[dict[str, Any]]) -> Part | None:
+    def _placements(self, count: int) -> list[tuple[NDArray[np.float64], ...]]:
+        """Return for each mesh where the scene's nodes place it; as it is, if there is no scene."""
+        told = self._file.json
+        scenes = told.get("scenes")
+        if not scenes:
+            return [(np.eye(4),)] * count
+        nodes = told.get("nodes", [])
+        found: list[tuple[NDArray[np.float64], ...]] = [()] * count
+        waiting = [(number, np.eye(4)) for number in scenes[told.get("scene", 0)].get("nodes", [])]
+        for _ in range(len(nodes)):  # a tree has each node once
+            if not waiting:
+                break
+            number, above = waiting.pop()
+            node = nodes[number]
+            matrix = above @ _matrix(node)
+            if "mesh" in node:
+                found[node["mesh"]] += (matrix,)
+            waiting += [(child, matrix) for child in node.get("children", [])]
+        return found
+
+    def _part(
+        self, primitives: list[dict[str, Any]], placements: tuple[NDArray[np.float64], ...]
+    ) -> Part | None:
         """Return what primitives draw; None for lines and points."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
@@ -75,7 +101,8 @@ class GltfModel:
         whole = positions.dtype.kind != "f"
         mesh = Mesh(exact, triangles, *columns.stacked(), 1.0 if whole else tolerance_of(exact))
         strange = [name for name in primitive.get("extensions", {}) if name not in HARMLESS]
-        return Part(mesh, primitives, f"extension {strange[0]}" if strange else "")
+        left = f"extension {strange[0]}" if strange else ""
+        return Part(mesh, primitives, left, placements)
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
         return self._file.array(accessor), bool(
@@ -138,3 +165,21 @@ def _key(primitive: dict[str, Any]) -> str:
     """What makes primitives draw the same triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])
+
+
+def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix by which a node places what is in it."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=np.float64).tolist()
+    turned = np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+    result = np.eye(4)
+    result[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
+    result[:3, 3] = node.get("translation", (0, 0, 0))
+    return result

@@ -20,6 +20,7 @@ from harness.models.mesh import Mesh, Part
 from harness.models.obj import ObjModel
 from harness.models.ply import PlyModel
 from harness.models.stl import StlModel
+from harness.models.views import Drawn, Seen, look
 from scenes.readers import cut_off
 from scenes.readers.opening import existing
 
@@ -67,6 +68,7 @@ class Changes:
     area, flat_area : in the model's units
     before, after : length of all sides of changed faces' triangles, in the model's units
     left : faces and parts left as they are, by reason
+    seen : where nothing is written, counters of the model before and after, in views from around
     """
 
     triangles: int = 0
@@ -79,6 +81,7 @@ class Changes:
     before: float = 0.0
     after: float = 0.0
     left: Counter[str] = field(default_factory=Counter)
+    seen: list[Seen] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -106,13 +109,17 @@ def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) ->
     cost_named(criterion)
     model = kind(source)
     changes = Changes()
+    drawn: list[Drawn] = []
     for parts in model.groups():
         made = [_made(part, criterion, changes) for part in parts]
         _revert_shared(parts, made, changes)
         for part, found in zip(parts, made, strict=True):
+            drawn.append(Drawn(part.mesh, found.triangles, part.placements))
             if (found.triangles != part.mesh.triangles).any():
                 model.replace(part, found.triangles)
-    if out is not None:
+    if out is None:
+        changes.seen = look(drawn) if changes.changed else []
+    else:
         changes.files = model.write(out)
     changes.seconds = time.perf_counter() - begun
     return changes

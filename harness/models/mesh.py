@@ -41,11 +41,13 @@ class Part:
 
     source : what the model needs to find them again
     left : why they stay as they are, "" if they need not
+    placements : (4, 4) matrices, one for each place where it is drawn
     """
 
     mesh: Mesh
     source: Any
     left: str = ""
+    placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
 def tolerance_of(positions: NDArray[np.float64]) -> float:
