@@ -1,7 +1,7 @@
 """Certificates: what they claim against every triangulation listed, and what is refused."""
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 from types import SimpleNamespace
 
 import numba
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from scripts.false_claims import PLAIN
 from tests.triangulators.cases import (
     glyphs,
     random_simple,
@@ -18,11 +19,17 @@ from tests.triangulators.cases import (
 )
 from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
-from triangulators.certificate import proof
+from triangulators.certificate import linear_program, proof
+from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.certify import check_certificate
 from triangulators.certificate.integer_costs import noise, weights_of
-from triangulators.certificate.proof import prove
+from triangulators.certificate.linear_program import Program
+from triangulators.certificate.proof import _numbers, prove, prove_best
+from triangulators.certificate.sight import sight_of
+from triangulators.checking.edges import edges_of
 from triangulators.checking.evidence import Branch, Leaf, Refused
+from triangulators.checking.exclusions import check_excluded
+from triangulators.checking.potentials import check_potentials
 from triangulators.checking.units import (
     Units,
     _binary_places,
@@ -32,9 +39,11 @@ from triangulators.checking.units import (
     lowest_first,
     units_for,
     whole_scale,
+    wide_costs,
 )
 from triangulators.checking.weights import TOO_LARGE, weight_of, weights_in_order
 from triangulators.criteria.cost import (
+    AREA,
     BBOX_AREA,
     HALF_PERIMETER,
     TRIANGLES,
@@ -145,6 +154,78 @@ def test_real_polygons_with_holes_are_proven():
         assert other.gap == (other.cost - other.lower_bound) / other.cost
 
 
+def test_constraints_that_are_added_by_and_by_give_the_same_bound(monkeypatch):
+    """As all at once, and as the interior-point method."""
+    polygon = with_holes(np.random.default_rng(2), 16, 2)
+    outline = boundary(polygon)
+    cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
+    start = best_start(outline, cost)
+    sight = sight_of(outline, start)
+    c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
+    weights = costs_of(outline.points, c.triangles, cost)
+    every, numbers = np.ones(len(weights), np.bool_), _numbers(c, start)
+    found = Program(c, weights, every, numbers, 1e9).by_interior_point(60.0)
+    for most, added in ((10**6, 10), (0, 10**6), (0, 5)):
+        monkeypatch.setattr(linear_program, "_ALL", most)
+        monkeypatch.setattr(linear_program, "_MOST_ADDED", added)
+        program = Program(c, weights, every, numbers, 1e9)
+        own = program.by_simplex(60.0)
+        assert own.solved
+        assert own.bound == pytest.approx(found.bound, rel=1e-9)
+        around = (program.signs * own.potentials[c.sides]).sum(axis=1)
+        assert (around <= weights + 1e-9 * weights.max()).all()
+        assert own.share @ weights == pytest.approx(own.bound)
+
+
+def test_costs_that_64_bits_cannot_hold_are_no_programs():
+    polygon = random_simple(np.random.default_rng(2), 9, 2**31)
+    outline = boundary(polygon)
+    cost = cost_of(criteria.find("overdraw"), 1.0, outline.expected_triangles)
+    start = best_start(outline, cost)
+    assert units_for(outline, start, cost).wide
+    assert prove(outline, start, cost) is None
+
+
+@pytest.mark.parametrize(("name", "within"), [("half-perimeter", 0), ("edge-length", 6)])
+def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name, within):
+    """Where costs are no numbers of units, all of seven triangles but one may be rounded down."""
+    outline = boundary(SQUARE)
+    cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
+    start = best_start(outline, cost)
+    found = prove_best(outline, start, cost)
+    units = units_for(outline, found.triangles, cost)
+    weights = weights_of(outline.points, found.triangles, cost, units)
+    total = sum(weights.tolist())
+    assert units.exact == (within == 0)
+    assert found.gap == 0.0
+    for below, gap in ((within, 0.0), (within + 1, (within + 1) * units.factor / total)):
+        bound = total - below * units.factor
+        monkeypatch.setattr(proof, "_bound", lambda *_, b=bound: b)
+        assert prove(outline, found.triangles, cost).gap == gap
+
+
+def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monkeypatch):
+    """The candidate of number 0, too; not where it has an edge that is in no optimum."""
+    outline = boundary(shapely.box(0, 0, 9, 9))
+    cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
+    start = best_start(outline, cost)
+    sight, units = sight_of(outline, start), units_for(outline, start, cost)
+    posed = proof._posed(sight, start, cost, units, how_many(sight, 10))
+    triangles = posed.candidates.triangles
+    diagonals = ({0, 2}, {1, 3})
+    common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
+    first = [0, next(k for k in (1, 2, 3) if common[k] in diagonals)]
+    search = proof._Search(posed, cost, 0.0)
+    monkeypatch.setattr(proof, "search_cuts", lambda *_: triangles[first])
+    search.best, search.least = np.setdiff1d(range(4), first), np.inf
+    search._search()
+    assert search.best.tolist() == first
+    search.least = np.inf
+    monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
+    search._search()
+    assert search.least == np.inf
+
+
 def test_worse_triangulations_are_not_proven():
     polygon = star(60, spread=0.4)
     best, worst = (triangulate(polygon, f"{way}:half-perimeter") for way in ("optimal", "worst"))
@@ -249,6 +330,14 @@ def test_noise_of_edges_is_below_its_bits_and_takes_all_values(bits):
     assert noise(3, 70, bits) == noise(70, 3, bits)
 
 
+@pytest.mark.parametrize("bits", [1, 7, 10])
+def test_noise_of_edges_is_what_evidence_says_it_is(bits):
+    """The plain checker's way, in Python's numbers."""
+    plain = SimpleNamespace(bits=bits)
+    for a, b in combinations((*range(40), 10**6), 2):
+        assert noise(a, b, bits) == PLAIN.Claim.noise(plain, a, b)
+
+
 @numba.njit
 def of_first_corner(ax, ay, bx, by, cx, cy):
     """A cost that depends on which corner comes first."""
@@ -297,6 +386,18 @@ def test_a_weight_may_be_as_far_below_0_as_above_it():
         assert found == each * units.factor + own
     assert weight_of(points, 0, 1, 2, weighing(-most - 1.0), units) == TOO_LARGE
     assert weight_of(points, 0, 1, 2, weighing(np.nan), units) == TOO_LARGE
+
+
+def test_a_weight_that_is_no_number_proves_nothing():
+    edges = edges_of(boundary(SQUARE))
+    units = Units(1.0, factor_for(7, 10), 10, True, False, False)
+    none = np.zeros(len(edges.ends), np.int64)
+    with pytest.raises(Refused, match="a weight is too large"):
+        check_potentials(edges, none, 0, weighing(np.nan), units)
+    check_potentials(edges, none, 0, weighing(1.0), units)
+    edges = edges_of(boundary(shapely.box(0, 0, 9, 9)))
+    with pytest.raises(Refused, match="a weight is too large"):
+        check_excluded(edges, np.flatnonzero(edges.ways == 0)[:1], weighing(np.nan), units)
 
 
 def outlined(points, count=1, holes=0, corners=4):
@@ -378,6 +479,29 @@ def boxes(around: float = 0.0, box: float = 0.0):
     weights = cost["weights"].copy()
     weights[HALF_PERIMETER], weights[BBOX_AREA] = around, box
     return with_fields(cost, weights=weights)
+
+
+def test_twice_a_whole_cost_is_exact_in_pythons_numbers():
+    cost = weighing(5.0)
+    weights = cost["weights"].copy()
+    weights[AREA], weights[HALF_PERIMETER], weights[BBOX_AREA] = 7.0, 3.0, 2.0
+    cost = with_fields(cost, weights=weights)
+    low, high = 2**40, 2**40 + 12
+    points = np.array([(low, low), (high, low), (low + 4, high - 2)], dtype=float)
+    whole = 2 * (5 + 3 * (12 + 10) + 2 * 12 * 10) + 7 * 12 * 10
+    assert wide_costs(points, np.array([[0, 1, 2], [2, 1, 0]]), cost) == [whole, whole]
+    assert 2.0 * costs_of(points - low, TRIANGLE, cost)[0] == whole
+
+
+def test_four_times_a_total_stays_below_the_room_for_weights():
+    """Of 2^k and one unit less, the larger leaves a bit less for noise."""
+    factor = factor_for(1, 10)
+    side = 2.0**58 / factor
+    for total, bits in ((2 * side, 9), (2 * side - 1, 10)):
+        points = np.array([(0.0, 0.0), (side, 0.0), (0.0, total - side)])
+        units = units_for(outlined(points, holes=1), TRIANGLE, boxes(1.0))
+        assert (units.scale, units.exact, units.bits) == (1.0, True, bits)
+        assert (4 * int(total) * factor < 2**61) == (bits == 10)
 
 
 @pytest.mark.parametrize(
