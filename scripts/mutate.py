@@ -54,7 +54,8 @@ TESTS = {
     "harness/study/cost_model.py": "tests/study/test_models.py tests/study/test_calibration.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
-    " tests/triangulators/test_skeleton.py tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_skeleton.py tests/triangulators/test_proof.py"
+    " tests/triangulators/test_hunted.py",
     "triangulators/checking": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
     " tests/triangulators/test_hunted.py",

@@ -19,13 +19,10 @@ from tests.triangulators.cases import (
 )
 from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
-from triangulators.certificate import linear_program, proof
-from triangulators.certificate.candidates import candidates_of, how_many
+from triangulators.certificate import proof
 from triangulators.certificate.certify import check_certificate
 from triangulators.certificate.integer_costs import noise, weights_of
-from triangulators.certificate.linear_program import Program
-from triangulators.certificate.proof import _numbers, prove, prove_best
-from triangulators.certificate.sight import sight_of
+from triangulators.certificate.proof import prove
 from triangulators.checking.edges import edges_of
 from triangulators.checking.evidence import Branch, Leaf, Refused
 from triangulators.checking.exclusions import check_excluded
@@ -152,78 +149,6 @@ def test_real_polygons_with_holes_are_proven():
         other = certify(polygon, triangulate(polygon, "ear-clipping", repair=True))
         assert other.lower_bound <= other.cost
         assert other.gap == (other.cost - other.lower_bound) / other.cost
-
-
-def test_constraints_that_are_added_by_and_by_give_the_same_bound(monkeypatch):
-    """As all at once, and as the interior-point method."""
-    polygon = with_holes(np.random.default_rng(2), 16, 2)
-    outline = boundary(polygon)
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
-    sight = sight_of(outline, start)
-    c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
-    weights = costs_of(outline.points, c.triangles, cost)
-    every, numbers = np.ones(len(weights), np.bool_), _numbers(c, start)
-    found = Program(c, weights, every, numbers, 1e9).by_interior_point(60.0)
-    for most, added in ((10**6, 10), (0, 10**6), (0, 5)):
-        monkeypatch.setattr(linear_program, "_ALL", most)
-        monkeypatch.setattr(linear_program, "_MOST_ADDED", added)
-        program = Program(c, weights, every, numbers, 1e9)
-        own = program.by_simplex(60.0)
-        assert own.solved
-        assert own.bound == pytest.approx(found.bound, rel=1e-9)
-        around = (program.signs * own.potentials[c.sides]).sum(axis=1)
-        assert (around <= weights + 1e-9 * weights.max()).all()
-        assert own.share @ weights == pytest.approx(own.bound)
-
-
-def test_costs_that_64_bits_cannot_hold_are_no_programs():
-    polygon = random_simple(np.random.default_rng(2), 9, 2**31)
-    outline = boundary(polygon)
-    cost = cost_of(criteria.find("overdraw"), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
-    assert units_for(outline, start, cost).wide
-    assert prove(outline, start, cost) is None
-
-
-@pytest.mark.parametrize(("name", "within"), [("half-perimeter", 0), ("edge-length", 6)])
-def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name, within):
-    """Where costs are no numbers of units, all of seven triangles but one may be rounded down."""
-    outline = boundary(SQUARE)
-    cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
-    start = best_start(outline, cost)
-    found = prove_best(outline, start, cost)
-    units = units_for(outline, found.triangles, cost)
-    weights = weights_of(outline.points, found.triangles, cost, units)
-    total = sum(weights.tolist())
-    assert units.exact == (within == 0)
-    assert found.gap == 0.0
-    for below, gap in ((within, 0.0), (within + 1, (within + 1) * units.factor / total)):
-        bound = total - below * units.factor
-        monkeypatch.setattr(proof, "_bound", lambda *_, b=bound: b)
-        assert prove(outline, found.triangles, cost).gap == gap
-
-
-def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monkeypatch):
-    """The candidate of number 0, too; not where it has an edge that is in no optimum."""
-    outline = boundary(shapely.box(0, 0, 9, 9))
-    cost = cost_of(criteria.find("half-perimeter"), 1.0, 2)
-    start = best_start(outline, cost)
-    sight, units = sight_of(outline, start), units_for(outline, start, cost)
-    posed = proof._posed(sight, start, cost, units, how_many(sight, 10))
-    triangles = posed.candidates.triangles
-    diagonals = ({0, 2}, {1, 3})
-    common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
-    first = [0, next(k for k in (1, 2, 3) if common[k] in diagonals)]
-    search = proof._Search(posed, cost, 0.0)
-    monkeypatch.setattr(proof, "search_cuts", lambda *_: triangles[first])
-    search.best, search.least = np.setdiff1d(range(4), first), np.inf
-    search._search()
-    assert search.best.tolist() == first
-    search.least = np.inf
-    monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
-    search._search()
-    assert search.least == np.inf
 
 
 def test_worse_triangulations_are_not_proven():
