@@ -32,6 +32,7 @@ import time
 import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -392,13 +393,16 @@ def main() -> None:
     options.add_argument("--minutes", type=float, default=60.0)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--again", type=Path, help="try what survived in this output, once each")
-    options.add_argument("--only", metavar="FILE[:FIRST-LAST]", help="try every change there once")
+    options.add_argument(
+        "--only", nargs="+", metavar="FILE[:FIRST-LAST]", help="try every change there once"
+    )
     options.add_argument("--out", type=Path)
     chosen = options.parse_args()
     wanted: Iterable[Change] = drawn(chosen.seed)
     tests = list(TESTS.values())
     if chosen.again or chosen.only:
-        wanted = list(changes_in(chosen.only) if chosen.only else chosen_changes(chosen.again))
+        found = map(changes_in, chosen.only or ())
+        wanted = list(chosen_changes(chosen.again) if chosen.again else chain(*found))
         tests = [tests_of(change.file) for change in wanted]
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as place:

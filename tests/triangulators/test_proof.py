@@ -208,3 +208,23 @@ def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monk
     monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
     search._search()
     assert search.least == np.inf
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 3e-9, 1e12])
+def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
+    """The start's add up to 2^16 to 2^17; what is not allowed weighs twice the start more."""
+    outline = boundary(SQUARE)
+    cost = cost_of(criteria.find("edge-length"), 1.0, outline.expected_triangles)
+    start = best_start(outline, cost)
+    sight = sight_of(outline, start)
+    c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
+    weights, numbers = size * costs_of(outline.points, c.triangles, cost), _numbers(c, start)
+    allowed = np.arange(len(weights)) % 3 > 0
+    program = Program(c, weights, allowed, numbers, 7.0)
+    total = weights[numbers].sum()
+    assert np.frexp(program.scale)[0] == 0.5
+    assert 2.0**16 < total * program.scale <= 2.0**17 or size == 0.0 == program.scale - 1.0
+    heavy = np.where(allowed, weights, weights + 2.0 * total)
+    assert program.weights == pytest.approx(heavy * program.scale, rel=1e-12)
+    assert program.most == 7.0 * program.scale
+    assert program.free.sum() == len(c.edges) - len(c.points) + 1
