@@ -199,6 +199,7 @@ def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
     axes = counter_figure(grown).axes[0]
     (row,) = [label.get_text() for label in axes.get_yticklabels()]
     assert "delaunay" in row
+    assert list(axes.lines[0].get_xdata()) == [0, 0]
     drawn = [line.get_xdata() for line in axes.lines if line.get_marker() != "None"]
     assert any(list(x) == pytest.approx([10.0], rel=1e-3) for x in drawn)
     axes = time_figure(grown).axes[0]
@@ -208,7 +209,10 @@ def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
 
 
 def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_path):
-    edits = {"optimal:overdraw": slower(0.4)}
+    def untimed(entry):
+        del entry["time"]
+
+    edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
     runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
     found = compare_runs(*map(read_run, runs), Settings(gates=("counters", "time")))
     axes = time_figure(found).axes[0]
@@ -221,6 +225,7 @@ def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_pat
         for x, y, bar in zip(*points.get_data(), bars.get_segments(), strict=True):
             drawn[rows[y]] = (container.get_label(), x, *bar[:, 0])
     times = {case.name.triangulator: case.time for case in found.compared()}
+    times.pop("fan")  # it was not timed
     assert len(drawn) == len(rows) == len(times)
     for row, (outcome, *values) in drawn.items():
         time = times[row.split(",")[0]]
