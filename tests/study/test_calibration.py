@@ -319,10 +319,11 @@ def test_a_draw_may_have_nothing_of_a_term():
     assert found == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
-def test_terms_may_be_of_any_size():
+@pytest.mark.parametrize("signed", [False, True])
+def test_terms_may_be_of_any_size(signed):
     size = np.array([1e9, 1e-30])
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    found = cost_model.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
+    found = cost_model.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1], signed=signed)
     assert found * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
