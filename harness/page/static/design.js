@@ -7,7 +7,6 @@ const LEVEL = [1, 0, 1], STEEP = [0, 1, 1], SLANTED = [12, 5, 13], DIAGONAL = [2
 const MOST = 3000;
 
 const over = (value, by) => Math.floor(value / by);
-const range = (size) => Array.from({ length: size }, (_, k) => k);
 
 /* Numbers of 32 bits: the seed's, the draw's and each place's, well mixed. */
 function mixed(seed, draw, size) {

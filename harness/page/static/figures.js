@@ -7,7 +7,9 @@ function median(values) {
   return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 }
 
-const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+const sum = (values) => values.reduce((total, value) => total + value, 0);
+const mean = (values) => sum(values) / values.length;
+const range = (size) => Array.from({ length: size }, (_, k) => k);
 
 /* By how much a log ratio moves from one run to the next, beyond what its rounds show. */
 const RUN_SCATTER = 0.003;

@@ -10,8 +10,6 @@ const colourOf = (name) => state.page.looks[name][state.dark ? "dark" : "colour"
 const AGAIN = "(the base again)";
 const FEWEST_EPOCHS = 4;
 
-const sum = (values) => values.reduce((total, value) => total + value, 0);
-
 /* Helper lanes of a case: 4 lanes a quad, less those that cover something. */
 const helpersOf = (counters) => 4 * sum(counters.quads) - sum(counters.fragments);
 
