@@ -42,20 +42,39 @@ def report(
 
 
 def page(
-    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    run: Annotated[
+        Path | None, typer.Argument(help="Folder of a run; none for --profile.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
+    profile: Annotated[
+        bool,
+        typer.Option("--profile", help="Of no run: a page that says what a triangle costs."),
+    ] = False,
 ) -> None:
     """Write a page that measures a run's triangulations in any browser that has WebGPU.
 
-    One file, which needs no network and sends nothing. Open it on a phone, a Mac or a Windows
-    machine; it counts, times and saves its result as a file for `harness import`.
+    With --profile it needs no run: it says what a triangle, a pixel and a helper lane cost on the
+    device that opens it, as the command profile does. One file, which needs no network and sends
+    nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
+    as a file for `harness import`.
     """
     from harness.compare.matching import latest
-    from harness.page import write_page
+    from harness.measuring.processes import Bench
+    from harness.measuring.worker import Worker
+    from harness.page import write_page, write_profile_page
     from harness.stored.folder import read_run
     from harness.webpages.single_file import is_stream
 
-    file = write_page(latest(read_run(run)), out)
+    if profile == (run is not None):
+        raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
+    if run is None:
+        bench = Bench(Worker, timeout_s=600)
+        try:
+            file = write_profile_page(bench, out)
+        finally:
+            bench.close()
+    else:
+        file = write_page(latest(read_run(run)), out)
     streamed = is_stream(file)
     size = "" if streamed else f" ({file.stat().st_size / 1e6:.1f} MB)"
     said = f"page: {os.path.relpath(file)}{size}; open it in a browser with WebGPU"
