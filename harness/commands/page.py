@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from harness.commands.options import Base, Quiet
 from harness.errors import UsageError
+
+if TYPE_CHECKING:
+    from harness.page import profile_result
 
 
 def report(
@@ -42,9 +45,7 @@ def report(
 
 
 def page(
-    run: Annotated[
-        Path | None, typer.Argument(help="Folder of a run; none for --profile.")
-    ] = None,
+    run: Annotated[Path | None, typer.Argument(help="Folder of a run; none for --profile.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
     profile: Annotated[
         bool,
@@ -82,10 +83,14 @@ def page(
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="What a measuring page saved, or a run's folder.")],
+    file: Annotated[Path, typer.Argument(help="What a page saved, or a run's folder.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the run; results/<device>-<time> if absent."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the run, results/<device>-<time> if absent; file for the profile.",
+        ),
     ] = None,
     run: Annotated[
         Path | None,
@@ -107,15 +112,19 @@ def import_(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make a run folder of what a measuring page saved.
+    """Make a run folder, or a profile, of what a measuring page saved.
 
-    `report`, `compare`, `gains` and `history` read it like any other run. Given the folder of a
-    run that was measured here, it writes its --summary and nothing else.
+    `report`, `compare`, `gains` and `history` read the run like any other. A page of --profile
+    gives a file as the command profile does: its draws, counters and law are computed anew, and
+    refused if the page's contradict them. Given the folder of a run that was measured here, it
+    writes its --summary and nothing else.
     """
     from harness.commands.running import folder_for
     from harness.compare.matching import latest
+    from harness.page import profile_result
     from harness.page.device_summaries import write_summary
-    from harness.page.result import device_name, import_result, read_result
+    from harness.page.result import FORMAT, Result, import_result
+    from harness.page.saved import checked, device_name, read_saved
     from harness.report import write_report
     from harness.stored import atomic
     from harness.stored.folder import clear_errors, file_stem, read_run
@@ -129,7 +138,14 @@ def import_(
             here = replace(here, records=[r for r in here.records if r["device"] == device])
         typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
-    result = read_result(file)
+    saved_as, content = read_saved(file, [FORMAT, profile_result.FORMAT])
+    if saved_as == profile_result.FORMAT:
+        if run or summary:
+            raise UsageError(f"{file} is a profile, which has neither --run nor --summary")
+        told = checked(profile_result.Result, content, file)
+        _import_profile(file, told, file_stem(device) or device_name(told), out)
+        return
+    result = checked(Result, content, file)
     name = file_stem(device) or device_name(result)
     origin = latest(read_run(run)) if run else None
     folder = folder_for(name, out, None)
@@ -145,3 +161,23 @@ def import_(
     if summary is not None:
         write_summary(stored, summary)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
+
+
+def _import_profile(
+    file: Path, result: profile_result.Result, device: str, out: Path | None
+) -> None:
+    """Write the profile that a page's result tells, with its advice, and print it."""
+    from harness.commands.profile import add_advice, tell
+    from harness.measuring.processes import Bench
+    from harness.measuring.worker import Worker
+    from harness.page.profile_result import import_profile
+
+    found = import_profile(file, result, device)
+    bench = Bench(Worker, timeout_s=600)
+    try:
+        add_advice(found.content, bench, found.trouble)
+    finally:
+        bench.close()
+    for warning in found.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    tell(found.content, out, found.trouble)

@@ -1,4 +1,4 @@
-"""What a page that profiles a device holds: what its draws are and cost, and sums for its advice."""
+"""What a page that profiles a device holds: what its draws cost, and sums for its advice."""
 
 from __future__ import annotations
 
@@ -43,8 +43,10 @@ def content_of(bench: Bench, seed: int = 0) -> Content:
         "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
         "fitted": _groups(made, fitted, seed),
         "plain": _groups(made, plain, seed),
-        "terms": {name: {**term._asdict(), "thin": BY_TERM.get(name, term.noun)}
-                  for name, term in TERMS.items()},
+        "terms": {
+            name: {**term._asdict(), "thin": BY_TERM.get(name, term.noun)}
+            for name, term in TERMS.items()
+        },
         "in_px": IN_PX,
         "costs": cost_model.TERMS,
         "base": BASE,

@@ -19,7 +19,8 @@ from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.page.page_data import KEPT
-from harness.page.result import FORMAT, VERSION
+from harness.page.result import FORMAT
+from harness.page.saved import VERSION
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
