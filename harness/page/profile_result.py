@@ -6,10 +6,12 @@ it saved. So nothing of it is believed but the times, and what contradicts them 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
@@ -116,7 +118,7 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
     }
     found = measured.of_times(times, names)
     content, law = profile(draws, found, _facts(result, name), page.seed)
-    _refuse_other_law(file, result, draws, law.seconds)
+    _refuse_other_law(file, result, content, law.seconds)
     return Imported(content, found.trouble, _warnings(result))
 
 
@@ -138,13 +140,15 @@ def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
         )
 
 
-def _refuse_other_law(file: Path, result: Result, draws: list[Draw], seconds: Any) -> None:
+def _refuse_other_law(
+    file: Path, result: Result, content: Mapping[str, Any], seconds: NDArray[np.float64]
+) -> None:
     """The law that the page showed must say the same of each draw as the one of its times."""
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS):
         raise UsageError(f"{file}: its law has other terms")
-    rows = design_of([counters(draw) for draw in draws])
+    rows = design_of([each["counters"] for each in content["times"]])
     shown = rows @ np.array([result.law.seconds[name] for name in TERMS])
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")

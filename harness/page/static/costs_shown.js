@@ -4,8 +4,11 @@
 const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"]];
 const NOTHING = 1e-16, LEAST_SHARE = 0.05;
 
-/* Terms of the first sentence. */
-const SAID_FIRST = { triangles: "a triangle", vertices: "a vertex", fragments: "a covered pixel", helper_lanes: "a helper lane" };
+/* Terms of the first sentence, which has the first few that cost anything. */
+const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", vertices: "a vertex", fragments: "a covered pixel",
+  helper_lanes: "a helper lane", blocks: "a 4x4 block", further_tiles: "a further 64x64 tile", near: "a pixel of its box's first width and height",
+  half_perimeter: "a pixel of its box's width and height", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
+const MOST_SAID = 4;
 
 function secondsText(value) {
   const short = (number) => (number >= 10 ? number.toFixed(0) : String(+number.toPrecision(2)));
@@ -133,10 +136,12 @@ function answerOf(result) {
     : `All counters of ${count(result.draws.length)} draws are the exact ones.`;
   if (!profile) return `On ${name}: ${counted} Too little was timed to say what a triangle costs.${slowWords(result)}`;
   if (refusalOf(profile)) return `On ${name}: ${refusalOf(profile)}`;
-  const told = termsOf(profile).filter((term) => SAID_FIRST[term.name] && term.shown).map((term) => `${SAID_FIRST[term.name]} ${secondsText(term.seconds)}`);
+  const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
+  const told = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
+    .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
   const doubled = profile.aspects.filter((each) => each.doubled_at).map((each) => `from ${each.doubled_at[0].toFixed(0)}:1 on at ${each.area} px²`);
-  const thin = doubled.length ? `Thin triangles take twice as long ${listed(doubled)}.` : "Thin triangles of equal area never take twice as long.";
-  const first = told.length ? `On ${name}, ${told.map((each, k) => (k ? each : each.replace(/^(an? [a-z ]+?) (?=[\d.]+ [a-zµ]+$)/, "$1 costs "))).join(", ")}.` : `On ${name}:`;
+  const thin = doubled.length ? `Thin triangles take twice as long ${listed(doubled)}.` : "Thin triangles take less than twice as long as others of equal area, up to 64:1.";
+  const first = told.length ? `On ${name}, ${listed(told)}.` : `On ${name}:`;
   return `${first} ${thin}${result.differing ? ` ${counted}` : ""}`;
 }
 

@@ -3,7 +3,8 @@
    relative errors, intervals over epochs and over what the law misses. Rows are arrays of numbers, one a draw. */
 
 const BETWEEN = 0.3, LARGE_ERROR = 0.05, FAR_OFF = 2, CLOSE = 1e-4, MOST_TURNS = 100;
-const RESAMPLES = 200, SHARE = 0.002;
+const SHARE = 0.002;
+const fitting = { resamples: 200 };
 
 const dot = (p, q) => p.reduce((total, value, k) => total + value * q[k], 0);
 const between = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -175,7 +176,7 @@ const chanceOf = (random) => (epochs, groups) => ({ chosen: range(epochs).map(()
   signs: range(groups).map(() => (random() < 0.5 ? -1 : 1)) });
 
 /* The law of (draws, terms) rows and seconds of each epoch: {seconds, low, high, shown, r2_over, r2_within}. */
-async function lawOf(design, epochs, labels, folds, { resamples = RESAMPLES, chance = chanceOf(Math.random), rest = () => {} } = {}) {
+async function lawOf(design, epochs, labels, folds, { resamples = fitting.resamples, chance = chanceOf(Math.random), rest = () => {} } = {}) {
   const logs = epochs.map((row) => row.map(Math.log));
   const seconds = design.map((_, k) => Math.exp(mean(logs.map((row) => row[k]))));
   const terms = range(design[0].length), groups = Math.max(...labels) + 1;

@@ -31,6 +31,8 @@ async function measure() {
     // Whatever is waited for ends when the device is lost.
     await Promise.race([measureAll(result, painter, budget), lost.then((why) => { throw new Error(why); })]);
   } catch (error) {
+    // Whatever still goes on ends with the round under way.
+    state.stop = true;
     // What fails because the device is lost may be heard of first; a busy browser takes its time.
     const later = new Promise((resolve) => setTimeout(resolve, 1000));
     throw new Error(await Promise.race([lost, later.then(() => error.message)]));

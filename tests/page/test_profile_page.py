@@ -1,0 +1,351 @@
+"""The page that profiles a device, on a GPU that charges known costs, and on SwiftShader."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.figures.ratios import Ratio
+from harness.measuring.processes import Bench
+from harness.page import write_profile_page
+from harness.page.profile_data import STEPS
+from harness.profile import design, law
+from harness.profile.aspects import aspects
+from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.measured import Measured
+from harness.profile.words import seconds
+from harness.study import cost_model
+from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.measuring.test_run import inline
+from tests.paths import ROOT
+from tests.profile.charging import COSTS
+
+MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
+WORLD = (ROOT / "tests/page/world.js").read_text()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Path:
+    """The page, whose advice looks at eight polygons."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.page.profile_data.SCENES", {"city:buildings=12": "city"})
+        patch.setattr("harness.profile.advice.POLYGONS", 8)
+        bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
+        return write_profile_page(bench, tmp_path_factory.mktemp("page") / "profile.html")
+
+
+def opened(browser: Chromium, page: Path, world: str = "", costs: Any = COSTS) -> None:
+    """Open the page without having it begin by itself, on a GPU of the tests."""
+    browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate(
+        f"{WORLD}; fitting.resamples = 20; PACE.quick = 0.02; $('pace').value = 'quick';"
+        f"makeWorld({{ costs: {json.dumps(costs)}, {world} }}); null"
+    )
+
+
+def measured(browser: Chromium) -> dict[str, Any]:
+    browser.evaluate("start(); null")
+    browser.wait(MEASURED)
+    return json.loads(browser.evaluate("JSON.stringify(state.result)"))
+
+
+def told(browser: Chromium, part: str) -> str:
+    return browser.evaluate(f"$('{part}').textContent")
+
+
+def test_the_page_is_small_and_its_draws_are_those_of_python(browser, page):
+    assert page.stat().st_size < 500_000
+    browser.open(page, REPORT_READY, fragment="wait")
+    for seed in (0, 5_000_000_003):
+        browser.evaluate(f"globalThis.made = designOf({seed}); null")
+        draws = design.draws(seed)
+        for step in (1, 16):
+            sums = browser.evaluate(
+                f"made.map(({{ points, rows }}) => checksumOf({{ points: snapped(points, {step}), rows }}))"
+            )
+            assert sums == [design.snapped(draw, step).checksum for draw in draws]
+    assert browser.requests == [f"{page.resolve().as_uri()}"]
+
+
+def test_what_it_holds_is_counted_by_the_exact_reference(browser, page):
+    browser.open(page, REPORT_READY, fragment="wait")
+    grids = browser.evaluate("state.page.grids")
+    assert list(grids) == [str(step) for step in STEPS]
+    for step, place in ((1, 20), (4, 80), (16, 100)):
+        draw = design.snapped(design.draws()[place], step)
+        told = {name: values[place] for name, values in grids[str(step)]["counters"].items()}
+        assert told == counters(draw)
+        assert grids[str(step)]["checksums"][place] == draw.checksum
+
+
+@pytest.fixture(scope="module")
+def synthetic() -> dict[str, Any]:
+    """Times that follow a law, with errors of their own and of each epoch."""
+    draws = design.draws()
+    rows = design_of([counters(draw) for draw in draws])
+    truth = np.array([COSTS.get(name, 0.0) for name in TERMS])
+    random = np.random.default_rng(0)
+    missed = np.exp(0.05 * random.standard_normal(len(rows)))
+    epochs = rows @ truth * missed * np.exp(0.01 * random.standard_normal((8, len(rows))))
+    return {"draws": draws, "rows": rows, "epochs": epochs}
+
+
+def chances(epochs: int, groups: int, number: int) -> list[dict[str, list[float]]]:
+    """Return what `law.fit` takes from chance with seed 0."""
+    random = np.random.default_rng(0)
+    return [
+        {
+            "chosen": random.integers(epochs, size=epochs).tolist(),
+            "signs": random.choice([-1.0, 1.0], groups).tolist(),
+        }
+        for _ in range(number)
+    ]
+
+
+def test_its_law_is_that_of_python(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    fitted = browser.evaluate("state.page.fitted")
+    places = fitted["places"]
+    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
+    groups = [draws[place].group for place in places]
+    ours = law.fit(rows[places], epochs[:, places], groups, resamples=20)
+    few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
+    drawn = chances(len(epochs), max(fitted["labels"]) + 1, 20)
+    browser.evaluate(
+        f"globalThis.given = {json.dumps({'epochs': epochs.tolist(), 'drawn': drawn})}; null"
+    )
+    theirs = browser.evaluate(
+        """(async () => {
+          const { places, labels, folds } = state.page.fitted, { epochs, drawn } = given;
+          const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
+          const pick = (values) => places.map((k) => values[k]);
+          const found = await lawOf(pick(rows), epochs.map(pick), labels, folds, { resamples: 20, chance: () => drawn.shift() });
+          const seconds = pick(rows.map((_, k) => Math.exp(mean(epochs.map((row) => Math.log(row[k]))))));
+          return { ...found, rows, fewest: await fewestOf(pick(rows), seconds, labels, folds) };
+        })()"""
+    )
+    assert theirs["rows"] == rows.tolist()
+    assert theirs["seconds"] == pytest.approx(ours.seconds.tolist(), rel=1e-6)
+    # Student's quantile is expanded in the page.
+    for place, end in enumerate(("low", "high")):
+        assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-3, abs=1e-15)
+    assert theirs["shown"] == ours.shown.tolist()
+    assert theirs["r2_over"] == pytest.approx(ours.r2_over, abs=1e-9)
+    assert theirs["r2_within"] == pytest.approx(ours.r2_within, abs=1e-9)
+    assert [list(TERMS)[place] for place in theirs["fewest"]] == list(few)
+
+
+def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
+    groups = [draw.group for draw in draws]
+    ours = law.fit(rows, epochs, groups, resamples=20)
+    times = Measured(epochs, np.ones(8), COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
+    low, high = ours.intervals.T.tolist()
+    shown = {"seconds": ours.seconds.tolist(), "low": low, "high": high}
+    given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
+    theirs = browser.evaluate(
+        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
+        "state.page.grids[1].counters, state.page.draws.length);"
+        "return aspectsOf(state.page, rows, given, given.law); })()"
+    )
+    for own, other in zip(aspects(draws, rows, times, ours), theirs, strict=True):
+        for name in ("area", "aspects"):
+            assert other[name] == own[name]
+        for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
+            assert other[name] == pytest.approx(own[name], rel=1e-3)
+        shares = {
+            each["name"]: [each["value"], each["low"], each["high"]] for each in other["shares"]
+        }
+        assert list(shares) == list(own["shares"])
+        for name, ends in own["shares"].items():
+            assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
+def test_it_writes_seconds_as_python_does(browser, page, value):
+    browser.open(page, REPORT_READY, fragment="wait")
+    assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == seconds(value)
+
+
+@pytest.fixture(scope="module")
+def whole(browser, page) -> dict[str, Any]:
+    """A measurement without a GPU timer that nobody disturbed, and what the page showed."""
+    opened(browser, page, "noise: 1e-6")
+    result = measured(browser)
+    browser.resize(360, 800)
+    shown = {name: told(browser, name) for name in ("answer", "words", "thin", "terms", "traps")}
+    shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
+    shown["saved"] = browser.evaluate("savedText()")
+    shown["coefficients"] = browser.evaluate("state.profile.coefficients")
+    browser.send("Emulation.clearDeviceMetricsOverride")
+    return {"result": result, **shown}
+
+
+def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
+    result = whole["result"]
+    assert result["complete"]
+    assert result["problem"] is None
+    assert result["differing"] == 0
+    assert len(result["epochs"]) >= 12
+    for name, value in result["law"]["seconds"].items():
+        assert value == pytest.approx(COSTS.get(name, 0.0), rel=0.01, abs=1e-13)
+    assert result["law"]["r2_within"] > 0.99
+    assert whole["answer"].startswith(
+        "On a test's GPU, a triangle costs 50 ns, a 4x4 block 30 ns, a pixel of its box's width "
+        "and height 7 ns and a round of arithmetic 300 ps. Thin triangles take twice as long from"
+    )
+    assert "A draw by itself costs 20 µs." in whole["words"]
+    assert "Nothing is shown for triangles set up, vertices" in whole["words"]
+    assert "Triangulate by optimal:" in whole["words"]
+    assert " on city (" in whole["words"]
+    assert "Times are the wall clock's, for the device has no GPU timer." in whole["traps"]
+    assert "nothing here says that the device sorts triangles into tiles" in whole["traps"]
+    assert whole["panels"] == 2
+    assert "twice at" in whole["thin"]
+    assert whole["widths"] == [360, 360]
+
+
+def test_its_coefficients_are_those_that_python_fits(whole, page, browser):
+    browser.open(page, REPORT_READY, fragment="wait")
+    plain = browser.evaluate("state.page.plain")
+    rows = np.array(browser.evaluate("state.page.grids[1].predicted"))[plain["places"]]
+    truth = rows @ np.array(whole["coefficients"])
+    found = cost_model.solve(rows, truth, plain["labels"])
+    assert found == pytest.approx(whole["coefficients"], rel=1e-3, abs=1e-14)
+
+
+def test_a_gpu_timer_is_used_where_there_is_one(browser, page):
+    opened(browser, page, "timer: true, noise: 0")
+    result = measured(browser)
+    assert result["timer"]["timer"] == "gpu"
+    assert "The GPU's timer goes in steps of" in told(browser, "traps")
+
+
+def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, page):
+    opened(browser, page, "at: { 4500: ({ lose }) => lose() }")
+    result = measured(browser)
+    assert "lost the GPU (it was unplugged)" in result["problem"]
+    assert not result["complete"]
+    assert sum(result["epochs"]) > 8
+    assert result["law"]["seconds"]["triangles"] == pytest.approx(5e-8, rel=0.1)
+    assert "What was measured is kept" in told(browser, "notice")
+    assert not browser.evaluate("$('save').disabled")
+
+
+def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, page):
+    opened(browser, page, "at: { 300: ({ lose }) => lose() }")
+    result = measured(browser)
+    assert len(result["draws"]) == 123
+    assert result["law"] is None
+    assert "All counters of 123 draws are the exact ones." in told(browser, "answer")
+    assert "Too little was timed to say what a triangle costs." in told(browser, "answer")
+
+
+def test_a_hidden_page_waits_and_draws_its_round_again(browser, page):
+    opened(browser, page, "at: { 4000: () => hide() }")
+    result = measured(browser)
+    assert result["complete"]
+    assert result["hidden"]
+    assert {len(each["samples_s"]) for each in result["times"].values()} == {sum(result["epochs"])}
+    assert "it waits until it is in front again" in browser.evaluate("hide.said")
+    assert "The page was hidden for a while" in told(browser, "traps")
+    assert browser.evaluate("$('notice').hidden")
+
+
+def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, page):
+    opened(browser, page, "slower: (drawn) => 1 + drawn / 6000")
+    result = measured(browser)
+    assert "The device's speed changed by a factor of" in result["problem"]
+    assert not result["complete"]
+    assert "The device's speed changed by a factor of" in told(browser, "notice")
+
+
+def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, page):
+    opened(browser, page, "scale: 200")
+    result = measured(browser)
+    assert result["limited"]
+    assert 4 <= len(result["epochs"]) < 12
+    assert result["law"]["seconds"]["triangles"] == pytest.approx(200 * 5e-8, rel=0.1)
+    assert "The time limit of 4 minutes ended it after" in told(browser, "traps")
+
+
+def test_a_far_too_slow_device_is_told_so(browser, page):
+    opened(browser, page, "scale: 20000")
+    result = measured(browser)
+    assert result["law"] is None
+    assert "ended it before a first round" in told(browser, "answer")
+
+
+def test_counters_that_differ_are_said(browser, page):
+    opened(browser, page, "wrong: 7")
+    assert measured(browser)["differing"] == 1
+    assert "Counters differ from the exact ones in 1 of 123 draws." in told(browser, "answer")
+
+
+def test_a_browser_that_makes_other_draws_is_refused(browser, page):
+    opened(browser, page)
+    browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
+    assert measured(browser)["draws"] == []
+    assert "their checksums differ" in told(browser, "notice")
+
+
+def test_a_stop_keeps_what_was_counted(browser, page):
+    opened(browser, page, "at: { 3000: () => { $('stop').click(); } }")
+    result = measured(browser)
+    assert not result["complete"]
+    assert not result["limited"]
+    assert "Stopped. What was measured is kept." in told(browser, "notice")
+
+
+def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
+    browser.open(page, MEASURED)
+    assert "WebGPU is in Chrome" in told(browser, "notice")
+    assert told(browser, "answer") == "Nothing was measured."
+    assert browser.evaluate("$('save').disabled")
+
+
+def test_names_that_are_markup_run_no_script(browser, page):
+    opened(browser, page, f"describe: {json.dumps(MARKUP)}")
+    browser.evaluate(
+        f"state.page.draws.forEach((draw) => {{ draw.name += {json.dumps(MARKUP)}; }});"
+        f"Object.values(state.page.terms).forEach((term) => {{ term.noun += {json.dumps(MARKUP)}; }});"
+        f"state.page.scenes = {{ [{json.dumps(MARKUP)}]: state.page.scenes.city }}; null"
+    )
+    measured(browser)
+    assert MARKUP in told(browser, "answer")
+    assert MARKUP in told(browser, "terms")
+    assert MARKUP in told(browser, "words")
+    assert not browser.evaluate("'hacked' in window")
+    assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
+
+
+@pytest.fixture(scope="module")
+def gpu_browser() -> Iterator[Chromium]:
+    chromium = Chromium(WEBGPU_FLAGS)
+    yield chromium
+    chromium.close()
+
+
+def test_swiftshader_counts_what_the_page_expects(gpu_browser, page):
+    gpu_browser.open(page, REPORT_READY, fragment="wait")
+    differing = gpu_browser.evaluate(
+        """(async () => {
+          const { device, info } = await openDevice(), painter = new Painter(device, info, state.page.shaders);
+          const step = await findStep(painter), { counters } = state.page.grids[step], made = designOf(state.page.seed), found = [];
+          for (const k of [1, 40, 60, 75, 90, 110]) {
+            const points = Int32Array.from(snapped(made[k].points, step));
+            const frame = { size: SIDE, points, owner: new Uint32Array(points.length / 2), polygons: 1, work: 0 };
+            const { fragments, quads } = await painter.count(frame, Uint32Array.from(made[k].rows));
+            found.push(fragments[0] - counters.fragments[k], quads[0] - counters.quads[k]);
+          }
+          return found;
+        })()"""
+    )
+    assert differing == [0] * 12

@@ -1,0 +1,37 @@
+/* A GPU of the tests: it charges known costs, counts exactly, and time passes only as it draws. */
+function makeWorld({ costs, noise = 0.002, scale = 1, slower = () => 1, timer = false, wrong = -1, describe = "a test's GPU", at = {} }) {
+  let now = 0, drawn = 0, seed = 1, place = 0, lose;
+  const random = () => { seed = (seed * 16807) % 2147483647; return seed / 2147483647; };
+  const known = new WeakMap(), { page } = state;
+  timing.clock = () => { now += 1e-8; return now; };
+  const lost = new Promise((done) => { lose = () => done({ message: "it was unplugged" }); });
+  openDevice = async () => ({ device: { limits: { maxTextureDimension2D: 8192 }, lost, addEventListener() {}, destroy() {} },
+    info: { vendor: "test", architecture: "", device: "", description: describe, timer, step: null, fallback: false,
+      limits: { maxTextureDimension2D: 8192, maxBufferSize: 1, maxStorageBufferBindingSize: 1 } } });
+  findStep = async () => 1;
+  const drawing = (seconds) => ({ close() {}, sample: async (repeats) => {
+    await at[++drawn]?.({ lose });
+    const taken = seconds * scale * slower(drawn) * repeats * (1 + noise * (random() - 0.5));
+    now += taken;
+    return { wall: taken, gpu: timer ? taken : null };
+  } });
+  layers = (_, size, number) => drawing(1e-3 * number);
+  Painter = class {
+    constructor(device) { this.device = device; }
+    async count(frame) {
+      const k = place++, { counters } = page.grids[1];
+      const found = { ...Object.fromEntries(Object.entries(counters).map(([name, values]) => [name, values[k]])), draw: 1 };
+      known.set(frame, sum(Object.entries(costs).map(([name, cost]) => (cost * found[name]) / (page.in_px.includes(name) ? 256 : 1))));
+      return { fragments: [found.fragments + Number(k === wrong)], quads: [found.quads] };
+    }
+    prepare(frame, rows) { return drawing(rows.length ? known.get(frame) : costs.draw); }
+  };
+}
+
+/* Hides the page and, a moment later, shows it again. */
+function hide() {
+  Object.defineProperty(document, "hidden", { get: () => hide.now, configurable: true });
+  const turn = (to) => { hide.now = to; document.dispatchEvent(new Event("visibilitychange")); };
+  turn(true);
+  setTimeout(() => { hide.said = $("notice").textContent; turn(false); }, 30);
+}
