@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from harness.figures.ratios import Ratio
-from harness.measuring.processes import Bench
-from harness.page import write_profile_page
 from harness.page.profile_data import STEPS
 from harness.profile import design, law
 from harness.profile.aspects import aspects
@@ -21,53 +19,30 @@ from harness.profile.measured import Measured
 from harness.profile.words import seconds
 from harness.study import cost_model
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
-from tests.measuring.test_run import inline
-from tests.paths import ROOT
+from tests.page.test_hostile import MARKUP
+from tests.page.world import WORLD, measured, opened, told
 from tests.profile.charging import COSTS
-
-MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
-WORLD = (ROOT / "tests/page/world.js").read_text()
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory) -> Path:
-    """The page, whose advice looks at eight polygons."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.page.profile_data.SCENES", {"city:buildings=12": "city"})
-        patch.setattr("harness.profile.advice.POLYGONS", 8)
-        bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
-        return write_profile_page(bench, tmp_path_factory.mktemp("page") / "profile.html")
+def page(profile_page) -> Path:
+    return profile_page
 
 
-def opened(browser: Chromium, page: Path, world: str = "", costs: Any = COSTS) -> None:
-    """Open the page without having it begin by itself, on a GPU of the tests."""
-    browser.open(page, REPORT_READY, fragment="wait")
-    browser.evaluate(
-        f"{WORLD}; fitting.resamples = 20; PACE.quick = 0.02; $('pace').value = 'quick';"
-        f"makeWorld({{ costs: {json.dumps(costs)}, {world} }}); null"
-    )
-
-
-def measured(browser: Chromium) -> dict[str, Any]:
-    browser.evaluate("start(); null")
-    browser.wait(MEASURED)
-    return json.loads(browser.evaluate("JSON.stringify(state.result)"))
-
-
-def told(browser: Chromium, part: str) -> str:
-    return browser.evaluate(f"$('{part}').textContent")
+@pytest.fixture(scope="module")
+def whole(profiled) -> dict[str, Any]:
+    return profiled
 
 
 def test_the_page_is_small_and_its_draws_are_those_of_python(browser, page):
     assert page.stat().st_size < 500_000
     browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
         browser.evaluate(f"globalThis.made = designOf({seed}); null")
         draws = design.draws(seed)
         for step in (1, 16):
-            sums = browser.evaluate(
-                f"made.map(({{ points, rows }}) => checksumOf({{ points: snapped(points, {step}), rows }}))"
-            )
+            sums = browser.evaluate(f"sumsOf(made, {step})")
             assert sums == [design.snapped(draw, step).checksum for draw in draws]
     assert browser.requests == [f"{page.resolve().as_uri()}"]
 
@@ -116,19 +91,8 @@ def test_its_law_is_that_of_python(browser, page, synthetic):
     ours = law.fit(rows[places], epochs[:, places], groups, resamples=20)
     few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
     drawn = chances(len(epochs), max(fitted["labels"]) + 1, 20)
-    browser.evaluate(
-        f"globalThis.given = {json.dumps({'epochs': epochs.tolist(), 'drawn': drawn})}; null"
-    )
-    theirs = browser.evaluate(
-        """(async () => {
-          const { places, labels, folds } = state.page.fitted, { epochs, drawn } = given;
-          const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
-          const pick = (values) => places.map((k) => values[k]);
-          const found = await lawOf(pick(rows), epochs.map(pick), labels, folds, { resamples: 20, chance: () => drawn.shift() });
-          const seconds = pick(rows.map((_, k) => Math.exp(mean(epochs.map((row) => Math.log(row[k]))))));
-          return { ...found, rows, fewest: await fewestOf(pick(rows), seconds, labels, folds) };
-        })()"""
-    )
+    given = json.dumps({"epochs": epochs.tolist(), "drawn": drawn})
+    theirs = browser.evaluate(f"{WORLD}; fitAs({given})")
     assert theirs["rows"] == rows.tolist()
     assert theirs["seconds"] == pytest.approx(ours.seconds.tolist(), rel=1e-6)
     # Student's quantile is expanded in the page.
@@ -171,21 +135,6 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
 def test_it_writes_seconds_as_python_does(browser, page, value):
     browser.open(page, REPORT_READY, fragment="wait")
     assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == seconds(value)
-
-
-@pytest.fixture(scope="module")
-def whole(browser, page) -> dict[str, Any]:
-    """A measurement without a GPU timer that nobody disturbed, and what the page showed."""
-    opened(browser, page, "noise: 1e-6")
-    result = measured(browser)
-    browser.resize(360, 800)
-    shown = {name: told(browser, name) for name in ("answer", "words", "thin", "terms", "traps")}
-    shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-    shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
-    shown["saved"] = browser.evaluate("savedText()")
-    shown["coefficients"] = browser.evaluate("state.profile.coefficients")
-    browser.send("Emulation.clearDeviceMetricsOverride")
-    return {"result": result, **shown}
 
 
 def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
@@ -314,9 +263,10 @@ def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
 def test_names_that_are_markup_run_no_script(browser, page):
     opened(browser, page, f"describe: {json.dumps(MARKUP)}")
     browser.evaluate(
-        f"state.page.draws.forEach((draw) => {{ draw.name += {json.dumps(MARKUP)}; }});"
-        f"Object.values(state.page.terms).forEach((term) => {{ term.noun += {json.dumps(MARKUP)}; }});"
-        f"state.page.scenes = {{ [{json.dumps(MARKUP)}]: state.page.scenes.city }}; null"
+        f"const {{ draws, terms, scenes }} = state.page, markup = {json.dumps(MARKUP)};"
+        "for (const draw of draws) draw.name += markup;"
+        "for (const term of Object.values(terms)) term.noun += markup;"
+        "scenes[markup] = scenes.city; null"
     )
     measured(browser)
     assert MARKUP in told(browser, "answer")
@@ -335,17 +285,5 @@ def gpu_browser() -> Iterator[Chromium]:
 
 def test_swiftshader_counts_what_the_page_expects(gpu_browser, page):
     gpu_browser.open(page, REPORT_READY, fragment="wait")
-    differing = gpu_browser.evaluate(
-        """(async () => {
-          const { device, info } = await openDevice(), painter = new Painter(device, info, state.page.shaders);
-          const step = await findStep(painter), { counters } = state.page.grids[step], made = designOf(state.page.seed), found = [];
-          for (const k of [1, 40, 60, 75, 90, 110]) {
-            const points = Int32Array.from(snapped(made[k].points, step));
-            const frame = { size: SIDE, points, owner: new Uint32Array(points.length / 2), polygons: 1, work: 0 };
-            const { fragments, quads } = await painter.count(frame, Uint32Array.from(made[k].rows));
-            found.push(fragments[0] - counters.fragments[k], quads[0] - counters.quads[k]);
-          }
-          return found;
-        })()"""
-    )
+    differing = gpu_browser.evaluate(f"{WORLD}; differencesOf([1, 40, 60, 75, 90, 110])")
     assert differing == [0] * 12

@@ -35,3 +35,30 @@ function hide() {
   turn(true);
   setTimeout(() => { hide.said = $("notice").textContent; turn(false); }, 30);
 }
+
+/* The law of given times, with the given draws from chance. */
+async function fitAs({ epochs, drawn }) {
+  const { places, labels, folds } = state.page.fitted;
+  const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
+  const pick = (values) => places.map((k) => values[k]);
+  const options = { resamples: drawn.length, chance: () => drawn.shift() };
+  const found = await lawOf(pick(rows), epochs.map(pick), labels, folds, options);
+  const seconds = pick(rows.map((_, k) => Math.exp(mean(epochs.map((row) => Math.log(row[k]))))));
+  return { ...found, rows, fewest: await fewestOf(pick(rows), seconds, labels, folds) };
+}
+
+const sumsOf = (made, step) => made.map(({ points, rows }) => checksumOf({ points: snapped(points, step), rows }));
+
+/* What the browser's own GPU counts of some draws, less what the page expects: fragments, quads, fragments, ... */
+async function differencesOf(places) {
+  const { device, info } = await openDevice(), painter = new Painter(device, info, state.page.shaders);
+  const step = await findStep(painter), { counters } = state.page.grids[step], made = designOf(state.page.seed);
+  const found = [];
+  for (const k of places) {
+    const points = Int32Array.from(snapped(made[k].points, step));
+    const frame = { size: SIDE, points, owner: new Uint32Array(points.length / 2), polygons: 1, work: 0 };
+    const { fragments, quads } = await painter.count(frame, Uint32Array.from(made[k].rows));
+    found.push(fragments[0] - counters.fragments[k], quads[0] - counters.quads[k]);
+  }
+  return found;
+}
