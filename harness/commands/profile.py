@@ -54,7 +54,7 @@ def profile(
     draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
     bench = Bench(Worker, timeout_s=600)
     try:
-        timing = measured.settings(budget)
+        timing = measured.settings(budget, len(draws))
         length = timing.budget_s * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
             times = measured.measure(backend, bench, draws, timing, seed, stage.complete)
@@ -69,6 +69,12 @@ def profile(
         add_advice(content, bench, times.trouble)
     finally:
         bench.close()
+    if len(times.rounds) < measured.EPOCHS:
+        typer.echo(
+            f"warning: the device is slow: {timing.limit_s:g} s were over after {len(times.rounds)}"
+            f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",
+            err=True,
+        )
     tell(content, out, times.trouble)
 
 

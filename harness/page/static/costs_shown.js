@@ -114,12 +114,12 @@ function drawThin(profile) {
 
 function drawTable(profile) {
   const row = (term, j) => element("tr", {}, element("th", { scope: "row" }, term.noun),
-    element("td", { class: "number" }, term.shown ? secondsText(term.seconds) : "nothing shown"),
+    element("td", { class: "number" }, term.shown ? secondsText(term.seconds) : "–"),
     element("td", { class: "number" }, `${secondsText(term.low)} to ${secondsText(term.high)}`),
     element("td", {}, profile.fewest.includes(j) ? "yes" : ""));
   $("terms").replaceChildren(...termsOf(profile).map(row));
   $("r2").textContent = `R² of log time on draws that the fit did not see: ${profile.law.r2_over.toFixed(3)} over all, `
-    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” are the fewest terms that predict as well as all.`;
+    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” are the fewest terms that predict as well as all; a dash: no cost is shown.`;
 }
 
 /* Why there is no law to believe; "" where there is one. */
@@ -135,7 +135,7 @@ function answerOf(result) {
   const counted = result.differing ? `Counters differ from the exact ones in ${count(result.differing)} of ${count(result.draws.length)} draws.`
     : `All counters of ${count(result.draws.length)} draws are the exact ones.`;
   if (!profile) return `On ${name}: ${counted} Too little was timed to say what a triangle costs.${slowWords(result)}`;
-  if (refusalOf(profile)) return `On ${name}: ${refusalOf(profile)}`;
+  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}`;
   const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
   const told = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
     .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
