@@ -171,7 +171,7 @@ def time_together(
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
-    latest = start + settings.limit_s
+    latest = math.inf if settings.limit_s is None else start + settings.limit_s
     # A slow device has time for few rounds, and most is told by those of different epochs.
     round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
     slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
