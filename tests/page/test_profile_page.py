@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.figures.intervals import mean_interval
 from harness.figures.ratios import Ratio
+from harness.measuring.timing import EMPTY, Times
 from harness.page.profile_data import STEPS
 from harness.profile import design, law
+from harness.profile.advice import CRITERIA
 from harness.profile.aspects import aspects
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.measured import Measured
+from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import seconds
 from harness.study import cost_model
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
@@ -131,6 +134,76 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
             assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
 
 
+def test_rounds_tell_it_what_they_tell_python(browser, page):
+    """Of a machine whose speed changes, draws that are noisy, and a control a little apart."""
+    browser.open(page, REPORT_READY, fragment="wait")
+    random = np.random.default_rng(1)
+    epochs, size = [2, 3, 2, 2], 6
+    speed = np.exp(0.1 * random.standard_normal(sum(epochs)))
+    names = [*map(str, range(size)), CONTROL, EMPTY]
+    samples = {
+        name: (1e-3 * (1 + place) * speed * random.uniform(0.95, 1.05, len(speed))).tolist()
+        for place, name in enumerate([*names[:size], "3", EMPTY])
+    }
+    samples[CONTROL] = (np.array(samples["3"]) * random.uniform(1.0, 1.04, len(speed))).tolist()
+    ours = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
+    told = {name: {"samples_s": values} for name, values in samples.items()}
+    given = json.dumps({"times": told, "epochs": [2, 0, 3, 2, 2]})
+    theirs = browser.evaluate(f"measuredOf({given}, {size})")
+    assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
+    assert theirs["drift"] == pytest.approx(ours.drift)
+    assert theirs["empty_s"] == pytest.approx(ours.empty_s)
+    control = [theirs["control"][name] for name in ("value", "low", "high")]
+    wanted = [ours.control.value, ours.control.low, ours.control.high]
+    # Student's quantile with three degrees of freedom is 1 % too small by its expansion.
+    assert np.log(control) == pytest.approx(np.log(wanted), rel=0.02, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "drift", "trouble"),
+    [
+        (0.99, 1.01, 1.4, ""),
+        (0.99, 1.01, 1.6, "speed changed by a factor of 1.60"),
+        (1.01, 1.09, 1.0, ""),
+        (1.04, 1.09, 1.0, "One draw under two names took 1.065 times"),
+        (0.9, 0.96, 1.0, "One draw under two names"),
+    ],
+)
+def test_what_makes_times_untrustworthy_is_told(browser, page, low, high, drift, trouble):
+    browser.open(page, REPORT_READY, fragment="wait")
+    control = json.dumps({"value": (low + high) / 2, "low": low, "high": high})
+    found = browser.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
+    assert trouble in found
+    assert bool(found) == bool(trouble)
+
+
+def test_its_advice_is_the_least_of_the_criteria(browser, page):
+    browser.open(page, REPORT_READY, fragment="wait")
+    scenes = browser.evaluate("state.page.scenes")
+    assert list(scenes) == ["city"]
+    rows = {name: np.array(each) for name, each in scenes["city"].items()}
+    assert list(rows) == ["ear-clipping", *CRITERIA]
+    assert {each.shape for each in rows.values()} == {(8, len(cost_model.TERMS) - 1)}
+    for place, term in enumerate(cost_model.TERMS[1:]):
+        coefficients = [0.0] * len(cost_model.TERMS)
+        coefficients[1 + place] = 1e-9
+        found = browser.evaluate(f"adviceOf(state.page, {coefficients})")
+        sums = {name: each[:, place].sum() for name, each in rows.items()}
+        least = min(CRITERIA, key=lambda name: sums[name])
+        assert found["triangulator"] == least, term
+        for name in CRITERIA:
+            assert found["regret"][name] == pytest.approx(sums[name] / sums[least] - 1, abs=1e-9)
+        logs = np.log(rows[least][:, place] / rows["ear-clipping"][:, place])
+        (saved,) = found["saved"]
+        assert saved["value"] == pytest.approx(1 - np.exp(logs.mean()))
+        if np.ptp(logs) > 1e-6:
+            ends = [1 - np.exp(end) for end in mean_interval(logs)]
+            reach = ends[0] - ends[1]
+            assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
+            assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
+    assert browser.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
+
+
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
 def test_it_writes_seconds_as_python_does(browser, page, value):
     browser.open(page, REPORT_READY, fragment="wait")
@@ -198,8 +271,11 @@ def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, page):
 
 
 def test_a_hidden_page_waits_and_draws_its_round_again(browser, page):
-    opened(browser, page, "at: { 4000: () => hide() }")
+    slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
+    opened(browser, page, f"at: {{ 4000: () => hide() }}, {slow}")
     result = measured(browser)
+    for each in result["times"].values():
+        assert max(each["samples_s"]) < 1.1 * min(each["samples_s"])
     assert result["complete"]
     assert result["hidden"]
     assert {len(each["samples_s"]) for each in result["times"].values()} == {sum(result["epochs"])}
