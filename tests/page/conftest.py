@@ -156,6 +156,8 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     shown = {name: told(browser, name) for name in ("answer", "words", "thin", "terms", "traps")}
     shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
+    needed = "[...$('terms').rows].map((row) => row.cells[3].textContent)"
+    shown["needed"] = browser.evaluate(needed)
     shown["saved"] = browser.evaluate("savedText()")
     shown["coefficients"] = browser.evaluate("state.profile.coefficients")
     browser.send("Emulation.clearDeviceMetricsOverride")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.errors import BAD_INPUT
 from harness.figures.intervals import mean_interval
 from harness.figures.ratios import Ratio
 from harness.measuring.timing import EMPTY, Times
@@ -22,6 +23,8 @@ from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import seconds
 from harness.study import cost_model
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.harness.test_cli import assert_one_line
+from tests.measuring.test_run import inline
 from tests.page.test_hostile import MARKUP
 from tests.page.world import WORLD, measured, opened, told
 from tests.profile.charging import COSTS
@@ -223,6 +226,7 @@ def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
         "On a test's GPU, a triangle costs 50 ns, a 4x4 block 30 ns, a pixel of its box's width "
         "and height 7 ns and a round of arithmetic 300 ps. Thin triangles take twice as long from"
     )
+    assert whole["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
     assert "A draw by itself costs 20 µs." in whole["words"]
     assert "Nothing is shown for triangles set up, vertices" in whole["words"]
     assert "Triangulate by optimal:" in whole["words"]
@@ -350,6 +354,42 @@ def test_names_that_are_markup_run_no_script(browser, page):
     assert MARKUP in told(browser, "words")
     assert not browser.evaluate("'hacked' in window")
     assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
+
+
+def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
+    for arguments in ((), ("somewhere", "--profile")):
+        code, _, err = harness("page", *arguments)
+        assert code == BAD_INPUT
+        assert_one_line(err, "give its folder, or --profile alone")
+    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.page.profile_data.SCENES", {})
+    code, out, _ = harness("page", "--profile", "--out", "p.html")
+    assert code == 0
+    assert "p.html (0.1 MB); open it in a browser" in out
+    assert "What a triangle costs on this device" in Path("p.html").read_text()
+
+
+@pytest.mark.parametrize("work", [0, 64])
+def test_a_draws_arithmetic_reaches_its_shader(browser, page, work):
+    browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate("globalThis.GPUBufferUsage = {}; null")
+    painter = "{ buffer: (content) => content, group() {}, hasTimer: false }"
+    frame = f"{{ size: 8, points: [], owner: [], work: {work} }}"
+    drawing = f"new Drawing({painter}, {frame}, [])"
+    assert browser.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
+
+
+def test_noise_makes_no_draw_shorter_than_nothing(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    epochs = synthetic["epochs"].tolist()
+    nothing = {"seconds": [0.0] * 13, "low": [0.0] * 13, "high": [0.0] * 13}
+    given = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
+    found = browser.evaluate(
+        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
+        "state.page.grids[1].counters, state.page.draws.length);"
+        "return aspectsOf(state.page, rows, given, given.law); })()"
+    )
+    assert all(ratio > 0 for each in found for ratio in each["ratios"])
 
 
 @pytest.fixture(scope="module")
