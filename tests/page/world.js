@@ -2,6 +2,7 @@
 function makeWorld({ costs, noise = 0.002, scale = 1, slower = () => 1, timer = false, wrong = -1, describe = "a test's GPU", at = {} }) {
   let now = 0, drawn = 0, seed = 1, place = 0, lose;
   const random = () => { seed = (seed * 16807) % 2147483647; return seed / 2147483647; };
+  Math.random = random;
   const known = new WeakMap(), { page } = state;
   timing.clock = () => { now += 1e-8; return now; };
   const lost = new Promise((done) => { lose = () => done({ message: "it was unplugged" }); });
