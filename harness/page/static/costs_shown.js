@@ -16,7 +16,7 @@ function secondsText(value) {
   return value < NOTHING ? "0 s" : `${short(value / step)} ${unit}`;
 }
 
-const percentText = (value, places = 0) => `${(100 * value).toFixed(places)} %`;
+const percentText = (value, places = 0) => `${(100 * value).toFixed(places)}\u00a0%`;
 const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);
 const termsOf = ({ law }) => Object.entries(state.page.terms).map(([name, term], j) =>
   ({ name, ...term, seconds: law.seconds[j], low: law.low[j], high: law.high[j], shown: law.shown[j] }));
