@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -20,7 +20,7 @@ from harness.models.mesh import Mesh, Part
 from harness.models.obj import ObjModel
 from harness.models.ply import PlyModel
 from harness.models.stl import StlModel
-from harness.models.views import Drawn, Seen, look
+from harness.models.views import PIXELS, Drawn, Seen, look
 from scenes.readers import cut_off
 from scenes.readers.opening import existing
 
@@ -86,7 +86,12 @@ class Changes:
     seconds: float = 0.0
 
 
-def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) -> Changes:
+def retriangulate(
+    source: Path,
+    out: Path | None,
+    criterion: str = CRITERION,
+    sizes: Sequence[int] = PIXELS,
+) -> Changes:
     """Choose the diagonals of a model's flat faces by a criterion, and write it to `out`.
 
     Every vertex and all that it carries stay as they are, and so do the number of triangles and
@@ -118,7 +123,7 @@ def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) ->
             if (found.triangles != part.mesh.triangles).any():
                 model.replace(part, found.triangles)
     if out is None:
-        changes.seen = look(drawn) if changes.changed else []
+        changes.seen = look(drawn, sizes) if changes.changed else []
     else:
         changes.files = model.write(out)
     changes.seconds = time.perf_counter() - begun

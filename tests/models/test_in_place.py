@@ -320,6 +320,16 @@ def test_no_triangle_gets_thin():
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
 
 
+def test_a_face_of_many_corners_and_holes_gets_flips(tmp_path, out):
+    holes = [shapely.Point(x, y).buffer(0.4) for x in range(-6, 7, 2) for y in range(-6, 7, 2)]
+    shape = shapely.Point(0, 0).buffer(10, quad_segs=60).difference(shapely.union_all(holes))
+    trimesh.creation.extrude_polygon(shape, 1.0, engine="earcut").export(tmp_path / "sieve.glb")
+    done = retriangulate(tmp_path / "sieve.glb", out)
+    assert done.faces - done.optimal == done.changed == 2
+    assert done.after < done.before
+    assert trimesh.load_mesh(out).is_watertight
+
+
 @pytest.mark.parametrize("count", [65_535, 65_536])
 def test_as_many_vertices_as_two_bytes_name(tmp_path, out, count):
     builder = Builder()
