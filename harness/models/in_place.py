@@ -21,7 +21,7 @@ from harness.models.obj import ObjModel
 from harness.models.ply import PlyModel
 from harness.models.stl import StlModel
 from harness.models.views import PIXELS, Drawn, Seen, look
-from scenes.readers import cut_off
+from scenes.readers import cut_off, damage
 from scenes.readers.opening import existing
 
 CRITERION = "edge-length"
@@ -99,9 +99,11 @@ def retriangulate(
 
     Raises
     ------
+    SceneError
+        for a file that is not there, is damaged, or holds its triangles packed
     UsageError
-        for a file that is damaged or cannot be written, another suffix than the source's, and a
-        criterion that is no sum over triangles
+        for an output that cannot be written or has another suffix than the source, and a criterion
+        that is no sum over triangles
     """
     begun = time.perf_counter()
     kind = FORMATS.get(source.suffix.lower())
@@ -112,10 +114,12 @@ def retriangulate(
     existing(str(source))
     cut_off.refuse(source)
     cost_named(criterion)
-    model = kind(source)
+    with damage.refused(str(source), f"a model ({source.suffix})"):
+        model = kind(source)
+        groups = list(model.groups())
     changes = Changes()
     drawn: list[Drawn] = []
-    for parts in model.groups():
+    for parts in groups:
         made = [_made(part, criterion, changes) for part in parts]
         _revert_shared(parts, made, changes)
         for part, found in zip(parts, made, strict=True):
