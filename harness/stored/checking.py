@@ -25,7 +25,7 @@ NUMBERS = (
 )
 TEXTS = ("reason", "scene_hash", "host")
 TABLES = ("counters", "predicted")
-FITS = ("box", "circle")
+FITS = ("box", "circle", "tile")
 USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 """Options of drawing: what older runs did not have is as these."""
 
