@@ -24,7 +24,9 @@ class MBTiles(Archive):
         if kind != "pbf":
             raise SceneError(f"{path} holds tiles of format {kind}: give one of vector tiles")
         self.attribution = str(facts.get("attribution") or "")
-        rows = self._ask("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")
+        rows = self._ask(
+            "SELECT DISTINCT zoom_level FROM tiles WHERE zoom_level BETWEEN 0 AND 30 ORDER BY 1"
+        )
         self.zooms = tuple(int(zoom) for (zoom,) in rows)
 
     def _ask(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

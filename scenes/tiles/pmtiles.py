@@ -36,6 +36,8 @@ class PMTiles(Archive):
             why = "is no PMTiles archive" if "Magic" in type(error).__name__ else "is not version 3"
             raise SceneError(f"{path} {why}: give one, or write it again") from None
         header, kinds = self.header, self._format.TileType
+        for part in ("metadata", "leaf_directory", "tile_data"):
+            self._bytes(header[f"{part}_offset"] + header[f"{part}_length"], 0)
         if header["tile_type"] not in (kinds.MVT, kinds.UNKNOWN):
             kind = header["tile_type"].name
             raise SceneError(f"{path} holds {kind} tiles: give one of Mapbox vector tiles (MVT)")

@@ -282,9 +282,8 @@ def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
     assert len(scene.polygons) == 3
 
 
-def archives(folder: Path, packed: Any, compression: Compression) -> dict[str, str]:
-    """The same two tiles of zoom 3 as PMTiles, MBTiles and files in a folder."""
-    tiles = {Place(3, 4, 2): packed(encoded([COURT])), Place(3, 4, 3): packed(encoded([COURT]))}
+def archives(folder: Path, tiles: dict[Place, bytes], compression: Compression) -> dict[str, str]:
+    """The same tiles as PMTiles, MBTiles and files in a folder."""
     pmtiles = folder / "a.pmtiles"
     with write(str(pmtiles)) as writer:
         for place, data in sorted(tiles.items(), key=lambda item: zxy_to_tileid(*item[0])):
@@ -308,6 +307,12 @@ def archives(folder: Path, packed: Any, compression: Compression) -> dict[str, s
     return {"pmtiles": str(pmtiles), "mbtiles": str(mbtiles), "folder": str(folder / "tiles")}
 
 
+def two(folder: Path, packed: Any, compression: Compression) -> dict[str, str]:
+    """Two tiles of zoom 3, one below the other."""
+    tile = packed(encoded([COURT]))
+    return archives(folder, {Place(3, 4, 2): tile, Place(3, 4, 3): tile}, compression)
+
+
 PACKED = {
     "none": (bytes, Compression.NONE),
     "gzip": (gzip.compress, Compression.GZIP),
@@ -317,7 +322,7 @@ PACKED = {
 
 @pytest.mark.parametrize("how", list(PACKED))
 def test_all_archives_hold_the_same(how, tmp_path):
-    for path in archives(tmp_path, *PACKED[how]).values():
+    for path in two(tmp_path, *PACKED[how]).values():
         scene = load(f"{path}:zoom=3")
         assert set(scene.tiling.names) == {"3/4/2", "3/4/3"}
         assert scene.credit == "(c) us"
@@ -329,7 +334,7 @@ def test_all_archives_hold_the_same(how, tmp_path):
 
 
 def test_brotli_is_what_the_header_says(tmp_path):
-    path = archives(tmp_path, brotli.compress, Compression.BROTLI)["pmtiles"]
+    path = two(tmp_path, brotli.compress, Compression.BROTLI)["pmtiles"]
     assert len(load(f"{path}:zoom=3").polygons) == 2
 
 
