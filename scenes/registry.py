@@ -129,7 +129,7 @@ def names() -> list[str]:
     """Names of all scenes: the product's own, then those of installed packages.
 
     >>> names()[:3]
-    ['city', 'helsinki', 'counties']
+    ['city', 'helsinki', 'helsinki-tiles']
     """
     return [*ENTRIES, *sorted(point.name for point in _installed())]
 

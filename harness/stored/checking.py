@@ -24,7 +24,7 @@ NUMBERS = (
     *("polygons_skipped", "polygons_failed", "polygons_cached"),
 )
 TEXTS = ("reason", "scene_hash", "host")
-TABLES = ("counters", "predicted")
+TABLES = ("counters", "predicted", "index")
 FITS = ("box", "circle", "tile")
 USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 """Options of drawing: what older runs did not have is as these."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scenes.readers.damage import noted
 from scenes.scene import Note
-from scenes.tiles.wire import BYTES, FIXED32, FIXED64, VARINT, fields, varints
+from scenes.tiles.wire import BYTES, FIXED32, FIXED64, VARINT, fields, unzigzag, varints
 
 POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""
@@ -184,7 +184,7 @@ def _rings(geometry: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
         sizes.append(count + 1)
         place = end + 1
     steps = np.concatenate(kept).reshape(-1, 2)
-    points = ((steps >> 1) ^ -(steps & 1)).cumsum(axis=0)
+    points = unzigzag(steps).cumsum(axis=0)
     if np.abs(points).max(initial=0) > _FURTHEST:
         raise ValueError(f"it has a coordinate beyond {_FURTHEST}")
     return points, sizes

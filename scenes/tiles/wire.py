@@ -61,6 +61,34 @@ def _varint(data: memoryview, place: int) -> tuple[int, int]:
     raise ValueError("a number has more than ten bytes")
 
 
+def packed(values: NDArray[np.int64]) -> bytes:
+    """Numbers from 0 to 2^32 - 1 as a packed field.
+
+    >>> list(packed(np.array([9, 300])))
+    [9, 172, 2]
+    """
+    lengths = 1 + sum((values >= 1 << bits).astype(np.int64) for bits in (7, 14, 21, 28))
+    ends = np.cumsum(lengths)
+    place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)
+    parts = (np.repeat(values, lengths) >> (7 * place)) & _LOW
+    more = place < np.repeat(lengths, lengths) - 1
+    return (parts | np.where(more, _MORE, 0)).astype(np.uint8).tobytes()
+
+
+def zigzag(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers of both signs as numbers that are not negative: 0, -1, 1, -2 as 0, 1, 2, 3."""
+    return (values << 1) ^ (values >> 63)
+
+
+def unzigzag(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Undo `zigzag`.
+
+    >>> unzigzag(zigzag(np.array([0, -1, 1, -70]))).tolist()
+    [0, -1, 1, -70]
+    """
+    return (values >> 1) ^ -(values & 1)
+
+
 def varints(data: bytes) -> NDArray[np.int64]:
     """All numbers of a packed field at once, as uint32 in int64.
 
