@@ -39,7 +39,10 @@ from scenes.tiles.wire import packed
 BASE = "ear-clipping"
 OPTIMUM = "optimal:half-perimeter"
 NAMES = (BASE, "earcut-refine", "flips:l1", OPTIMUM, "optimal:expected-quads")
-ORDERS = ("native", "walk", "vertex-cache", "sorted")
+BACK = "sorted-back"
+"""Sorted along rings as the harness runs through them, which is the other way than a tile does."""
+
+ORDERS = ("native", "walk", "vertex-cache", "sorted", BACK)
 FIELD = 16
 """Of a tile: the first number that the format leaves to extensions."""
 
@@ -123,7 +126,10 @@ def _bytes(
     plain = {way: sum(len(function(tile)) for tile in tiles) for way, function in pack.items()}
     for name, triangles in rows.items():
         for order in ORDERS:
-            ordered = submission(frame, numbering[triangles], Options(order=order))
+            if order == BACK:
+                ordered = numbering[submission(frame, triangles, Options(order="sorted"))]
+            else:
+                ordered = submission(frame, numbering[triangles], Options(order=order))
             full = []
             assert frame.tiles is not None
             shaded = 0

@@ -18,7 +18,14 @@ import shapely
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from pmtiles.tile import Compression, TileType, zxy_to_tileid
+from pmtiles.tile import (
+    Compression,
+    Entry,
+    TileType,
+    serialize_directory,
+    serialize_header,
+    zxy_to_tileid,
+)
 from pmtiles.writer import write
 
 from harness.errors import UsageError
@@ -196,6 +203,27 @@ def test_units_are_on_the_grid_and_cut_where_the_tile_ends(pixels):
     assert frame.tiles.tolist() == scene.tiling.first.tolist()
 
 
+@pytest.mark.parametrize(("reach", "margin"), [(0, 0), (1, 64), (512, 64), (513, 128), (4096, 512)])
+def test_the_viewport_holds_what_reaches_over_the_edge(tmp_path, reach, margin):
+    path = _raw(tmp_path / "one.mvt", [shapely.box(-reach, 0, 10, 4096 + reach)])
+    scene = load(path + ":pixels=512")
+    frame = frame_of(scene, view_of(scene))
+    assert frame.scissor == (margin, margin, 512, 512)
+    assert frame.width == 512 + 2 * margin
+    assert frame.points.min() == (margin * 8 - reach) * 32
+
+
+def test_tiles_keep_their_polygons_where_others_vanish(tmp_path):
+    line = shapely.box(0, 0, 1, 1)  # of 1/512 px
+    for name, shapes in (("a", [line, COURT]), ("b", [line]), ("c", [COURT, line, COURT])):
+        _raw(tmp_path / f"{name}.mvt", shapes)
+    scene = load(f"{tmp_path}:pixels=8")
+    assert scene.tiling.first.tolist() == [0, 2, 3, 6]
+    frame = frame_of(scene, view_of(scene))
+    assert [number for number, _ in frame.dropped] == [0, 2, 4]
+    assert frame.tiles.tolist() == [0, 1, 1, 3]
+
+
 def test_other_extents_are_rounded_and_that_is_said(tmp_path):
     path = saved(tmp_path / "one.mvt", [COURT], extents=5000)
     assert any("1/5000 of 512 px" in note for note in load(path + ":pixels=512").notes)
@@ -280,6 +308,39 @@ def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
     points = shapely.get_coordinates(np.array(scene.polygons)) * 8
     assert (points == np.rint(points)).all()
     assert len(scene.polygons) == 3
+
+
+def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path):
+    line = shapely.Polygon([(0, 0), (9, 0), (5, 0)])
+    (court,) = (shapely.Polygon(COURT.exterior.coords, [r.coords for r in COURT.interiors]),)
+    rings_of_one = shapely.Polygon(line.exterior, [court.exterior, *court.interiors])
+    scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
+    assert scene.dropped == [("line.mvt land feature 0", "has a ring without area")]
+    assert [polygon.area for polygon in scene.polygons] == [COURT.area / 64]
+
+
+@pytest.mark.parametrize("move", [(-4097, 0), (4097, 0), (0, -4097), (0, 4097)])
+def test_what_reaches_further_than_a_tile_is_left_out(tmp_path, move):
+    box = shapely.box(*move, *np.add(move, 4096))
+    near = shapely.box(*np.sign(move) * 4096, *np.add(np.sign(move) * 4096, 4096))
+    scene = load(_raw(tmp_path / "far.mvt", [box, near]) + ":pixels=512")
+    assert [which for which, _ in scene.dropped] == ["far.mvt land feature 0"]
+    assert len(scene.polygons) == 1
+
+
+def test_a_directory_within_itself_is_refused_at_once(tmp_path):
+    path = tmp_path / "round.pmtiles"
+    leaf = serialize_directory([Entry(0, 0, 30, 0)])
+    header = dict.fromkeys(("metadata_offset", "leaf_directory_offset", "tile_data_offset"), 127)
+    header |= {"root_offset": 127, "root_length": len(leaf), "metadata_length": 0}
+    header |= {"leaf_directory_length": len(leaf), "tile_data_length": 0, "clustered": True}
+    header |= {"min_zoom": 0, "max_zoom": 3, "tile_type": TileType.MVT}
+    header |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.GZIP}
+    entry = Entry(0, 0, len(leaf), 0)
+    leaf = serialize_directory([entry])
+    path.write_bytes(serialize_header({**header, "root_length": len(leaf)}) + leaf)
+    with pytest.raises(SceneError, match="a directory of it is within itself"):
+        load(f"{path}:zoom=3")
 
 
 def archives(folder: Path, tiles: dict[Place, bytes], compression: Compression) -> dict[str, str]:
