@@ -23,7 +23,7 @@ PROFILES = Path("results") / "profiles"
 RESOLUTIONS = (8, 16384)
 SAMPLES = (1, 4, 8)
 MOST_WORK = 65_000
-ORDERS = ("native", "walk", "vertex-cache", "sorted", "morton", "shuffled")
+ORDERS = ("native", "walk", "vertex-cache", "morton", "shuffled")
 """What `frame` and `rasterisers` allow, which are slow to import: a test compares them."""
 
 MOST_SEED = 2**63 - 1
@@ -191,7 +191,7 @@ Orders = Annotated[
         "ORDER,...",
         one_of(*ORDERS),
         "Orders of the triangles in a draw: native (as they were made), walk, vertex-cache, "
-        "sorted, morton, shuffled",
+        "morton, shuffled",
     ),
 ]
 Budget = Annotated[

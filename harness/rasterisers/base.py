@@ -39,9 +39,8 @@ class Options:
     work : iterations of arithmetic a fragment, so that cost moves from set-up to shading
     order : order of submission; "native" is the triangulator's, "walk" from neighbour to
         neighbour, each turned so that its new vertex comes last, "vertex-cache" fan after fan as
-        an optimiser for vertex caches gives it (Tipsify), "sorted" by their vertices' numbers,
-        each turned so that its least comes first, "morton" along a space-filling curve over the
-        triangles' centres, "shuffled" random with `seed`
+        an optimiser for vertex caches gives it (Tipsify), "morton" along a space-filling curve
+        over the triangles' centres, "shuffled" random with `seed`
     """
 
     samples: int = 1

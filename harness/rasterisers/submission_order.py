@@ -14,7 +14,7 @@ from harness.frame import Frame
 
 Triangles = NDArray[np.int32]
 
-Order = Literal["native", "walk", "vertex-cache", "sorted", "morton", "shuffled"]
+Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
 """In which triangles are submitted; `base.Options` says what each means."""
 ORDERS: tuple[Order, ...] = get_args(Order)
 
@@ -71,10 +71,6 @@ def _ordered(frame: Frame, array: Triangles, options: Ordering) -> Triangles:
         from triangulators.geometry.vertex_cache import vertex_cache_order
 
         return vertex_cache_order(array, len(frame.points))
-    if options.order == "sorted":
-        least = array.argmin(axis=1)[:, None]
-        turned = np.take_along_axis(array, (least + np.arange(3)) % 3, axis=1)
-        return turned[np.lexsort(turned.T[::-1])]
     if options.order == "morton":
         return array[np.argsort(_morton(frame, array), kind="stable")]
     if options.order == "shuffled":

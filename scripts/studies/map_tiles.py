@@ -127,9 +127,9 @@ def _bytes(
     for name, triangles in rows.items():
         for order in ORDERS:
             if order == BACK:
-                ordered = numbering[submission(frame, triangles, Options(order="sorted"))]
+                ordered = numbering[in_order(frame, triangles, "sorted")]
             else:
-                ordered = submission(frame, numbering[triangles], Options(order=order))
+                ordered = in_order(frame, numbering[triangles], order)
             full = []
             assert frame.tiles is not None
             shaded = 0
@@ -153,6 +153,18 @@ def _bytes(
                     "added": added,
                     "vertices_shaded": shaded,
                 }
+
+
+def in_order(frame: Frame, triangles: NDArray[np.int32], order: str) -> NDArray[np.int32]:
+    """Triangles in one of `ORDERS`, tile by tile.
+
+    Sorted is by the numbers of vertices, each triangle turned so that its least comes first.
+    """
+    if order != "sorted":
+        return submission(frame, triangles, Options(order=order))
+    least = triangles.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(triangles, (least + np.arange(3)) % 3, axis=1)
+    return turned[np.lexsort(turned.T[::-1])]
 
 
 def _name(text: str, archive: Archive) -> Any:

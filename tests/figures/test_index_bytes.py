@@ -38,7 +38,7 @@ def test_numbers_come_back(numbers):
     assert varints(packed(np.array(numbers, np.int64))).tolist() == numbers
 
 
-@pytest.mark.parametrize("order", ["native", "walk", "vertex-cache", "sorted"])
+@pytest.mark.parametrize("order", ["native", "walk", "vertex-cache"])
 def test_tiles_come_back_from_what_is_counted(order):
     scene = load("helsinki-tiles:zoom=16,tiles=3")
     frame = frame_of(scene, view_of(scene))
@@ -61,17 +61,6 @@ def test_tiles_come_back_from_what_is_counted(order):
     )
     for name, _, _ in INDEX_BYTES:
         assert METRICS[name]({INDEX: sizes}) == sizes[name]
-
-
-def test_sorted_begins_with_the_least_and_turns_no_triangle_over():
-    scene = load("helsinki-tiles:zoom=16,tiles=1")
-    frame = frame_of(scene, view_of(scene))
-    triangles = frame.join(triangulate_polygons(parse("delaunay"), frame.polygons).parts)
-    rows = submission(frame, triangles, Options(order="sorted"))
-    assert (rows[:, 0] == rows.min(axis=1)).all()
-    assert rows.tolist() == sorted(rows.tolist())
-    turns = {tuple(np.roll(row, k)) for row in triangles.tolist() for k in range(3)}
-    assert set(map(tuple, rows.tolist())) <= turns
 
 
 def test_what_is_not_installed_is_not_counted(monkeypatch):
