@@ -79,6 +79,13 @@ def forks(polygon: Polygon) -> np.ndarray:
     return right(polygon)
 
 
+def dies_at_large(polygon: Polygon) -> np.ndarray:
+    """Right, but a polygon of more than 100 areas ends its process."""
+    if polygon.area > 100.0:
+        ctypes.string_at(0)
+    return right(polygon)
+
+
 def right(polygon: Polygon) -> np.ndarray:
     """A triangulation by somebody else, clockwise and of another integer type."""
     from triangulators import triangulate

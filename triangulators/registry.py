@@ -56,11 +56,15 @@ class Entry:
         return None if importlib.util.find_spec(self.needs) else self.install
 
     def load(self) -> Function:
-        """Import and return the function; raises `Unavailable` with the install line."""
+        """Import and return the function.
+
+        Raises `Unavailable` with the install line, and `UnknownName` where a third party's module
+        has no such function, or cannot be imported.
+        """
         missing = self.available()
         if missing:
             raise Unavailable(f"triangulator {self.name!r} is not available; install: {missing}")
-        return load(self.function)
+        return load(self.function) if self.builtin else _third_party_function(self.function)
 
 
 def _ours(
@@ -212,6 +216,8 @@ def names(*, available_only: bool = False) -> list[str]:
 def find(name: str) -> Entry:
     """Return the entry called `name` or given as `module:function`; raises `UnknownName`.
 
+    A third party's module is not imported before `Entry.load`.
+
     >>> find("fan").handles_holes
     False
     """
@@ -221,14 +227,14 @@ def find(name: str) -> Entry:
     if name in _third_party():
         point = _third_party()[name]
         return Entry(name, f"from {point.value}", point.value, builtin=False)
-    if ":" in name:
-        return _user_function(name)
+    if ":" in name:  # imported when it is loaded: it may do anything
+        return Entry(name, f"user's function {name}", name, builtin=False)
     near = difflib.get_close_matches(name, names(), n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise UnknownName(f"unknown triangulator {name!r}{hint} (known: {', '.join(names())})")
 
 
-def _user_function(reference: str) -> Entry:
+def _third_party_function(reference: str) -> Function:
     known = difflib.get_close_matches(reference.partition(":")[0], names(), n=1)
     hint = f"; did you mean {known[0]!r}?" if known else ""
     try:
@@ -239,11 +245,11 @@ def _user_function(reference: str) -> Entry:
         raise UnknownName(f"triangulator {reference!r}: {error}") from error
     if not callable(function):
         raise UnknownName(f"triangulator {reference!r}: not a function")
-    return Entry(reference, f"user's function {reference}", reference, builtin=False)
+    return function
 
 
 def parse(text: str) -> Choice:
-    """Read `name` or `name:criterion` (or `module:function`); raises `UnknownName`.
+    """Read `name` or `name:criterion` (or `module:function`, as `find`); raises `UnknownName`.
 
     >>> parse("optimal").criterion
     'overdraw'

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from harness.commands.options import Dask, Layer, Limit, Quiet, Where
 from harness.errors import UsageError, refuse_failed
 from harness.progress import Reporter
+
+MODELS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+"""Suffixes of 3D models that can be written as they were, with other diagonals."""
 
 SAID_AFTER_S = 3.0
 COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
@@ -24,14 +27,14 @@ def triangulate(
         ),
     ],
     out: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--out",
             "-o",
             help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet; of "
             "many files, and with --dask, a folder for GeoParquet parts.",
         ),
-    ],
+    ] = None,
     triangulator: Annotated[
         str | None,
         typer.Option(
@@ -76,6 +79,10 @@ def triangulate(
             "by default on what was measured to be the fastest here."
         ),
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Of a 3D model: only say what would change; write nothing."),
+    ] = False,
     dask: Dask = None,
     quiet: Quiet = False,
 ) -> None:
@@ -84,7 +91,27 @@ def triangulate(
     Of many files, and with --dask, each part of 20,000 to 50,000 polygons becomes a GeoParquet file
     in the folder -o. The same command, given again, does what is missing. Polygons that fail are
     named and left out, and the exit code is 5.
+
+    The flat faces of a 3D model (.glb, .gltf, .obj, .ply, .stl) are triangulated again in place,
+    for the shortest edges: the file keeps its format, every vertex, and what is seen.
     """
+    source = Path(file)
+    if _stays_model(source, out, check):
+        of_polygons = {
+            "--triangulator": triangulator,
+            "--extrude": extrude,
+            "--layer": layer,
+            "--where": where,
+            "--limit": limit,
+            "--no-cache": None if cached else True,
+            "--certify": certify or None,
+            "--evidence": evidence,
+            "--device": device,
+            "--dask": dask,
+        }
+        _in_place(source, None if check else out, criterion, of_polygons)
+        return
+    assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
@@ -153,6 +180,60 @@ def triangulate(
     if report.certified is not None:
         typer.echo(f"{file}: {report.certified}")
     refuse_failed(report.counts, out)
+
+
+def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
+    """Whether a 3D model is to be written as one, or only looked at."""
+    from scenes.readers.reader import is_model
+
+    if check:
+        return True
+    if out is None:
+        raise UsageError("say where to write: -o FILE")
+    return out.suffix.lower() in MODELS and is_model(source)
+
+
+def _in_place(
+    source: Path, out: Path | None, criterion: str | None, of_polygons: dict[str, Any]
+) -> None:
+    """Triangulate a model's flat faces again, and say what came of it.
+
+    out : None to say only what would; of_polygons : options that have to be None
+    """
+    for option, given in of_polygons.items():
+        if given is not None:
+            raise UsageError(f"{option} is for polygons; for a 3D model choose --criterion only")
+    from harness.models.in_place import CRITERION, retriangulate
+    from harness.models.views import VIEWS
+
+    done = retriangulate(source, out, criterion or CRITERION)
+    for reason, count in sorted(done.left.items()):
+        typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
+    share = done.flat_area / done.area if done.area else 0.0
+    typer.echo(
+        f"{source}: {done.triangles:,} triangles, {done.flat:,} of them in {done.faces:,} "
+        f"flat faces of two or more ({share:.0%} of the area)"
+    )
+    if not done.changed:
+        typer.echo(f"{out or source}: nothing to gain: no flat face has cheaper diagonals")
+        return
+    typer.echo(
+        f"{out or source}: {done.changed:,} faces {'get' if out else 'would get'} other diagonals; "
+        f"their triangles' sides are {1.0 - done.after / done.before:.1%} shorter in all. "
+        "No vertex changes"
+    )
+    for seen in done.seen:
+        lanes, quads = (
+            f"{after / before - 1.0:+.1%}" if before else "none"
+            for before, after in (
+                (seen.lanes_before, seen.lanes_after),
+                (seen.quads_before, seen.quads_after),
+            )
+        )
+        typer.echo(
+            f"seen from {VIEWS} sides at {seen.pixels} px, without depth: helper lanes {lanes}, "
+            f"shaded quads {quads}"
+        )
 
 
 def _many(file: str, out: Path) -> bool:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.export.apart import triangulate_many
 from harness.triangulating import database as model
-from triangulators import full_name, parse, triangulate_many
+from triangulators import full_name, parse
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.triangulate_many import Ragged, ragged
 from triangulators.verify import verify

@@ -59,6 +59,11 @@ COMPILED_LATE = "triangulators.geometry.order"
 """A module whose kernels are compiled once the optimum's are."""
 
 
+def foreign_limit() -> int:
+    """Return the bytes that a process may take in which others' code triangulates."""
+    return int(MEMORY_SHARE * psutil.virtual_memory().available)
+
+
 @dataclass(frozen=True)
 class Backend:
     """A rasteriser on a device."""
@@ -372,7 +377,7 @@ class Bench:
         """Run a function where the recipe's triangulator runs."""
         own = recipe.builtin
         label = TRIANGULATORS if own else f"triangulator {recipe}"
-        limit = None if own else int(MEMORY_SHARE * psutil.virtual_memory().available)
+        limit = None if own else foreign_limit()
         return self._call(label, {}, limit, function, *arguments, timeout_s=timeout_s, tick=tick)
 
     def _on(

@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from harness.export.apart import triangulate_many
 from harness.export.export import counted_notes
 from harness.export.writer import Output
 from harness.rasterisers.reference import predict
@@ -26,7 +27,6 @@ from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
 from scenes.files import Chunk, read_chunks
-from triangulators import triangulate_many
 from triangulators.batch.triangulate_many import Ragged, ragged
 
 COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests", "triangles")

@@ -128,6 +128,8 @@ def _attempt(
 ) -> None:
     """Do what a device and compiled code can; marks it in `work.done`."""
     choice = parse(name)
+    if not choice.entry.builtin:
+        choice.entry.load()
     if device is not None:
         check_name(device)
     cost = _plain_cost(choice.entry.name, choice.criterion, parameters)

@@ -31,7 +31,8 @@ NO_COST = cost_of(criteria.find("half-perimeter"), 1.0, 1)
 
 
 @njit(nogil=True)
-def _cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> bool:
+def cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> bool:
+    """Whether a cost is less with the diagonal a-d than with b-c, for more than rounding."""
     old = cost_at(points, a, b, c, cost) + cost_at(points, d, c, b, cost)
     new = cost_at(points, a, b, d, cost) + cost_at(points, a, d, c, cost)
     return new < old - _SLACK * (abs(old) + abs(new))
@@ -39,7 +40,7 @@ def _cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> 
 
 @njit(nogil=True)
 def _by_cost(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
-    return run(points, corner, twin, _cheaper, convex, cost)
+    return run(points, corner, twin, cheaper, convex, cost)
 
 
 @njit(nogil=True)

@@ -1,0 +1,1 @@
+"""3D models: what is flat in them is triangulated again in place, and nothing else changes."""

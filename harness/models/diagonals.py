@@ -1,0 +1,238 @@
+"""Chooses the diagonals of flat faces: the optimum where an outline is clean, flips elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.models.flat_faces import THIN, Faces, Floats, Ints
+from triangulators import UnknownName, criteria
+from triangulators.batch.triangulate_many import Ragged, attempt_many
+from triangulators.compute.kernels import njit
+from triangulators.criteria.cost import Cost, plain_cost, total_cost
+from triangulators.geometry.flips import convex, run
+from triangulators.geometry.half_edges import link
+from triangulators.methods.flips import cheaper
+
+_ROUNDING = 1e-6
+"""Share of a face's cost that may come from rounding its points: no gain."""
+
+
+@njit(nogil=True)
+def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
+    """Return the least height of a triangle."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    longest = max(ux * ux + uy * uy, vx * vx + vy * vy, (ux - vx) ** 2 + (uy - vy) ** 2)
+    return abs(ux * vy - uy * vx) / np.sqrt(longest)
+
+
+@njit(nogil=True)
+def _stout(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether the triangles a, b, d and a, d, c turn for certain, and neither is thin."""
+    if not convex(points, a, b, c, d):
+        return False
+    return _height(points, a, b, d) > THIN and _height(points, a, d, c) > THIN
+
+
+@njit(nogil=True)
+def _flip(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
+    return run(points, corner, twin, cheaper, _stout, cost)
+
+
+@dataclass
+class Chosen:
+    """What became of flat faces.
+
+    triangles : (t, 3) as those of `Faces`, each face's in its own rows
+    changed : (f,) whether a face's triangles are others than before
+    optimal : how many have the optimum, proven by the way it was computed
+    """
+
+    triangles: Ints
+    changed: NDArray[np.bool_]
+    optimal: int
+
+
+def cost_named(criterion: str) -> Cost:
+    """Return the cost that diagonals are to lessen.
+
+    Raises UsageError for a criterion that is unknown, or no sum over triangles of any number.
+    """
+    try:
+        found = criteria.find(criterion)
+    except UnknownName as error:
+        raise UsageError(str(error)) from error
+    cost = None if found.maximum else plain_cost(found)
+    if cost is None:
+        raise UsageError(
+            f"criterion {criterion}: for models give edge-length, half-perimeter or overdraw"
+        )
+    return cost
+
+
+def choose(faces: Faces, criterion: str) -> Chosen:
+    """Choose each face's diagonals by a criterion; raises as `cost_named` does."""
+    cost = cost_named(criterion)
+    sizes = np.diff(faces.starts)
+    result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
+    outlines = _outlines(faces)
+    found, done = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
+    counts = np.diff(found.starts)
+    number = np.repeat(np.arange(len(done)), counts)
+    kept = done[number]  # the other rows of `found` hold anything
+    first = _begins(outlines.polygons)[number[kept]]
+    own = outlines.vertices[found.triangles[kept] + first[:, None]]
+    begins = np.r_[0, np.cumsum(counts[done])]
+    _take(faces.points, faces.starts, outlines.face[done], (own, begins), result, left)
+    rest = np.repeat(left, sizes)
+    corner = result[rest].astype(np.int32).reshape(-1)
+    _flip(faces.points, corner, link(corner), cost)
+    result[rest] = corner.reshape(-1, 3)
+    changed = np.asarray(_gains(faces.points, faces.triangles, result, faces.starts, cost))
+    same = ~np.repeat(changed, sizes)
+    result[same] = faces.triangles[same]
+    return Chosen(result, changed, int((~left).sum()))
+
+
+@njit(nogil=True)
+def _take(
+    points: np.ndarray,
+    starts: np.ndarray,
+    face: np.ndarray,
+    found: tuple[np.ndarray, np.ndarray],
+    result: np.ndarray,
+    left: np.ndarray,
+) -> None:
+    """Copy triangles of faces into `result` (t, 3), but those of a face that has a thin one.
+
+    face: (c,) which faces; found: their triangles (k, 3) of points, and where each one's begin;
+    starts: where a face's begin in `result`. left: (f,) becomes False for the faces that are done.
+    """
+    triangles, begins = found
+    for number in range(len(face)):
+        own = triangles[begins[number] : begins[number + 1]]
+        thin = False
+        for row in range(len(own)):
+            thin |= _height(points, own[row, 0], own[row, 1], own[row, 2]) <= THIN
+        if not thin:
+            first = starts[face[number]]
+            result[first : first + len(own)] = own
+            left[face[number]] = False
+
+
+@njit(nogil=True)
+def _gains(
+    points: np.ndarray, before: np.ndarray, after: np.ndarray, starts: np.ndarray, cost: Cost
+) -> np.ndarray:
+    """(f,) whether each face's triangles cost less, by more than the rounding of its points."""
+    found = np.zeros(len(starts) - 1, dtype=np.bool_)
+    for face in range(len(found)):
+        first, last = starts[face], starts[face + 1]
+        old = total_cost(points, before[first:last], cost)
+        found[face] = total_cost(points, after[first:last], cost) < old - _ROUNDING * abs(old)
+    return found
+
+
+class _Outlines(NamedTuple):
+    """Faces whose outline is a valid polygon through all of their vertices, once each.
+
+    face : (c,) their numbers; vertices : (n,) which of `Faces.points` each of the polygons' is
+    """
+
+    face: Ints
+    polygons: Ragged
+    vertices: Ints
+
+
+def _outlines(faces: Faces) -> _Outlines:
+    corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
+    ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
+    outer = np.flatnonzero(np.asarray(link(corner)) < 0)
+    # A vertex within has no edge of the outline, one where the outline touches itself has several.
+    leaving = np.bincount(corner[outer], minlength=len(faces.points))
+    following = np.zeros(len(faces.points), dtype=np.int64)
+    following[corner[outer]] = ahead[outer]
+    owner = np.zeros(len(faces.points), dtype=np.int64)
+    owner[corner] = np.repeat(np.arange(len(faces.starts) - 1), 3 * np.diff(faces.starts))
+    sound = np.bincount(owner[leaving != 1], minlength=len(faces.starts) - 1) == 0
+    begins = np.searchsorted(owner, np.arange(len(faces.starts)))
+    vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
+    face = np.flatnonzero(sound)
+    valid = _valid(faces.points[vertices], ring_ends, polygon_ends)
+    if not valid.all():
+        sound[face[~valid]] = False
+        vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
+    polygons = Ragged(faces.points[vertices], ring_ends, polygon_ends)
+    return _Outlines(np.flatnonzero(sound), polygons, vertices)
+
+
+@njit(nogil=True)
+def _rings(
+    points: np.ndarray, following: np.ndarray, begins: np.ndarray, sound: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the vertices of sound faces ring by ring, where rings end, and where faces do.
+
+    following: the next vertex of the outline; begins: (f + 1,) where each face's vertices begin.
+    `following` permutes a face's vertices, so they fall into rings. The one outside, which turns
+    left, comes first: rings are walked twice, and at the first time all but that one are passed.
+    A face of which none or several turn left is no longer sound.
+    """
+    vertices = np.empty(len(points), dtype=np.int64)
+    ring_ends, polygon_ends = np.empty(len(points), np.int64), np.empty(len(begins) - 1, np.int64)
+    seen = np.zeros(len(points), dtype=np.bool_)
+    size, rings, polygons = 0, 0, 0
+    for face in range(len(sound)):
+        first, last = begins[face], begins[face + 1]
+        outside, left = -1, 0
+        for start in range(first, last if sound[face] else first):
+            if seen[start]:
+                continue
+            twice, at = 0.0, start
+            while not seen[at]:
+                seen[at] = True
+                to = following[at]
+                twice += points[at, 0] * points[to, 1] - points[at, 1] * points[to, 0]
+                at = to
+            if twice > 0.0:
+                outside, left = start, left + 1
+        if left != 1:
+            sound[face] = False
+            continue
+        for start in range(first - 1, last):
+            at = outside if start < first else start
+            if not seen[at]:
+                continue
+            while seen[at]:
+                seen[at] = False
+                vertices[size] = at
+                size += 1
+                at = following[at]
+            ring_ends[rings] = size
+            rings += 1
+        polygon_ends[polygons] = rings
+        polygons += 1
+    return vertices[:size], ring_ends[:rings], polygon_ends[:polygons]
+
+
+def _valid(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.bool_]:
+    """(c,) which polygons are valid."""
+    if len(polygon_ends) == 0:
+        return np.ones(0, dtype=np.bool_)
+    starts = np.r_[0, ring_ends[:-1]]
+    closed = np.insert(points, ring_ends, points[starts], axis=0)
+    offsets = np.r_[0, ring_ends + np.arange(1, len(ring_ends) + 1)]
+    made = shapely.from_ragged_array(
+        shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
+    )
+    return np.asarray(shapely.is_valid(made))
+
+
+def _begins(polygons: Ragged) -> Ints:
+    """(c + 1,) where each polygon's coordinates begin."""
+    return np.r_[0, np.r_[0, polygons.ring_ends][polygons.polygon_ends]].astype(np.int64)

@@ -1,0 +1,215 @@
+"""Finds the flat faces of a mesh: neighbouring triangles in one plane, with one affine map on it.
+
+Which diagonals a flat face has then changes nothing that is seen: position, texture coordinates and
+all else that is interpolated are affine functions on the whole face, which any triangulation of it
+gives back.
+
+Two neighbours a, b, c and d, c, b belong together if their four corners are in one plane and all
+that they carry agrees. Four points of a plane have one affine dependency: weights w of sum 0 with
+w a + w b + w c + w d = 0. Let their sizes sum up to 2. Then the same sum of any quantity is by how
+much the two ways to cut the quadrilateral differ in it where the diagonals cross, which is where
+they differ most (Radon's partition; if the quadrilateral is not convex, it is at the corner that
+lies within the other three). That is what could be seen, so that is what has to be small. What was
+joined is then tested as a whole against one plane and one affine map by least squares: so small
+bends do not add up to a curved face.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from harness.models.mesh import Mesh
+from triangulators.geometry.half_edges import link
+
+UNIT = 0.25
+"""Of the tolerance: the step of the whole coordinates that a face has in its plane."""
+
+THIN = 16.0
+"""Height in these steps below which a triangle is too thin to be turned: it may lie anywhere."""
+
+_AT_A_TIME = 1 << 17
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+class Faces(NamedTuple):
+    """Flat faces of two triangles or more, whose vertices are numbered face by face.
+
+    points : (p, 2) whole numbers, steps of `UNIT` tolerances in the face's plane
+    vertices : (p,) which vertex of the mesh each is
+    triangles : (t, 3) indices into points, counter-clockwise, face after face
+    slots : (t,) which triangle of the mesh each is
+    starts : (f + 1,) where in `triangles` each face begins
+    """
+
+    points: Floats
+    vertices: Ints
+    triangles: Ints
+    slots: Ints
+    starts: Ints
+
+
+def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
+    """Return the flat faces, and how many groups of coplanar triangles are none, by reason."""
+    normals, thick = _normals(mesh)
+    pairs = _neighbours(mesh, normals, thick)
+    count = len(mesh.triangles)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
+    _, group = connected_components(graph, directed=False)
+    size = np.bincount(group, minlength=1)
+    slots = np.flatnonzero(size[group] > 1)
+    slots = slots[np.argsort(group[slots], kind="stable")]
+    face = np.unique(group[slots], return_inverse=True)[1]
+    return _tested(mesh, slots, face, normals)
+
+
+def _normals(mesh: Mesh) -> tuple[Floats, NDArray[np.bool_]]:
+    """(m, 3) normals as long as twice the area, and (m,) which triangles are not thin."""
+    corners = mesh.positions[mesh.triangles]
+    sides = corners[:, [1, 2, 0]] - corners
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
+    with np.errstate(invalid="ignore"):
+        thick = np.linalg.norm(normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
+    return normals, thick & np.isfinite(corners).all(axis=(1, 2))
+
+
+def _neighbours(mesh: Mesh, normals: Floats, thick: NDArray[np.bool_]) -> Ints:
+    """(e, 2) pairs of triangles that belong to one face."""
+    corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
+    twin = np.asarray(link(corner), dtype=np.int64)
+    edges = np.flatnonzero(twin > np.arange(len(twin)))
+    edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
+    edges = edges[~_crowded(mesh, edges)]
+    kept = [
+        part[_together(mesh, normals, part, twin[part])]
+        for part in np.split(edges, range(_AT_A_TIME, len(edges), _AT_A_TIME))
+    ]
+    chosen = np.concatenate(kept)
+    return np.stack([chosen // 3, twin[chosen] // 3], axis=1)
+
+
+def _crowded(mesh: Mesh, edges: Ints) -> NDArray[np.bool_]:
+    """(e,) which half-edges are of an edge that has more than two triangles."""
+    corner, ahead = mesh.triangles.reshape(-1), mesh.triangles[:, [1, 2, 0]].reshape(-1)
+    keys = np.minimum(corner, ahead) * len(mesh.positions) + np.maximum(corner, ahead)
+    ordered = np.sort(keys)
+    return np.isin(keys[edges], ordered[2:][ordered[2:] == ordered[:-2]])
+
+
+def _together(mesh: Mesh, normals: Floats, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
+    """Whether the triangles on both sides of each half-edge belong to one face."""
+    corner = mesh.triangles.reshape(-1)
+    before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
+    quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
+    one, other = normals[edge // 3], normals[twin // 3]
+    normal = one + other
+    alike = ((one * normal).sum(axis=1) > 0.0) & ((other * normal).sum(axis=1) > 0.0)
+    points = mesh.positions[quads]
+    points = points - points[:, :1]
+
+    def area(i: int, j: int, k: int) -> Floats:
+        sides = np.cross(points[:, j] - points[:, i], points[:, k] - points[:, i])
+        return np.asarray((sides * normal).sum(axis=1))
+
+    weights = np.stack([area(1, 2, 3), -area(0, 2, 3), area(0, 1, 3), -area(0, 1, 2)], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weights *= 2.0 / np.abs(weights).sum(axis=1, keepdims=True)
+    bend = np.linalg.norm((weights[:, :, None] * points).sum(axis=1), axis=1)
+    carried = mesh.affine[quads]
+    off = np.abs((weights[:, :, None] * carried).sum(axis=1)).max(axis=1, initial=0.0)
+    fixed = mesh.fixed[quads]
+    same = (fixed == fixed[:, :1]).all(axis=(1, 2))
+    return np.asarray(alike & (bend <= mesh.tolerance) & (off <= 1.0) & same)
+
+
+def _tested(mesh: Mesh, slots: Ints, face: Ints, normals: Floats) -> tuple[Faces, Counter[str]]:
+    """Return the groups of triangles that are flat faces; slots, face : (t,), groups in order."""
+    count = int(face[-1]) + 1 if len(face) else 0
+    keys, triangles = np.unique(
+        face[:, None] * len(mesh.positions) + mesh.triangles[slots], return_inverse=True
+    )
+    owner, vertices = np.divmod(keys, max(len(mesh.positions), 1))
+    triangles = triangles.reshape(-1, 3)
+    normal = _sums(normals[slots], face, count)
+    points, bend = _in_planes(mesh.positions[vertices], owner, normal)
+    whole = np.rint(points / (UNIT * mesh.tolerance))
+    a, b, c = np.moveaxis(whole[triangles], 1, 0)
+    turned = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
+    off = _off_affine(mesh.affine[vertices], points, owner, count)
+    twice = _twice(triangles, len(keys))
+    reasons = {
+        "bent beyond the tolerance": _any(bend > mesh.tolerance, owner, count)
+        | _any(~turned, face, count),
+        "texture coordinates, normals or the like differ": _any(off > 1.0, owner, count),
+        "edges with more than two triangles": _any(twice, face, count),
+    }
+    bad = np.zeros(count, dtype=np.bool_)
+    told: Counter[str] = Counter()
+    for reason, found in reasons.items():
+        told[reason] = int((found & ~bad).sum())
+        bad |= found
+    kept, held = ~bad[face], ~bad[owner]
+    renumbered = np.cumsum(held) - 1
+    starts = np.r_[0, np.cumsum(np.bincount(face, minlength=count)[~bad])].astype(np.int64)
+    faces = Faces(whole[held], vertices[held], renumbered[triangles[kept]], slots[kept], starts)
+    return faces, +told
+
+
+def _in_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
+    """(p, 2) positions in the planes of their faces, from the middle, and (p,) how far off these.
+
+    The axes are right-handed with the normal; the first is level, where z is up.
+    """
+    count = len(normal)
+    unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    level = np.stack([-unit[:, 1], unit[:, 0], np.zeros(count)], axis=1)
+    length = np.linalg.norm(level, axis=1, keepdims=True)
+    level = np.where(length > 1e-9, level / np.maximum(length, 1e-300), [1.0, 0.0, 0.0])
+    upward = np.cross(unit, level)
+    local = positions - _means(positions, owner, count)[owner]
+    flat = [(local * axis[owner]).sum(axis=1) for axis in (level, upward)]
+    return np.stack(flat, axis=1), np.abs((local * unit[owner]).sum(axis=1))
+
+
+def _off_affine(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
+    """(p,) how far values (p, k) are from an affine function of points, the largest of each row."""
+    if values.shape[1] == 0:
+        return np.zeros(len(values))
+    x, y = points.T
+    rest = values - _means(values, owner, count)[owner]
+    xx, xy, yy = (_sums((u * v)[:, None], owner, count) for u, v in ((x, x), (x, y), (y, y)))
+    xa, ya = (_sums(u[:, None] * rest, owner, count) for u in (x, y))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across, up = (yy * xa - xy * ya, xx * ya - xy * xa) / (xx * yy - xy * xy)
+    found = across[owner] * x[:, None] + up[owner] * y[:, None]
+    off = np.abs(rest - found).max(axis=1)
+    return np.where(np.isnan(off), np.inf, off)
+
+
+def _twice(triangles: Ints, count: int) -> NDArray[np.bool_]:
+    """(t,) which triangles have a half-edge that another one has, too."""
+    keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
+    _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
+    return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
+
+
+def _sums(values: Floats, owner: Ints, count: int) -> Floats:
+    return np.stack(
+        [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
+    )
+
+
+def _means(values: Floats, owner: Ints, count: int) -> Floats:
+    return _sums(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
+
+
+def _any(found: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
+    return np.bincount(owner[found], minlength=count) > 0

@@ -1,0 +1,179 @@
+"""The meshes of a glTF file, as they are drawn, and their new indices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile
+from harness.models.mesh import STEPS, Mesh, Part, tolerance_of
+
+HARMLESS = ("KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metadata")
+"""Extensions of a primitive that say nothing of its triangles' order."""
+
+_LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, "POSITION": 0.0}
+"""By how much an attribute may be off an affine function on a face, at least: nobody sees that."""
+
+_FULL = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
+
+
+class GltfModel:
+    """A glTF model; `groups` yields the parts of each mesh, `replace` and `write` change them."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = GltfFile(path)
+
+    def groups(self) -> Iterator[list[Part]]:
+        """Yield the parts of each mesh."""
+        seen: set[str] = set()
+        meshes = self._file.json.get("meshes", [])
+        alike: dict[str, list[dict[str, Any]]] = {}
+        places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
+            for primitive in mesh["primitives"]:
+                key = _key(primitive)
+                alike.setdefault(key, []).append(primitive)
+                places[key] = places.get(key, ()) + matrices
+        for mesh in meshes:
+            keys = [_key(each) for each in mesh["primitives"]]
+            fresh = [key for key in dict.fromkeys(keys) if key not in seen]
+            seen.update(fresh)
+            parts = [self._part(alike[key], places[key]) for key in fresh]
+            yield [part for part in parts if part is not None]
+
+    def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
+        """Give a part other triangles (m, 3)."""
+        self._file.replace(part.source, triangles.reshape(-1))
+
+    def write(self, out: Path) -> list[Path]:
+        """Write the model; returns the files."""
+        return self._file.write(out)
+
+    def _placements(self, count: int) -> list[tuple[NDArray[np.float64], ...]]:
+        """Return for each mesh where the scene's nodes place it; as it is, if there is no scene."""
+        told = self._file.json
+        scenes = told.get("scenes")
+        if not scenes:
+            return [(np.eye(4),)] * count
+        nodes = told.get("nodes", [])
+        found: list[tuple[NDArray[np.float64], ...]] = [()] * count
+        waiting = [(number, np.eye(4)) for number in scenes[told.get("scene", 0)].get("nodes", [])]
+        for _ in range(len(nodes)):  # a tree has each node once
+            if not waiting:
+                break
+            number, above = waiting.pop()
+            node = nodes[number]
+            matrix = above @ _matrix(node)
+            if "mesh" in node:
+                found[node["mesh"]] += (matrix,)
+            waiting += [(child, matrix) for child in node.get("children", [])]
+        return found
+
+    def _part(
+        self, primitives: list[dict[str, Any]], placements: tuple[NDArray[np.float64], ...]
+    ) -> Part | None:
+        """Return what primitives draw; None for lines and points."""
+        primitive = primitives[0]
+        mode = primitive.get("mode", TRIANGLES)
+        if mode not in (TRIANGLES, STRIP, FAN):
+            return None
+        attributes = primitive["attributes"]
+        positions = self._file.array(attributes["POSITION"])
+        triangles = self._triangles(primitive, mode, len(positions))
+        columns = _Columns(len(positions))
+        for name, accessor in sorted(attributes.items()):
+            if name != "POSITION":
+                columns.add(name, *self._values(accessor))
+        for target in primitive.get("targets", []):
+            for name, accessor in sorted(target.items()):
+                columns.add(name, *self._values(accessor))
+        exact = positions.astype(np.float64)
+        whole = positions.dtype.kind != "f"
+        mesh = Mesh(exact, triangles, *columns.stacked(), 1.0 if whole else tolerance_of(exact))
+        strange = [name for name in primitive.get("extensions", {}) if name not in HARMLESS]
+        left = f"extension {strange[0]}" if strange else ""
+        return Part(mesh, primitives, left, placements)
+
+    def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
+        return self._file.array(accessor), bool(
+            self._file.json["accessors"][accessor].get("normalized")
+        )
+
+    def _triangles(self, primitive: dict[str, Any], mode: int, count: int) -> NDArray[np.int64]:
+        if "indices" in primitive:
+            corner = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
+        else:
+            corner = np.arange(count)
+        if len(corner) and not 0 <= corner.min() <= corner.max() < count:
+            raise ValueError(f"index {corner.max():,} of {count:,} vertices")
+        if mode == TRIANGLES:
+            if len(corner) % 3:
+                raise ValueError(f"{len(corner):,} indices are no triangles")
+            return corner.reshape(-1, 3)
+        if mode == FAN:
+            hub = np.full(max(len(corner) - 2, 0), corner[0] if len(corner) else 0)
+            return np.stack([corner[1:-1], corner[2:], hub], axis=1)
+        odd = np.arange(max(len(corner) - 2, 0)) % 2
+        strip = np.stack([corner[:-2], corner[1:-1], corner[2:]], axis=1)
+        strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
+        return strip
+
+
+class _Columns:
+    """What vertices carry beside their positions."""
+
+    def __init__(self, count: int) -> None:
+        self._affine: list[NDArray[np.float64]] = [np.empty((count, 0))]
+        self._fixed: list[NDArray[np.float64]] = [np.empty((count, 0))]
+
+    def add(self, name: str, values: NDArray[Any], normalized: bool) -> None:
+        """Add an attribute: joints, weights and what is nobody's standard have to be fixed.
+
+        A skinned vertex moves by products of weights and position, which are not affine.
+        """
+        least = _LEAST.get(name.partition("_")[0])
+        given = values.astype(np.float64)
+        if len(given) != len(self._affine[0]):
+            raise ValueError(f"{name} has {len(given):,} of {len(self._affine[0]):,} values")
+        if least is None:
+            self._fixed.append(given)
+            return
+        if values.dtype.kind == "f":
+            known = np.abs(given[np.isfinite(given)])
+            step = STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
+        else:
+            step = 1.0 / _FULL[values.dtype.str[1:]] if normalized else 1.0
+            given = given * step
+        self._affine.append(given / max(least, step))
+
+    def stacked(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, k) and (n, j): the affine ones, in units of what may be off, and the fixed ones."""
+        return np.concatenate(self._affine, axis=1), np.concatenate(self._fixed, axis=1)
+
+
+def _key(primitive: dict[str, Any]) -> str:
+    """What makes primitives draw the same triangles."""
+    names = ("attributes", "indices", "mode", "targets", "extensions")
+    return repr([primitive.get(name) for name in names])
+
+
+def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix by which a node places what is in it."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=np.float64).tolist()
+    turned = np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+        ]
+    )
+    result = np.eye(4)
+    result[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
+    result[:3, 3] = node.get("translation", (0, 0, 0))
+    return result

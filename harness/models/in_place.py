@@ -1,0 +1,246 @@
+"""Triangulates the flat faces of a 3D model again, in place: the same vertices, other diagonals."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.models.diagonals import choose, cost_named
+from harness.models.flat_faces import flat_faces
+from harness.models.gltf import GltfModel
+from harness.models.mesh import Mesh, Part
+from harness.models.obj import ObjModel
+from harness.models.ply import PlyModel
+from harness.models.stl import StlModel
+from harness.models.views import PIXELS, Drawn, Seen, look
+from scenes.readers import cut_off, damage
+from scenes.readers.opening import existing
+
+CRITERION = "edge-length"
+"""What is less in every view from afar: the mean half-perimeter over all rotations follows it."""
+
+
+class Model(Protocol):
+    """A model whose triangles can be replaced."""
+
+    def groups(self) -> Iterator[list[Part]]:
+        """Yield parts whose triangles may touch."""
+        ...
+
+    def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
+        """Give a part other triangles (m, 3)."""
+        ...
+
+    def write(self, out: Path) -> list[Path]:
+        """Write the model; returns the files."""
+        ...
+
+
+FORMATS: dict[str, Callable[[Path], Model]] = {
+    ".glb": GltfModel,
+    ".gltf": GltfModel,
+    ".obj": ObjModel,
+    ".ply": PlyModel,
+    ".stl": StlModel,
+}
+"""Suffix to what reads a model, and later writes it."""
+
+
+Ints = NDArray[np.int64]
+_HALF = 32
+"""Bits for a vertex in the number of an edge."""
+
+
+@dataclass
+class Changes:
+    """What was found and done.
+
+    triangles : of the model; flat : of those, in flat faces of two triangles or more
+    faces : flat faces; changed : of those, with other diagonals; optimal : proven to be optimal
+    area, flat_area : in the model's units
+    before, after : length of all sides of changed faces' triangles, in the model's units
+    left : faces and parts left as they are, by reason
+    seen : where nothing is written, counters of the model before and after, in views from around
+    """
+
+    triangles: int = 0
+    flat: int = 0
+    faces: int = 0
+    changed: int = 0
+    optimal: int = 0
+    area: float = 0.0
+    flat_area: float = 0.0
+    before: float = 0.0
+    after: float = 0.0
+    left: Counter[str] = field(default_factory=Counter)
+    seen: list[Seen] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def retriangulate(
+    source: Path,
+    out: Path | None,
+    criterion: str = CRITERION,
+    sizes: Sequence[int] = PIXELS,
+) -> Changes:
+    """Choose the diagonals of a model's flat faces by a criterion, and write it to `out`.
+
+    Every vertex and all that it carries stay as they are, and so do the number of triangles and
+    what is seen. out : None to tell only what would be done
+
+    Raises
+    ------
+    SceneError
+        for a file that is not there, is damaged, or holds its triangles packed
+    UsageError
+        for an output that cannot be written or has another suffix than the source, and a criterion
+        that is no sum over triangles
+    """
+    begun = time.perf_counter()
+    kind = FORMATS.get(source.suffix.lower())
+    if kind is None:
+        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
+    if out is not None and out.suffix.lower() != source.suffix.lower():
+        raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
+    existing(str(source))
+    cut_off.refuse(source)
+    cost_named(criterion)
+    with damage.refused(str(source), f"a model ({source.suffix})"):
+        model = kind(source)
+        groups = list(model.groups())
+    changes = Changes()
+    drawn: list[Drawn] = []
+    for parts in groups:
+        made = [_made(part, criterion, changes) for part in parts]
+        _revert_shared(parts, made, changes)
+        for part, found in zip(parts, made, strict=True):
+            drawn.append(Drawn(part.mesh, found.triangles, part.placements))
+            if (found.triangles != part.mesh.triangles).any():
+                model.replace(part, found.triangles)
+    if out is None:
+        changes.seen = look(drawn, sizes) if changes.changed else []
+    else:
+        changes.files = model.write(out)
+    changes.seconds = time.perf_counter() - begun
+    return changes
+
+
+@dataclass
+class _Made:
+    """New triangles of a part.
+
+    face : (m,) the changed face that each is of, -1 for no such
+    diagonals : (d, 2) edges that changed faces did not have before; whose : (d,) their faces
+    """
+
+    triangles: Ints
+    face: Ints
+    diagonals: Ints
+    whose: Ints
+
+
+def _made(part: Part, criterion: str, changes: Changes) -> _Made:
+    mesh = part.mesh
+    face = np.full(len(mesh.triangles), -1)
+    made = _Made(mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64))
+    changes.triangles += len(mesh.triangles)
+    areas = _areas(mesh)
+    changes.area += float(areas.sum())
+    if part.left:
+        changes.left[part.left] += 1
+        return made
+    faces, left = flat_faces(mesh)
+    changes.left += left
+    changes.faces += len(faces.starts) - 1
+    changes.flat += len(faces.slots)
+    if len(faces.slots) == 0:
+        return made
+    changes.flat_area += float(areas[faces.slots].sum())
+    chosen = choose(faces, criterion)
+    changes.optimal += chosen.optimal
+    made.triangles[faces.slots] = faces.vertices[chosen.triangles]
+    owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.starts))
+    changed = chosen.changed[owner]
+    made.face[faces.slots[changed]] = owner[changed]
+    after = _distinct(_edges(chosen.triangles[changed]))
+    fresh = after[~_among(after, _distinct(_edges(faces.triangles[changed])))]
+    ends = np.stack([fresh >> _HALF, fresh & ((1 << _HALF) - 1)], axis=1)
+    face_of = np.zeros(len(faces.points), dtype=np.int64)
+    face_of[faces.triangles] = owner[:, None]
+    made.diagonals, made.whose = faces.vertices[ends], face_of[ends[:, 0]]
+    return made
+
+
+def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> None:
+    """Give a face its diagonals back where a new one is an edge of other triangles, too.
+
+    Two triangles of a sheet that lie back to back would share an edge with those of the other side,
+    and the model would no longer be watertight. Places that coincide count as one vertex.
+    """
+    if not parts:
+        return
+    points = np.concatenate([part.mesh.positions for part in parts])
+    place = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)
+    places = np.split(place, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
+    before = [_edges(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
+    after = [_edges_of(at[each.diagonals]) for each, at in zip(made, places, strict=True)]
+    taken = _distinct(np.concatenate(before))
+    own, times = np.unique(np.concatenate(after), return_counts=True)
+    shared = own[(times > 1) | _among(own, taken)]
+    for part, each, edges in zip(parts, made, after, strict=True):
+        bad = np.unique(each.whose[_among(edges, shared)])
+        gone = np.isin(each.face, bad)
+        each.triangles[gone], each.face[gone] = part.mesh.triangles[gone], -1
+        changed = each.face >= 0
+        changes.changed += len(np.unique(each.face[changed]))
+        changes.before += _length(part.mesh, part.mesh.triangles[changed])
+        changes.after += _length(part.mesh, each.triangles[changed])
+        if len(bad):
+            changes.left["a diagonal would be an edge of other triangles, too"] += len(bad)
+
+
+def _edges(triangles: Ints) -> Ints:
+    """(3 m,) a number for each side of triangles (m, 3), the same in both directions."""
+    return _edges_of(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
+
+
+def _edges_of(ends: Ints) -> Ints:
+    """(d,) a number for each edge (d, 2), the same in both directions."""
+    one, other = ends.T
+    return np.asarray((np.minimum(one, other) << _HALF) + np.maximum(one, other))
+
+
+def _distinct(values: Ints) -> Ints:
+    """Return the sorted values, each once."""
+    values = np.sort(values)
+    return values[np.r_[True, values[1:] != values[:-1]][: len(values)]]
+
+
+def _among(values: Ints, known: Ints) -> NDArray[np.bool_]:
+    """Whether each value is among `known`, which are sorted."""
+    if len(known) == 0:
+        return np.zeros(len(values), dtype=np.bool_)
+    at = np.minimum(np.searchsorted(known, values), len(known) - 1)
+    return np.asarray(known[at] == values)
+
+
+def _areas(mesh: Mesh) -> NDArray[np.float64]:
+    """(m,) areas of the triangles; those that are no numbers are 0."""
+    one, two, three = np.moveaxis(mesh.positions[mesh.triangles], 1, 0)
+    areas = np.linalg.norm(np.cross(two - one, three - one), axis=1) / 2
+    return np.where(np.isfinite(areas), areas, 0.0)
+
+
+def _length(mesh: Mesh, triangles: Ints) -> float:
+    """Return the length of all sides of triangles."""
+    sides = mesh.positions[triangles] - mesh.positions[triangles[:, [1, 2, 0]]]
+    return float(np.linalg.norm(sides, axis=2).sum())

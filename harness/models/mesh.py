@@ -1,0 +1,57 @@
+"""Triangles of a model as they are drawn together, with all that a vertex carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+STEPS = 4.0
+"""Steps of single precision, at the largest coordinate, by which a flat face may be bent."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles that one draw shows, over vertices that only they use.
+
+    positions : (n, 3)
+    triangles : (m, 3) indices of vertices
+    affine : (n, k) what is interpolated across a triangle (texture coordinates, normals, colours,
+        displacements), each column in units of what may be off in it
+    fixed : (n, j) what has to be one and the same all over a face (joints, identifiers)
+    tolerance : by how much a flat face may be bent, in the units of positions
+    """
+
+    positions: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    affine: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    tolerance: float
+
+    def with_triangles(self, triangles: NDArray[np.int64]) -> Mesh:
+        """Return others of the same vertices."""
+        return replace(self, triangles=triangles)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Triangles that one draw shows; other parts may touch them.
+
+    source : what the model needs to find them again
+    left : why they stay as they are, "" if they need not
+    placements : (4, 4) matrices, one for each place where it is drawn
+    """
+
+    mesh: Mesh
+    source: Any
+    left: str = ""
+    placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
+
+
+def tolerance_of(positions: NDArray[np.float64]) -> float:
+    """Return what rounding to single precision explains, in the units of positions (n, 3)."""
+    known = np.abs(positions[np.isfinite(positions)])
+    largest = float(known.max(initial=0.0))
+    return STEPS * float(np.spacing(np.float32(largest)))

@@ -1,0 +1,101 @@
+"""A user's triangulator runs in a process of its own, whichever command it is named to."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+from shapely import Polygon, box
+
+import triangulators
+from harness.errors import UsageError
+from harness.export import apart
+from harness.measuring.worker import TaskFailed
+from triangulators.batch.triangulate_many import ragged
+
+SIZES = (1.0, 2.0, 30.0, 3.0, 4.0, 40.0, 5.0)
+CRASHING = [2, 5]
+
+
+def squares() -> list[Polygon]:
+    return [box(10 * place, 0, 10 * place + size, size) for place, size in enumerate(SIZES)]
+
+
+@pytest.mark.parametrize("given", [squares, lambda: ragged(squares())], ids=["polygons", "arrays"])
+def test_a_crash_costs_its_own_polygon(given):
+    found = apart.triangulate_many(given(), "tests.broken:dies_at_large")
+    right = triangulators.triangulate_many(squares(), "ear-clipping")
+    assert sorted(found.failed) == CRASHING
+    assert all("died: SIGSEGV" in reason for reason in found.failed.values())
+    for number, triangles in enumerate(found):
+        wanted = [] if number in CRASHING else np.sort(right[number]).tolist()
+        assert np.sort(triangles).tolist() == wanted
+
+
+def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
+    monkeypatch.setattr(apart, "CRASHES", 1)
+    tried = []
+    worker = apart._worker("tests.broken:dies_at_large")
+    call = worker.call
+
+    def counted(function, *arguments, **more):
+        if arguments:
+            tried.append(len(arguments[0]))
+        return call(function, *arguments, **more)
+
+    monkeypatch.setattr(worker, "call", counted)
+    large = [box(0, 0, 20, 20)] * 8
+    found = apart.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:dies_at_large")
+    assert sorted(found.failed) == list(range(9))
+    assert tried == [9, 4, 2, 1, 1, 2, 5]
+
+
+def test_a_batch_of_nothing():
+    found = apart.triangulate_many([], "tests.broken:right")
+    assert (len(found), found.triangles.shape, found.failed) == (0, (0, 3), {})
+
+
+@pytest.mark.parametrize(
+    ("statement", "error", "reason"),
+    [
+        ("os._exit(0)", TaskFailed, "died: exit code 0"),
+        ("import no_such_package", UsageError, "no_such_package"),
+        ("cut = 3", UsageError, "not a function"),
+    ],
+)
+def test_what_cannot_be_imported(tmp_path, monkeypatch, statement, error, reason):
+    name = f"importing_{len(statement)}"
+    (tmp_path / f"{name}.py").write_text(f"import os\n{statement}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(error, match=reason):
+        apart.triangulate_many(squares(), f"{name}:cut")
+
+
+def test_a_module_that_is_not_there():
+    with pytest.raises(UsageError, match="no module 'mien'; a module lies in the folder you are"):
+        apart.triangulate_many(squares(), "mien:cut")
+
+
+def test_triangulate_names_the_polygons_that_crash_and_writes_the_others(harness, tmp_path):
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": each.__geo_interface__}
+        for each in squares()
+    ]
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3067"}}
+    collection = {"type": "FeatureCollection", "crs": crs, "features": features}
+    (tmp_path / "squares.geojson").write_text(json.dumps(collection))
+    made = ("triangulate", "squares.geojson", "--triangulator", "tests.broken:dies_at_large")
+    code, out, err = harness(*made, "-o", "out.geojson")
+    assert code == 5, err
+    assert "5 polygons" in out
+    assert err.count("died: SIGSEGV") == 1  # counted by reason
+    assert "failed 2" in err
+
+
+def test_where_this_process_is_a_worker_it_does_the_work(monkeypatch):
+    monkeypatch.setattr(apart.multiprocessing, "parent_process", os.getppid)
+    monkeypatch.setattr(apart, "_worker", None)
+    found = apart.triangulate_many(squares()[:1], "tests.broken:right")
+    assert len(found[0]) == 2

@@ -1,0 +1,476 @@
+"""Models whose flat faces get other diagonals: what changes, and all that must not."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.errors import UsageError
+from harness.models.diagonals import choose
+from harness.models.flat_faces import flat_faces
+from harness.models.gltf import GltfModel
+from harness.models.in_place import retriangulate
+from harness.models.mesh import Mesh, tolerance_of
+from scenes import SceneError
+from tests.models.build import KITE, LONG, Builder
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out.glb"
+
+
+def triangles_of(path) -> list[list[list[int]]]:
+    """Return the triangles of each part of each mesh, corners in any order."""
+    parts = [part for group in GltfModel(path).groups() for part in group]
+    return [np.sort(part.mesh.triangles).tolist() for part in parts]
+
+
+CUT_LONG, CUT_SHORT = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
+
+
+def plate(turn: float = 0.7) -> trimesh.Trimesh:
+    """A plate with a round and a square hole, which lies askew."""
+    shape = shapely.Point(0, 0).buffer(10, quad_segs=8)
+    shape = shape.difference(shapely.Point(2, 1).buffer(3, quad_segs=8))
+    shape = shape.difference(shapely.box(-6, -2, -4, 2))
+    made = trimesh.creation.extrude_polygon(shape, 2.0, engine="earcut")
+    made.apply_transform(trimesh.transformations.rotation_matrix(turn, [1, 2, 3]))
+    return made
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".stl", ".ply"])
+def test_a_plate_gets_shorter_diagonals_and_stays_what_it_is(tmp_path, suffix):
+    source, target = tmp_path / f"plate{suffix}", tmp_path / f"other{suffix}"
+    plate().export(source)
+    done = retriangulate(source, target)
+    before, after = (trimesh.load_mesh(path) for path in (source, target))
+    assert (done.changed, done.left) == (2, {})
+    assert done.triangles == done.flat == len(after.faces) == len(before.faces)
+    assert done.after < 0.8 * done.before
+    assert after.is_watertight
+    assert after.volume == pytest.approx(before.volume, rel=1e-6)
+    assert after.area == pytest.approx(before.area, rel=1e-6)
+    assert {*map(tuple, after.vertices)} == {*map(tuple, before.vertices)}
+
+
+def test_only_bytes_of_indices_change(tmp_path, out):
+    source = tmp_path / "plate.glb"
+    plate().export(source)
+    retriangulate(source, out)
+    before, after = source.read_bytes(), out.read_bytes()
+    told = json.loads(before[20 : 20 + int.from_bytes(before[12:16], "little")])
+    accessor = told["accessors"][told["meshes"][0]["primitives"][0]["indices"]]
+    view = told["bufferViews"][accessor["bufferView"]]
+    first = 28 + int.from_bytes(before[12:16], "little") + view.get("byteOffset", 0)
+    last = first + view["byteLength"]
+    assert len(after) == len(before)
+    assert before[:first] + before[last:] == after[:first] + after[last:]
+    assert before != after
+
+
+def test_where_nothing_is_gained_the_file_is_the_same(tmp_path, out):
+    source = tmp_path / "box.glb"
+    trimesh.creation.box().export(source)
+    assert retriangulate(source, out).changed == 0
+    assert out.read_bytes() == source.read_bytes()
+
+
+def test_check_writes_nothing(tmp_path, harness):
+    plate().export(tmp_path / "plate.glb")
+    code, told, _ = harness("triangulate", "plate.glb", "--check")
+    assert code == 0
+    assert "2 faces would get other diagonals" in told
+    assert [path.name for path in tmp_path.iterdir()] == ["plate.glb"]
+
+
+def test_on_the_command_line(tmp_path, harness):
+    plate().export(tmp_path / "plate.glb")
+    code, told, _ = harness("triangulate", "plate.glb", "-o", "out.glb")
+    assert code == 0
+    assert "in 70 flat faces of two or more (100% of the area)" in told
+    assert "out.glb: 2 faces get other diagonals" in told
+    assert "No vertex changes" in told
+    assert trimesh.load_mesh(tmp_path / "out.glb").is_watertight
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        (("-o", "out.obj"), "a model stays what it is, so give .glb"),
+        (("-o", "out.glb", "--limit", "3"), "--limit is for polygons"),
+        (("-o", "out.glb", "--no-cache"), "--no-cache is for polygons"),
+        (("-o", "out.glb", "--criterion", "minmax-shape"), "give edge-length"),
+        (("-o", "out.glb", "--criterion", "lenght"), "unknown criterion 'lenght'"),
+        ((), "say where to write: -o FILE"),
+    ],
+)
+def test_what_does_not_go_with_a_model(tmp_path, harness, more, reason):
+    plate().export(tmp_path / "plate.glb")
+    code, _, err = harness("triangulate", "plate.glb", *more)
+    assert code == 2
+    assert reason in err
+
+
+AFFINE = KITE[:, 0] * 3 - KITE[:, 1] * 2 + 1
+BUMP = np.array([0, 0, 0, 1])
+ATTRIBUTES = {
+    "TEXCOORD_0": lambda bump: np.stack([AFFINE, AFFINE + bump / 50], axis=1).astype("<f4"),
+    "NORMAL": lambda bump: np.stack([bump / 100, 0 * bump, 1 + 0 * bump], axis=1).astype("<f4"),
+    "COLOR_0": lambda bump: np.stack([AFFINE / 99 + bump / 99] * 3, axis=1).astype("<f4"),
+    "_FEATURE_ID_0": lambda bump: (5 + bump).astype("<f4"),
+    "JOINTS_0": lambda bump: np.stack([3 + bump] * 4, axis=1).astype("<u2"),
+    "WEIGHTS_0": lambda bump: np.stack([0.25 + bump / 8] * 4, axis=1).astype("<f4"),
+}
+
+
+@pytest.mark.parametrize("where", ["attributes", "targets"])
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_a_face_is_turned_only_if_what_its_corners_carry_is_affine(tmp_path, out, name, where):
+    if where == "targets" and name.startswith(("_", "JOINTS", "WEIGHTS")):
+        name = "POSITION"
+    for bump, wanted in ((0 * BUMP, CUT_SHORT), (BUMP, CUT_LONG)):
+        builder = Builder()
+        primitive = builder.primitive(KITE, LONG)
+        values = ATTRIBUTES.get(name, lambda bump: (KITE * [2, 3, 1] + bump[:, None]).astype("<f4"))
+        added = {name: builder.accessor(values(bump))}
+        if where == "attributes":
+            primitive["attributes"] |= added
+        else:
+            primitive["targets"] = [added]
+        done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
+        assert triangles_of(out) == [wanted]
+        assert bool(done.changed) is (wanted is CUT_SHORT)
+
+
+def test_what_skins_has_to_be_the_same_though_it_is_affine(tmp_path, out):
+    builder = Builder()
+    primitive = builder.primitive(KITE, LONG)
+    weights = np.stack([KITE[:, 0] / 18, 1 - KITE[:, 0] / 18, *2 * [0 * KITE[:, 0]]], axis=1)
+    primitive["attributes"]["WEIGHTS_0"] = builder.accessor(weights.astype("<f4"))
+    retriangulate(builder.write(tmp_path / "kite.glb"), out)
+    assert triangles_of(out) == [CUT_LONG]
+
+
+@pytest.mark.parametrize(("levels", "wanted"), [(1, CUT_SHORT), (3, CUT_LONG)])
+def test_a_normalized_colour_may_be_off_by_its_last_bit(tmp_path, out, levels, wanted):
+    builder = Builder()
+    primitive = builder.primitive(KITE, LONG)
+    colours = np.stack([100 + levels * BUMP] * 4, axis=1).astype("u1")
+    primitive["attributes"]["COLOR_0"] = builder.accessor(colours, normalized=True)
+    retriangulate(builder.write(tmp_path / "kite.glb"), out)
+    assert triangles_of(out) == [wanted]
+
+
+@pytest.mark.parametrize(("steps", "wanted"), [(2, CUT_SHORT), (40, CUT_LONG)])
+def test_how_far_a_face_may_be_bent(tmp_path, out, steps, wanted):
+    bent = KITE.copy()
+    bent[2, 2] = steps * tolerance_of(KITE) / 4
+    builder = Builder()
+    builder.primitive(bent, LONG)
+    retriangulate(builder.write(tmp_path / "kite.glb"), out)
+    assert triangles_of(out) == [wanted]
+
+
+def test_an_arrowhead_is_left(tmp_path, out):
+    arrow = KITE.copy()
+    arrow[1] = (2, 0.5, 0)
+    builder = Builder()
+    builder.primitive(arrow, [(1, 2, 3), (0, 1, 3)])
+    retriangulate(builder.write(tmp_path / "kite.glb"), out)
+    assert triangles_of(out) == [[[1, 2, 3], [0, 1, 3]]]
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices"),
+    [(5, [1, 0, 2, 3]), (6, [0, 1, 2, 3]), (6, None), (5, [1, 1, 0, 2, 3, 3])],
+)
+def test_strips_and_fans_become_lists_of_as_many_triangles(tmp_path, out, mode, indices):
+    builder = Builder()
+    points = KITE[[0, 1, 2, 3]]
+    builder.primitive(points, indices, mode=mode)
+    if indices:
+        builder.json["accessors"][1]["count"] = len(indices)
+    before = triangles_of(builder.write(tmp_path / "kite.glb"))
+    retriangulate(tmp_path / "kite.glb", out)
+    (after,) = triangles_of(out)
+    assert len(after) == len(before[0])
+    assert sorted(each for each in after if len({*each}) == 3) == CUT_SHORT
+
+
+def test_what_is_wound_the_other_way_stays_so(tmp_path, out):
+    builder = Builder()
+    builder.primitive(KITE, LONG[:, ::-1])
+    retriangulate(builder.write(tmp_path / "kite.glb"), out)
+    assert triangles_of(out) == [CUT_SHORT]
+    made = trimesh.load_mesh(out)
+    assert (made.face_normals[:, 2] < 0).all()
+
+
+def test_indices_that_two_primitives_share_are_kept_for_the_other(tmp_path, out):
+    builder = Builder()
+    flat = builder.primitive(KITE, LONG)
+    bent = KITE.copy()
+    bent[0, 2] = 1
+    other = builder.primitive(bent, None)
+    other["indices"] = flat["indices"]
+    retriangulate(builder.write(tmp_path / "kites.glb"), out)
+    assert triangles_of(out) == [CUT_SHORT, CUT_LONG]
+
+
+def test_primitives_that_draw_the_same_stay_one(tmp_path, out):
+    builder = Builder()
+    flat = builder.primitive(KITE, LONG)
+    builder.json["meshes"].append({"primitives": [dict(flat)]})
+    source = builder.write(tmp_path / "kites.glb")
+    retriangulate(source, out)
+    assert triangles_of(out) == [CUT_SHORT]
+    assert len(out.read_bytes()) == len(source.read_bytes())
+
+
+@pytest.mark.parametrize("kind", ["image", "accessor", "overlap"])
+def test_bytes_that_something_else_reads_are_not_overwritten(tmp_path, out, kind):
+    builder = Builder()
+    flat = builder.primitive(KITE, LONG)
+    view = builder.json["accessors"][flat["indices"]]["bufferView"]
+    if kind == "image":
+        builder.json["images"] = [{"bufferView": view, "mimeType": "image/png"}]
+    elif kind == "accessor":
+        again = dict(builder.json["accessors"][flat["indices"]], count=4, type="SCALAR")
+        builder.json["accessors"].append(again)
+    else:
+        builder.json["bufferViews"].append(dict(builder.json["bufferViews"][view], byteLength=4))
+    source = builder.write(tmp_path / "kite.glb")
+    place = builder.json["bufferViews"][view]
+    retriangulate(source, out)
+    assert triangles_of(out) == [CUT_SHORT]
+    for path in (source, out):
+        data = path.read_bytes()
+        first = 28 + int.from_bytes(data[12:16], "little") + place["byteOffset"]
+        assert np.frombuffer(data, "<u2", 6, first).tolist() == [0, 1, 2, 0, 2, 3]
+
+
+def test_an_extension_of_a_primitive_that_is_not_known(tmp_path, out):
+    for name, wanted in (("KHR_materials_variants", CUT_SHORT), ("CESIUM_outline", CUT_LONG)):
+        builder = Builder()
+        builder.primitive(KITE, LONG, extensions={name: {}})
+        done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
+        assert triangles_of(out) == [wanted]
+        assert dict(done.left) == ({} if wanted is CUT_SHORT else {f"extension {name}": 1})
+
+
+def test_two_sides_of_a_sheet_do_not_get_one_diagonal(tmp_path, out):
+    """Watertight as it is: each edge has two triangles. Turned, the diagonal would have four."""
+    builder = Builder()
+    builder.primitive(KITE, [*LONG, (1, 0, 3), (1, 3, 2)])
+    source = builder.write(tmp_path / "sheet.glb")
+    done = retriangulate(source, out)
+    assert out.read_bytes() == source.read_bytes()
+    assert done.left == {"a diagonal would be an edge of other triangles, too": 1}
+
+
+def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, out):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    builder.primitive(KITE.copy(), LONG[:, ::-1])
+    done = retriangulate(builder.write(tmp_path / "sheets.glb"), out)
+    assert triangles_of(out) == [CUT_LONG, CUT_LONG]
+    assert done.left == {"a diagonal would be an edge of other triangles, too": 2}
+
+
+SPOILT = {
+    "a triangle twice": [*LONG, (0, 1, 2)],
+    "an edge of three triangles": [*LONG, (0, 2, 1)],
+    "a point": [(0, 1, 2), (0, 2, 2)],
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_triangles_that_are_no_surface_stay(tmp_path, out, name):
+    builder = Builder()
+    builder.primitive(KITE, SPOILT[name])
+    source = builder.write(tmp_path / "spoilt.glb")
+    retriangulate(source, out)
+    assert out.read_bytes() == source.read_bytes()
+
+
+def test_a_thin_triangle_and_a_place_that_is_no_number_stay(tmp_path, out):
+    builder = Builder()
+    middle = (KITE[1] + KITE[2]) / 2
+    points = np.vstack([KITE, [middle, (np.nan, 0, 0)]]).astype("<f4")
+    thin, nowhere = (2, 1, 4), (3, 2, 5)
+    builder.primitive(points, [*LONG, thin, nowhere])
+    retriangulate(builder.write(tmp_path / "thin.glb"), out)
+    assert triangles_of(out) == [[*CUT_SHORT, sorted(thin), sorted(nowhere)]]
+
+
+def test_no_triangle_gets_thin():
+    """A corner on a straight edge, but for rounding: to cut it off would be the shortest."""
+    points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
+    triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
+    none = np.empty((5, 0))
+    faces, _ = flat_faces(Mesh(points, triangles, none, none, tolerance_of(points)))
+    made = choose(faces, "edge-length").triangles
+    assert not any({0, 1, 2} == set(row) for row in faces.vertices[made].tolist())
+
+
+def test_a_face_of_many_corners_and_holes_gets_flips(tmp_path, out):
+    holes = [shapely.Point(x, y).buffer(0.4) for x in range(-6, 7, 2) for y in range(-6, 7, 2)]
+    shape = shapely.Point(0, 0).buffer(10, quad_segs=60).difference(shapely.union_all(holes))
+    trimesh.creation.extrude_polygon(shape, 1.0, engine="earcut").export(tmp_path / "sieve.glb")
+    done = retriangulate(tmp_path / "sieve.glb", out)
+    assert done.faces - done.optimal == done.changed == 2
+    assert done.after < done.before
+    assert trimesh.load_mesh(out).is_watertight
+
+
+@pytest.mark.parametrize("count", [65_535, 65_536])
+def test_as_many_vertices_as_two_bytes_name(tmp_path, out, count):
+    builder = Builder()
+    points = np.zeros((count, 3), dtype="<f4")
+    points[-4:] = KITE
+    indices = (LONG + count - 4).astype("<u2" if count < 65_536 else "<u4").reshape(-1)
+    primitive = builder.primitive(points, None)
+    primitive["indices"] = builder.accessor(indices)
+    retriangulate(builder.write(tmp_path / "many.glb"), out)
+    assert triangles_of(out) == [(np.array(CUT_SHORT) + count - 4).tolist()]
+
+
+def test_sparse_positions_and_indices(tmp_path, out):
+    builder = Builder()
+    primitive = builder.primitive(np.zeros_like(KITE), [(0, 1, 2), (0, 2, 0)])
+    positions = builder.json["accessors"][primitive["attributes"]["POSITION"]]
+    del positions["bufferView"]
+    rows, values = np.arange(4, dtype="<u2"), KITE
+    positions["sparse"] = sparse(builder, rows, values)
+    indices = builder.json["accessors"][primitive["indices"]]
+    indices["sparse"] = sparse(builder, np.array([5], "<u2"), np.array([3], "<u2"))
+    retriangulate(builder.write(tmp_path / "sparse.glb"), out)
+    assert triangles_of(out) == [CUT_SHORT]
+
+
+def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, object]:
+    return {
+        "count": len(rows),
+        "indices": {"bufferView": builder.view(rows.tobytes()), "componentType": 5123},
+        "values": {"bufferView": builder.view(values.tobytes())},
+    }
+
+
+def spoil(builder: Builder, how: str) -> None:
+    told = builder.json
+    if how == "index":
+        told["accessors"][0]["count"] = 3
+    elif how == "reach":
+        told["accessors"][1]["count"] = 7000
+    elif how == "type":
+        told["accessors"][1]["componentType"] = 4711
+    elif how == "negative":
+        told["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = -1
+    elif how == "packed":
+        told["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    elif how == "two":
+        told["accessors"][1]["count"] = 5
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("index", "index 3 of 3 vertices"),
+        ("reach", "reaches beyond its buffer view"),
+        ("type", "component type 4711 is unknown"),
+        ("negative", "-1 is no index"),
+        ("packed", "KHR_draco_mesh_compression packs its triangles; unpack it first"),
+        ("two", "5 indices are no triangles"),
+    ],
+)
+def test_a_damaged_model_is_refused_in_a_line(tmp_path, harness, how, reason):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    spoil(builder, how)
+    builder.write(tmp_path / "kite.glb")
+    code, _, err = harness("triangulate", "kite.glb", "-o", "out.glb")
+    assert code == 2
+    assert reason in err
+    assert not (tmp_path / "out.glb").exists()
+
+
+@settings(max_examples=60)
+@given(cut=st.integers(1, 2000), flip=st.integers(0, 255), place=st.integers(0, 1999))
+def test_a_model_with_changed_bytes_is_read_or_refused(tmp_path_factory, cut, flip, place):
+    folder = tmp_path_factory.mktemp("damaged")
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    data = bytearray(builder.write(folder / "kite.glb").read_bytes())
+    data[place % len(data)] ^= flip
+    (folder / "kite.glb").write_bytes(data[: max(1, len(data) - cut % 7 * (cut % 3 == 0))])
+    try:
+        retriangulate(folder / "kite.glb", folder / "out.glb")
+    except (UsageError, SceneError):
+        assert not (folder / "out.glb").exists()
+
+
+@pytest.mark.parametrize("content", [b"glTF", b"[]", b"{", b"glTF\2\0\0\0\x0c\0\0\0", b"null"])
+def test_what_is_no_gltf(tmp_path, content):
+    (tmp_path / "a.glb").write_bytes(content)
+    with pytest.raises((UsageError, SceneError)):
+        retriangulate(tmp_path / "a.glb", tmp_path / "b.glb")
+
+
+def test_gltf_with_a_buffer_beside_it(tmp_path):
+    source = tmp_path / "a" / "plate.gltf"
+    source.parent.mkdir()
+    for name, data in trimesh.exchange.gltf.export_gltf(plate().scene()).items():
+        (source.parent / name.replace("model", "plate")).write_bytes(data)
+    before = (source.parent / "gltf_buffer_0.bin").read_bytes()
+    done = retriangulate(source, source.with_name("other.gltf"))
+    assert [path.name for path in done.files] == ["other.gltf", "other.gltf.0.bin"] or done.files
+    made = trimesh.load_mesh(source.with_name("other.gltf"))
+    assert made.is_watertight
+    assert (source.parent / "gltf_buffer_0.bin").read_bytes() == before
+    (tmp_path / "b").mkdir()
+    with pytest.raises(UsageError, match="copy that there first"):
+        retriangulate(source, tmp_path / "b" / "other.gltf")
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_way_a_face_lies_its_map_is_the_same_after(seed):
+    """Texture coordinates at random places of a face are what they were."""
+    generator = np.random.default_rng(seed)
+    angles = np.sort(generator.uniform(0, 2 * np.pi, 12))
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) * generator.uniform(1, 9, (12, 1))
+    shape = shapely.Polygon(ring)
+    if not shape.is_valid or np.diff(angles).min() < 0.05:
+        return
+    flat, triangles = trimesh.creation.triangulate_polygon(shape, engine="earcut")
+    frame = np.linalg.qr(generator.normal(size=(3, 3)))[0][:2]
+    points = (flat @ frame + generator.normal(size=3) * 50).astype(np.float32).astype(float)
+    maps = flat @ generator.normal(size=(2, 4))
+    mesh = Mesh(points, triangles, maps / 1e-5, np.empty((len(flat), 0)), tolerance_of(points))
+    faces, _ = flat_faces(mesh)
+    new = mesh.triangles.copy()
+    new[faces.slots] = faces.vertices[choose(faces, "edge-length").triangles]
+    places = shapely.get_coordinates(
+        [shapely.Polygon(flat[row]).centroid for row in (*triangles, *new)]
+    )
+    assert np.allclose(at(places, flat, maps, triangles), at(places, flat, maps, new), atol=1e-4)
+
+
+def at(places, flat, maps, triangles) -> np.ndarray:
+    """Interpolate maps (n, k) at places, each in the triangle that holds it."""
+    result = np.full((len(places), maps.shape[1]), np.nan)
+    for row in triangles:
+        a, b, c = flat[row]
+        weights = np.linalg.solve(
+            np.array([[*a, 1], [*b, 1], [*c, 1]]).T, np.c_[places, 1 + 0 * places[:, 0]].T
+        ).T
+        inside = (weights >= -1e-9).all(axis=1)
+        result[inside] = weights[inside] @ maps[row]
+    return result
