@@ -316,6 +316,7 @@ def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path)
     rings_of_one = shapely.Polygon(line.exterior, [court.exterior, *court.interiors])
     scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
     assert scene.dropped == [("line.mvt land feature 0", "has a ring without area")]
+    assert scene.repaired == []
     assert [polygon.area for polygon in scene.polygons] == [COURT.area / 64]
 
 
