@@ -130,8 +130,9 @@ def _feature(data: memoryview, keys: int, values: int) -> tuple[int, bytes]:
         raise ValueError(f"it has no {'type' if kind is None else 'geometry'}")
     if kind > POLYGON:
         raise ValueError(f"its type is {kind}, not 0 to 3")
-    indices = varints(tags)
-    if len(indices) % 2 or (indices[::2] >= keys).any() or (indices[1::2] >= values).any():
+    named = varints(tags).tolist()
+    most = max(named[::2], default=-1), max(named[1::2], default=-1)
+    if len(named) % 2 or most[0] >= keys or most[1] >= values:
         raise ValueError("its tags name a key or a value that the layer has not")
     return kind, geometry
 

@@ -98,6 +98,8 @@ def varints(data: bytes) -> NDArray[np.int64]:
     [9, 300]
     """
     content = np.frombuffer(data, np.uint8)
+    if data.isascii():  # each is one byte, as most tags are
+        return content.astype(np.int64)
     ends = np.flatnonzero(content < _MORE)
     if len(content) and (not len(ends) or ends[-1] != len(content) - 1):
         raise ValueError("a number is cut off")
