@@ -83,9 +83,7 @@ class OpenGL(GLRasteriser):
             mesh.bind()
             for number, kind in enumerate(targets.values()):
                 queries.begin(number, kind)
-            for rows in mesh.upload.draws:
-                mesh.draw_rows(rows)
-                self.context.flush()  # llvmpipe leaves out what the next tile would cover
+            mesh.draw()
             for kind in targets.values():
                 queries.end(kind)
             return {name: queries.result(number) for number, name in enumerate(targets)}
