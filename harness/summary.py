@@ -92,7 +92,7 @@ def _table(decision: Decision, bar: int, *, plain: bool) -> Table:
         table.add_column("pays after")
     most = max(each.cost for each in decision.standings)
     complete = max(_polygons(record) for record in records)
-    limit = limit_of(base.record) if base and base.complete else None
+    limit = limit_of(base.record) if base.complete else None
     for each in decision.standings:
         cells: list[Text | str] = [_number(figure(each.record), figure.form) for figure in shown]
         if bar:
@@ -181,8 +181,8 @@ def _polygons(record: Record) -> int:
     return int(sum(record.get(name) or 0 for name in POLYGONS))
 
 
-def _heading(base: Standing | None, begin: str) -> str:
-    name = "" if base is None else base.name
+def _heading(base: Standing, begin: str) -> str:
+    name = base.name
     return f"{begin}{name}" if len(name) <= len("ear-clipping") else f"vs {name}"
 
 

@@ -1,6 +1,7 @@
 """Change lines at random, run the tests that belong to them, and list the changes no test notices.
 
     .venv/bin/python scripts/mutate.py --minutes 60 --seed 1 --out FILE
+    .venv/bin/python scripts/mutate.py --only harness/compare/html.py:50-64
 
 Each change is one token of code within a function: a comparison, a sign, a number, `and`, `not`,
 `min`. It is made in a copy of the checkout, whose own files stay as they are. The tests of a module
@@ -30,7 +31,8 @@ import threading
 import time
 import tokenize
 from collections import Counter, defaultdict
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -53,7 +55,8 @@ TESTS = {
     "harness/study/cost_model.py": "tests/study/test_models.py tests/study/test_calibration.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
-    " tests/triangulators/test_skeleton.py tests/triangulators/test_hunted.py",
+    " tests/triangulators/test_skeleton.py tests/triangulators/test_proof.py"
+    " tests/triangulators/test_hunted.py",
     "triangulators/checking": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
     " tests/triangulators/test_hunted.py",
@@ -376,15 +379,31 @@ def chosen_changes(again: Path) -> Iterator[Change]:
             yield from (each for each in same if str(each).endswith(f":{rest}"))
 
 
+def changes_in(only: str) -> list[Change]:
+    """Return every change of a file, or of its lines FIRST-LAST: FILE or FILE:FIRST-LAST."""
+    file, _, lines = only.partition(":")
+    first, _, last = lines.partition("-")
+    found = changes(file, (ROOT / file).read_text(encoding="utf-8"))
+    return [each for each in found if not lines or int(first) <= each.line <= int(last or first)]
+
+
 def main() -> None:
     """Make changes for some minutes and print what came of each."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--minutes", type=float, default=60.0)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--again", type=Path, help="try what survived in this output, once each")
+    options.add_argument(
+        "--only", nargs="+", metavar="FILE[:FIRST-LAST]", help="try every change there once"
+    )
     options.add_argument("--out", type=Path)
     chosen = options.parse_args()
-    wanted = chosen_changes(chosen.again) if chosen.again else drawn(chosen.seed)
+    wanted: Iterable[Change] = drawn(chosen.seed)
+    tests = list(TESTS.values())
+    if chosen.again or chosen.only:
+        found = map(changes_in, chosen.only or ())
+        wanted = list(chosen_changes(chosen.again) if chosen.again else chain(*found))
+        tests = [tests_of(change.file) for change in wanted]
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as place:
         os.environ["NUMBA_CACHE_DIR"] = place  # what changed kernels are compiled to goes with it
@@ -394,13 +413,13 @@ def main() -> None:
         for name in LIBRARIES:
             importlib.import_module(name)
         copy = Copy(Path(place) / "checkout")
-        for tests in dict.fromkeys(TESTS.values()):
-            copy.record(tests)
+        for each in dict.fromkeys(tests):
+            copy.record(each)
         end = time.monotonic() + 60.0 * chosen.minutes
         for change in wanted:
             if time.monotonic() > end:
                 break
-            if why := equivalent(change, (ROOT / change.file).read_text(encoding="utf-8")):
+            if why := equivalent(change, (copy.folder / change.file).read_text(encoding="utf-8")):
                 lines.append(f"{SAME:10} {change}: {why}")
                 print(lines[-1], flush=True)
                 continue

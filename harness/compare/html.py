@@ -48,16 +48,16 @@ UNGATED = {
 
 def time_figure(comparison: Comparison) -> Figure | None:
     """Draw each case's ratio of times with its interval; None where nothing was timed."""
-    cases = [c for c in _chosen(comparison) if c.time is not None and c.time.ratio is not None]
-    if not cases:
+    timed: list[Any] = [c for c in _chosen(comparison) if c.time and c.time.ratio is not None]
+    if not timed:
         return None
-    figure, axes = _axes(len(cases))
-    threshold = max(case.time.threshold or 0.0 for case in cases if case.time is not None)
+    figure, axes = _axes(len(timed))
+    threshold = max(case.time.threshold or 0.0 for case in timed)
     axes.axvspan(1 / (1 + threshold), 1 + threshold, color=COLOURS[5], alpha=0.15, linewidth=0)
     axes.axvline(1, color="black", linewidth=0.8)
     for outcome, (colour, marker) in OUTCOMES.items():
-        places = [n for n, c in enumerate(cases) if c.time and c.time.outcome == outcome]
-        times: list[Any] = [cases[n].time for n in places]
+        places = [n for n, case in enumerate(timed) if case.time.outcome == outcome]
+        times = [timed[n].time for n in places]
         if not places:
             continue
         ratios = [time.ratio for time in times]
@@ -73,7 +73,7 @@ def time_figure(comparison: Comparison) -> Figure | None:
             elinewidth=1.2,
             label=outcome if comparison.settings.gates_time else UNGATED[outcome],
         )
-    _finish(axes, cases, f"time, HEAD over BASE; the band is the threshold, ±{threshold:.3g}")
+    _finish(axes, timed, f"time, HEAD over BASE; the band is the threshold, ±{threshold:.3g}")
     return figure
 
 

@@ -24,7 +24,7 @@ def advice(members: Sequence[Record]) -> str:
 def _advice(decision: Decision, scene: str) -> str:
     choice, base = decision.choice, decision.base
     take = f"triangulate {scene} by {choice.name}"
-    if decision.ground == SHOWN and choice.ratio and base:
+    if decision.ground == SHOWN and choice.ratio:
         ratio = choice.ratio
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
         words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
@@ -33,9 +33,9 @@ def _advice(decision: Decision, scene: str) -> str:
         if decision.alike:
             words += f"; no difference to {listed(decision.alike)} is shown"
         return words
-    if decision.ground == KEEP and base:
+    if decision.ground == KEEP:
         return f"{take}: every other triangulator is shown to draw slower"
-    if decision.ground == COUNTED and base:
+    if decision.ground == COUNTED:
         words = f"{take}: it has the least by exact count, {_counted(decision)}"
         return words + ("; times show none to be faster" if decision.timed else "")
     if decision.ground == ALONE:
@@ -48,8 +48,8 @@ def _counted(decision: Decision) -> str:
     assert measure is not None
     own = choice.record["counters"][measure]
     words = f"{own:,} {find(measure).label}"
-    usual = (base.record.get("counters") or {}).get(measure) if base else None
-    if base is None or base is choice or not usual:
+    usual = (base.record.get("counters") or {}).get(measure)
+    if base is choice or not usual:
         return words
     return f"{words}, {_share(1 - own / usual)} fewer than {base.name}"
 

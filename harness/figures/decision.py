@@ -12,8 +12,8 @@ from typing import Final, Literal
 
 from harness.figures.break_even import BreakEven, break_even
 from harness.figures.groups import base_of, time_ratio
-from harness.figures.ratios import FASTER, SLOWER, Ratio
-from harness.figures.registry import find, measures, value_of
+from harness.figures.ratios import FASTER, SLOWER, Ratio, Verdict
+from harness.figures.registry import measures, value_of
 from harness.stored.folder import Record
 
 Ground = Literal["faster", "base", "counters", "undecided", "alone"]
@@ -49,6 +49,11 @@ class Standing:
         """Of the triangulator."""
         return str(self.record["triangulator"])
 
+    @property
+    def verdict(self) -> Verdict | None:
+        """What its ratio shows, None where there is none."""
+        return self.ratio.verdict if self.ratio else None
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -67,7 +72,7 @@ class Decision:
     """
 
     standings: tuple[Standing, ...]
-    base: Standing | None
+    base: Standing
     ground: Ground
     choice: Standing
     alike: tuple[str, ...]
@@ -78,16 +83,16 @@ class Decision:
 def decide(members: Sequence[Record]) -> Decision | None:
     """Decide about the records of a group; None if none of them was measured."""
     good = [record for record in members if record["status"] == "ok"]
-    if not good:
-        return None
     first = base_of(good)
-    measure = next(iter(measures((first or good[0]).get("counters") or ())), None)
+    if first is None:
+        return None
+    measure = next(iter(measures(first.get("counters") or ())), None)
     complete = max(record["polygons"] for record in good)
     ranked = sorted(
         (_standing(record, first, complete) for record in good),
         key=lambda each: (not each.complete, each.cost, each.name),
     )
-    base = next((each for each in ranked if each.record is first), None)
+    base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
     ground, choice = _choose(rivals, base, measure)
     alike = [
@@ -99,50 +104,48 @@ def decide(members: Sequence[Record]) -> Decision | None:
     return Decision(tuple(ranked), base, ground, choice, tuple(alike), measure, timed)
 
 
-def _standing(record: Record, base: Record | None, complete: int) -> Standing:
+def _standing(record: Record, base: Record, complete: int) -> Standing:
     """Rank by the paired ratio wherever there is one, as the verdict does.
 
     Medians of two drawings may be in another order than the rounds that timed both.
     """
     ratio = time_ratio(record, base)
     names = [TIME, *measures(record.get("counters") or ())]
-    cost, usual = value_of(record, names) or 0.0, value_of(base or record, names)
+    cost, usual = value_of(record, names) or 0.0, value_of(base, names)
     relative = ratio.value if ratio is not None else cost / usual if usual else cost
-    own, other = (find(TIME)(each) if each else None for each in (record, base))
-    apart = ratio is not None and own is not None and other is not None
     return Standing(
         record=record,
         cost=relative,
         complete=record["polygons"] == complete,
         ratio=ratio,
         pays=break_even(record, base),
-        disagrees=apart and (own - other) * (ratio.value - 1) < 0,  # type: ignore[operator, union-attr]
+        disagrees=ratio is not None and (_median(record) - _median(base)) * (ratio.value - 1) < 0,
     )
 
 
+def _median(record: Record) -> float:
+    return float(record["time"]["median_s"])
+
+
 def _choose(
-    rivals: Sequence[Standing], base: Standing | None, measure: str | None
+    rivals: Sequence[Standing], base: Standing, measure: str | None
 ) -> tuple[Ground, Standing]:
     others = [each for each in rivals if each is not base]
     if not others:
         return ALONE, rivals[0]
-    shown = [each for each in others if each.ratio and each.ratio.verdict == FASTER]
+    shown = [each for each in others if each.verdict == FASTER]
     if shown:
         return SHOWN, shown[0]
-    if base not in rivals:
-        base = None
-    if base and all(each.ratio and each.ratio.verdict == SLOWER for each in others):
+    if all(each.verdict == SLOWER for each in others):
         return KEEP, base
-    open_ = [
-        each for each in rivals if each is base or not (each.ratio and each.ratio.verdict == SLOWER)
-    ]
+    open_ = [each for each in rivals if each.verdict != SLOWER]
     counts = {each.name: _count(each, measure) for each in open_}
     known = [each for each in open_ if counts[each.name] is not None]
     # The base first: where nothing is counted less, nothing speaks for a change.
     known.sort(key=lambda each: (counts[each.name], each is not base))
-    if len(known) > 1 and counts[known[0].name] != counts[known[-1].name]:
+    if known and counts[known[0].name] != counts[known[-1].name]:
         return COUNTED, known[0]
-    return OPEN, base or open_[0]
+    return OPEN, base if base in rivals else open_[0]
 
 
 def _count(each: Standing, measure: str | None) -> int | None:
@@ -159,14 +162,14 @@ def explained(decision: Decision) -> str | None:
     """Say why times and ratios are in another order, where they are."""
     apart = [each.name for each in decision.standings if each.disagrees and each.complete]
     timed = [each for each in decision.standings if each.ratio is not None and each.complete]
-    medians = [find(TIME)(each.record) or 0.0 for each in timed]
+    medians = [_median(each.record) for each in timed]
     if not apart and medians == sorted(medians):
         return None
     why = (
         "a ratio is taken within rounds, so that what the machine does to both cancels; a median "
         "is over all rounds. The ratio decides, and the rows are in its order"
     )
-    if apart and decision.base is not None:
+    if apart:
         names = ", ".join(apart)
         return f"{names}: median and ratio to {decision.base.name} seem to disagree: {why}."
     return f"Medians are in another order than ratios: {why}."

@@ -39,8 +39,7 @@ def base_of(members: Sequence[Record]) -> Record | None:
     for name in (*(record.get("base") for record in measured[:1]), USUAL_BASE):
         if name in by_name:
             return by_name[name]
-    most = max((record.get("polygons") or 0 for record in measured), default=0)
-    return next((r for r in measured if (r.get("polygons") or 0) == most), None)
+    return max(measured, key=lambda record: record.get("polygons") or 0, default=None)
 
 
 def with_base(run: Run, name: str) -> Run:

@@ -261,9 +261,9 @@ def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
 
     timed = [record for record in members if record["status"] == "ok" and record.get("time")]
     decision = decide(timed)
-    base = decision.base.record if decision and decision.base else None
-    if decision is None or base is None:
+    if decision is None:
         return None
+    base = decision.base.record
     whole = [each for each in decision.standings if each.complete and each.ratio]
     pairs = [(each.record, each.ratio) for each in reversed(whole) if each.ratio]
     if len(pairs) < 2:

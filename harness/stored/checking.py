@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import statistics
 from collections.abc import Callable
 from typing import Any
 
@@ -57,6 +58,9 @@ def completed(record: dict[str, Any]) -> dict[str, Any]:
     usual = {"fit": record.get("fit") or FITS[0], "options": options}
     if record["status"] == "ok":
         usual |= {name: record.get(name) or {} for name in TABLES}
+    time = record.get("time")
+    if time and "median_s" not in time:
+        usual["time"] = {**time, "median_s": statistics.median(time["samples_s"])}
     return {**record, **usual}
 
 

@@ -20,7 +20,7 @@ from harness.compare.junit import to_junit
 from harness.compare.markdown import LIMIT, MARKER, to_markdown
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
-from tests.compare.runs import TRIANGULATORS, costlier, failed, write_run
+from tests.compare.runs import TRIANGULATORS, costlier, failed, slower, write_run
 from tests.compare.scenarios import SCENARIOS
 from tests.paths import ROOT
 
@@ -199,7 +199,35 @@ def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
     axes = counter_figure(grown).axes[0]
     (row,) = [label.get_text() for label in axes.get_yticklabels()]
     assert "delaunay" in row
+    assert list(axes.lines[0].get_xdata()) == [0, 0]
     drawn = [line.get_xdata() for line in axes.lines if line.get_marker() != "None"]
     assert any(list(x) == pytest.approx([10.0], rel=1e-3) for x in drawn)
-    band = time_figure(grown).axes[0].patches[0]
+    axes = time_figure(grown).axes[0]
+    band = axes.patches[0]
     assert (band.get_x(), band.get_width()) == pytest.approx((1 / 1.25, 1.25 - 1 / 1.25))
+    assert list(axes.lines[0].get_xdata()) == [1, 1]
+
+
+def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_path):
+    def untimed(entry):
+        del entry["time"]
+
+    edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
+    runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
+    found = compare_runs(*map(read_run, runs), Settings(gates=("counters", "time")))
+    axes = time_figure(found).axes[0]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    assert rows[0].startswith("optimal:overdraw")
+    assert axes.get_ylim() == (len(rows) - 0.5, -0.5)
+    drawn = {}
+    for container in axes.containers:
+        points, _, (bars,) = container.lines
+        for x, y, bar in zip(*points.get_data(), bars.get_segments(), strict=True):
+            drawn[rows[y]] = (container.get_label(), x, *bar[:, 0])
+    times = {case.name.triangulator: case.time for case in found.compared()}
+    times.pop("fan")  # it was not timed
+    assert len(drawn) == len(rows) == len(times)
+    for row, (outcome, *values) in drawn.items():
+        time = times[row.split(",")[0]]
+        assert outcome == time.outcome
+        assert values == pytest.approx([time.ratio, time.low, time.high])

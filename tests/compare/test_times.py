@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from harness.compare.gate_settings import Settings
 from harness.compare.model import TimeChange
-from harness.compare.rounds import drift_of_rounds
+from harness.compare.quantiles import _index
+from harness.compare.rounds import Q_VALUE, drift_of_rounds
 from harness.compare.times import (
     MIN_ROUNDS,
     Pair,
@@ -121,6 +122,10 @@ def test_a_single_case_without_reference_on_another_machine_is_inconclusive():
     assert "reference" in change.reason
 
 
+def test_of_samples_the_last_is_drawn_up_to_the_end():
+    assert _index(np.array([0.0, 0.24, 0.25, 0.99, 1.0]), 4).tolist() == [0, 0, 1, 3, 3]
+
+
 def test_many_cases_are_corrected_for():
     """With a hundred equal cases, chance differences beyond a threshold of 0 stay inconclusive."""
     rng = np.random.default_rng(9)
@@ -135,7 +140,9 @@ def test_many_cases_are_corrected_for():
     [
         ("rounds", 0.01, "inconclusive"),
         ("rounds", 0.0005, "regressed"),
+        ("rounds", Q_VALUE, "regressed"),
         ("peers", 0.01, "regressed"),
+        ("peers", 1 - SETTINGS.confidence, "regressed"),
         ("peers", 0.06, "inconclusive"),
         ("reference", 0.01, "regressed"),
     ],

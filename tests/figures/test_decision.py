@@ -11,7 +11,8 @@ import pytest
 from rich.console import Console
 
 from harness.figures.advice import advice
-from harness.figures.decision import decide, explained
+from harness.figures.decision import COUNTED, decide, explained
+from harness.figures.groups import base_of
 from harness.report.report_data import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary
@@ -165,3 +166,44 @@ def test_a_median_that_says_otherwise_is_explained():
     decision = decide([first, other])
     assert "delaunay: median and ratio to ear-clipping seem to disagree" in explained(decision)
     assert explained(decide([base(), made("delaunay", "faster")])) is None
+
+
+def test_equal_times_do_not_disagree():
+    first, twin = base(), made("delaunay")
+    twin["time"] = first["time"]
+    others = [twin, made("greedy", "slower"), made("fan", "faster")]
+    assert not any(each.disagrees for each in decide([first, *others]).standings)
+
+
+def test_what_was_not_timed_ranks_by_its_counter_in_ratio_to_the_bases():
+    found = [made("greedy", "untimed", counts="fewer"), made("ear-clipping", "untimed")]
+    costs = [(each.name, each.cost) for each in decide(found).standings]
+    assert costs == [("greedy", pytest.approx(0.9)), ("ear-clipping", 1.0)]
+    for each in found:
+        each["counters"] = {}
+    assert [each.cost for each in decide(found).standings] == [0.0, 0.0]
+
+
+def test_two_that_cost_alike_cost_less_than_a_third():
+    found = [made(name, "untimed", counts="fewer") for name in ("delaunay", "greedy")]
+    decision = decide([made("ear-clipping", "untimed"), *found])
+    assert (decision.ground, decision.choice.name) == (COUNTED, "delaunay")
+
+
+def test_where_the_usual_base_left_polygons_out_another_is_taken():
+    part, others = base() | {"polygons": 400}, [made("delaunay"), made("greedy")]
+    decision = decide([part, *others])
+    assert (decision.base.name, decision.choice.name) == ("ear-clipping", "delaunay")
+    assert not decision.timed
+    assert not decide([base(), made("delaunay", "untimed")]).timed
+    assert decide([base(), made("delaunay")]).timed
+
+
+@pytest.mark.parametrize(
+    ("polygons", "name"), [((3, 5, 5), "b"), ((None, 1, 1), "b"), ((None, None, None), "a")]
+)
+def test_the_base_of_those_without_a_usual_one_is_the_first_of_most_polygons(polygons, name):
+    found = [{"triangulator": each, "status": "ok"} for each in "abc"]
+    found = [each | {"polygons": n} for each, n in zip(found, polygons, strict=True)]
+    assert base_of([{"triangulator": "z", "status": "failed"}, *found])["triangulator"] == name
+    assert base_of([]) is None

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 from scipy.stats import quantile_test
 
 from harness.figures.intervals import mean_interval, median_interval, median_over
-from harness.figures.ratios import RUN_SCATTER, Ratio, blocks, of_any_run, paired_ratio
+from harness.figures.ratios import (
+    FASTER,
+    RUN_SCATTER,
+    SLOWER,
+    UNDECIDED,
+    Ratio,
+    blocks,
+    of_any_run,
+    paired_ratio,
+)
 from scripts.studies.interval_coverage import Kind, kinds, share_interval, simulate
 
 TRIALS = 200
@@ -88,6 +97,14 @@ def test_processes_count_as_often_as_there_were():
     assert over_epochs.high < over_processes.high
     # Damaged lists are no parts of these rounds.
     assert paired_ratio(samples, base, [5] * 12, [20] * 2) == over_epochs
+    assert paired_ratio(samples, base, [5] * 12, [60]) == over_epochs
+
+
+def test_four_epochs_are_values_and_three_are_not():
+    samples, base = np.exp(np.repeat([0.0, 0.01, 0.02, 0.04], 15)), np.ones(60)
+    of_epochs = paired_ratio(samples, base, [15] * 4)
+    assert np.log(of_epochs.value) == pytest.approx(0.0175)
+    assert paired_ratio(samples, base, [15, 15, 30]) == paired_ratio(samples, base) != of_epochs
 
 
 def test_the_mean_of_processes_is_not_that_of_their_epochs():
@@ -108,3 +125,17 @@ def test_blocks_are_the_largest_parts_that_share_nothing(times, sizes):
     found = blocks(times, 12)
     assert [len(block) for block in found] == sizes
     assert sorted(np.concatenate(found).tolist()) == list(range(12))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [(0.8, 0.99, FASTER), (0.8, 1.0, UNDECIDED), (1.0, 1.2, UNDECIDED), (1.01, 1.2, SLOWER)],
+)
+def test_an_interval_that_ends_at_one_shows_no_difference(low, high, verdict):
+    assert Ratio((low + high) / 2, low, high, 40).verdict == verdict
+
+
+@pytest.mark.parametrize(("own", "base"), [([], []), ([1.0, 2.0], [1.0]), ([1.0], [])])
+def test_what_are_no_rounds_of_one_group_has_no_ratio(own, base):
+    with pytest.raises(ValueError, match="not rounds of one group"):
+        paired_ratio(own, base)

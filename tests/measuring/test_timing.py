@@ -21,6 +21,7 @@ from harness.measuring.timing import (
     Times,
     TimingSettings,
     _clock_resolution,
+    _compared_precisely,
     _warm_up,
     self_test,
     time_together,
@@ -488,3 +489,36 @@ def test_times_of_processes_follow_each_other():
     parts = [Times(3, [1.0, 2.0], [1, 1], True), Times(5, [3.0], [1], False)]
     assert Times.of_processes(parts) == Times(3, [1.0, 2.0, 3.0], [1, 1, 1], False, [2, 1])
     assert Times.of_processes(parts[:1]) == parts[0]
+
+
+def compared_precisely(samples: dict[str, list[float]], precision: float) -> list[str]:
+    times = {name: Times(1, own) for name, own in samples.items()}
+    settings = TimingSettings(precision=precision)
+    return list(_compared_precisely(times, list(samples), settings, []))
+
+
+def test_ratios_are_as_precise_as_half_their_interval_is_wide():
+    """Beside two steady drawings, the third one's ratio moves twice as far as theirs."""
+    wide, level = [1.0] * 6 + [1.015**2, 1.015] * 3, [1.0] * 12
+    samples = {"wide": wide, "level": level, "as level": level}
+    together = np.prod(list(samples.values()), axis=0) ** (1 / 3)
+    half = {}
+    for name, own in samples.items():
+        ratio = paired_ratio(own, together)
+        half[name] = (ratio.high - ratio.low) / 2 / ratio.value
+    assert half["wide"] > 1.5 * half["level"] > 0.0
+    for precision in half.values():
+        for share in (0.99, 1.01):
+            names = [name for name in samples if half[name] < share * precision]
+            names += [REFERENCE] if len(names) == 3 else []
+            assert compared_precisely(samples, share * precision) == names
+
+
+def test_ratios_that_never_move_are_as_precise_as_may_be():
+    steady = {"a": [1.0] * 8, "b": [2.0] * 8}
+    assert compared_precisely(steady, 0.0) == ["a", "b", REFERENCE]
+
+
+def test_a_draw_that_took_no_time_has_no_precise_ratio():
+    with np.errstate(all="raise"):
+        assert compared_precisely({"a": [1.0] * 8, "b": [0.0] + [1.0] * 7}, 1e9) == []

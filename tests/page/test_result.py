@@ -14,6 +14,7 @@ from harness.errors import UsageError
 from harness.figures.polygons import columns_of
 from harness.page.result import import_result, read_result
 from harness.page.saved import device_name
+from harness.stored import drawings
 from harness.stored.folder import read_run
 from tests.page.conftest import ROUNDS, result_of, saved_as
 
@@ -509,8 +510,11 @@ def test_a_run_that_kept_no_frames_knows_no_exact_counters(saved, small_run, tmp
     assert import_result(result, tmp_path / "run", "phone", bare).is_dir()
 
 
-def test_an_imported_run_keeps_each_polygons_predictions(saved, small_run, tmp_path):
+def test_an_imported_run_keeps_frames_and_each_polygons_predictions(saved, small_run, tmp_path):
     run = read_run(import_result(read_result(saved()), tmp_path / "run", "phone", small_run))
+    for view in {drawings.view_of(record) for record in run.records}:
+        own, known = (drawings.read(each, view) for each in (run, small_run))
+        assert own.points.tolist() == known.points.tolist()
     before = {(each["triangulator"], each["resolution"]): each for each in small_run.records}
     for record in run.records:
         kept = columns_of(run, record)

@@ -160,6 +160,13 @@ def test_numbers_that_json_has_not_are_absent(tmp_path):
     assert read_run(tmp_path).facts["seconds"] == {"all": None, "count": None}
 
 
+def test_a_time_without_its_median_gets_it_from_its_samples(tmp_path):
+    times = {"samples_s": [3.0, 1.0, 2.0, 9.0]}, {"samples_s": [1.0], "median_s": 7.0}
+    lines = [json.dumps(record(name, time=time)) for name, time in zip("ab", times, strict=True)]
+    (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
+    assert [each["time"]["median_s"] for each in read_run(tmp_path).records] == [2.5, 7.0]
+
+
 def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})

@@ -319,6 +319,22 @@ def test_a_draw_may_have_nothing_of_a_term():
     assert found == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
+def test_terms_may_be_of_any_size():
+    size = np.array([1e9, 1e-30])
+    design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
+    found = cost_model.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
+    assert found * size == pytest.approx([3.0, 2.0], rel=1e-3)
+
+
+def test_what_is_known_at_once_does_not_end_the_search_for_the_rest():
+    """Draws of one term are exact, one in five of another was disturbed."""
+    design = np.repeat([[1.0, 0.0], [0.0, 1.0]], [5, 20], axis=0)
+    seconds = design @ [3.0, 2.0]
+    seconds[5:9] *= 5.0
+    found = cost_model.solve(design, seconds, list(range(25)))
+    assert found == pytest.approx([3.0, 2.0], rel=0.02)
+
+
 def test_r2_is_the_share_of_the_variance_that_is_explained():
     measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
     assert cost_model.r_squared(measured, predicted) == pytest.approx(0.5)

@@ -1,7 +1,7 @@
 """Certificates: what they claim against every triangulation listed, and what is refused."""
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 from types import SimpleNamespace
 
 import numba
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from scripts.false_claims import PLAIN
 from tests.triangulators.cases import (
     glyphs,
     random_simple,
@@ -22,7 +23,10 @@ from triangulators.certificate import proof
 from triangulators.certificate.certify import check_certificate
 from triangulators.certificate.integer_costs import noise, weights_of
 from triangulators.certificate.proof import prove
+from triangulators.checking.edges import edges_of
 from triangulators.checking.evidence import Branch, Leaf, Refused
+from triangulators.checking.exclusions import check_excluded
+from triangulators.checking.potentials import check_potentials
 from triangulators.checking.units import (
     Units,
     _binary_places,
@@ -32,9 +36,11 @@ from triangulators.checking.units import (
     lowest_first,
     units_for,
     whole_scale,
+    wide_costs,
 )
 from triangulators.checking.weights import TOO_LARGE, weight_of, weights_in_order
 from triangulators.criteria.cost import (
+    AREA,
     BBOX_AREA,
     HALF_PERIMETER,
     TRIANGLES,
@@ -249,6 +255,14 @@ def test_noise_of_edges_is_below_its_bits_and_takes_all_values(bits):
     assert noise(3, 70, bits) == noise(70, 3, bits)
 
 
+@pytest.mark.parametrize("bits", [1, 7, 10])
+def test_noise_of_edges_is_what_evidence_says_it_is(bits):
+    """The plain checker's way, in Python's numbers."""
+    plain = SimpleNamespace(bits=bits)
+    for a, b in combinations((*range(40), 10**6), 2):
+        assert noise(a, b, bits) == PLAIN.Claim.noise(plain, a, b)
+
+
 @numba.njit
 def of_first_corner(ax, ay, bx, by, cx, cy):
     """A cost that depends on which corner comes first."""
@@ -297,6 +311,18 @@ def test_a_weight_may_be_as_far_below_0_as_above_it():
         assert found == each * units.factor + own
     assert weight_of(points, 0, 1, 2, weighing(-most - 1.0), units) == TOO_LARGE
     assert weight_of(points, 0, 1, 2, weighing(np.nan), units) == TOO_LARGE
+
+
+def test_a_weight_that_is_no_number_proves_nothing():
+    edges = edges_of(boundary(SQUARE))
+    units = Units(1.0, factor_for(7, 10), 10, True, False, False)
+    none = np.zeros(len(edges.ends), np.int64)
+    with pytest.raises(Refused, match="a weight is too large"):
+        check_potentials(edges, none, 0, weighing(np.nan), units)
+    check_potentials(edges, none, 0, weighing(1.0), units)
+    edges = edges_of(boundary(shapely.box(0, 0, 9, 9)))
+    with pytest.raises(Refused, match="a weight is too large"):
+        check_excluded(edges, np.flatnonzero(edges.ways == 0)[:1], weighing(np.nan), units)
 
 
 def outlined(points, count=1, holes=0, corners=4):
@@ -378,6 +404,29 @@ def boxes(around: float = 0.0, box: float = 0.0):
     weights = cost["weights"].copy()
     weights[HALF_PERIMETER], weights[BBOX_AREA] = around, box
     return with_fields(cost, weights=weights)
+
+
+def test_twice_a_whole_cost_is_exact_in_pythons_numbers():
+    cost = weighing(5.0)
+    weights = cost["weights"].copy()
+    weights[AREA], weights[HALF_PERIMETER], weights[BBOX_AREA] = 7.0, 3.0, 2.0
+    cost = with_fields(cost, weights=weights)
+    low, high = 2**40, 2**40 + 12
+    points = np.array([(low, low), (high, low), (low + 4, high - 2)], dtype=float)
+    whole = 2 * (5 + 3 * (12 + 10) + 2 * 12 * 10) + 7 * 12 * 10
+    assert wide_costs(points, np.array([[0, 1, 2], [2, 1, 0]]), cost) == [whole, whole]
+    assert 2.0 * costs_of(points - low, TRIANGLE, cost)[0] == whole
+
+
+def test_four_times_a_total_stays_below_the_room_for_weights():
+    """Of 2^k and one unit less, the larger leaves a bit less for noise."""
+    factor = factor_for(1, 10)
+    side = 2.0**58 / factor
+    for total, bits in ((2 * side, 9), (2 * side - 1, 10)):
+        points = np.array([(0.0, 0.0), (side, 0.0), (0.0, total - side)])
+        units = units_for(outlined(points, holes=1), TRIANGLE, boxes(1.0))
+        assert (units.scale, units.exact, units.bits) == (1.0, True, bits)
+        assert (4 * int(total) * factor < 2**61) == (bits == 10)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
 from triangulators.checking.claims import as_claim, from_claim
 from triangulators.checking.edges import crossing
-from triangulators.checking.evidence import Evidence, Leaf, Refused
+from triangulators.checking.evidence import Branch, Evidence, Leaf, Refused
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -64,6 +65,37 @@ def test_a_lift_too_large_is_refused(lift):
     forged = replace(true, root=Leaf(true.root.potentials, lift))
     with pytest.raises(Refused, match="too large"):
         certificate_of(*about(SQUARE, best), forged)
+
+
+@pytest.mark.parametrize("way", ["without", "within"])
+def test_evidence_may_branch_as_often_as_it_may(monkeypatch, way):
+    best = triangulate(SQUARE, "optimal:half-perimeter")
+    outline, sites, cost = about(SQUARE, best)
+    true = certify(SQUARE, best).evidence
+    sides = np.sort(outline.edges, axis=1).tolist()
+    edge = next(tuple(each) for each in true.edges.tolist() if each not in sides)
+    monkeypatch.setattr(checker, "_DEEPEST", 5)
+    bound = checker.lower_bound(outline, sites, cost, true)
+    node = true.root
+    for _ in range(5):
+        node = Branch(edge, **{"without": true.root, "within": true.root, way: node})
+    assert checker.lower_bound(outline, sites, cost, replace(true, root=node)) == bound
+    deeper = Branch(edge, **{"without": true.root, "within": true.root, way: node})
+    with pytest.raises(Refused, match="branches too often"):
+        checker.lower_bound(outline, sites, cost, replace(true, root=deeper))
+
+
+@pytest.mark.parametrize("edge", [(0, 1), (-(2**61), 4), (0, 8), (3, 2**61), (-1, -1), (0, 4, 5)])
+def test_a_branch_is_on_a_diagonal(edge):
+    """Of eight sites: no number of a pair wraps to that of another."""
+    polygon = shapely.Polygon(SQUARE.exterior, [[(2, 2), (2, 4), (4, 4), (4, 2)]])
+    best = triangulate(polygon, "optimal:half-perimeter")
+    outline, sites, cost = about(polygon, best)
+    true = certify(polygon, best).evidence
+    assert checker.edges_of(outline).find(np.array([0, 4])) >= 0
+    forged = replace(true, root=Branch(edge, true.root, true.root))
+    with pytest.raises(Refused, match="which is no diagonal"):
+        checker.lower_bound(outline, sites, cost, forged)
 
 
 def test_a_bound_above_the_cost_is_refused(monkeypatch):
@@ -229,6 +261,16 @@ def test_no_entry_of_a_table_may_be_one_better(size):
                     refused.append(str(why))
             assert refused, edge
             assert all("potentials exceed" in why for why in refused), refused
+
+
+def test_of_a_convex_polygons_edges_those_cross_whose_ends_alternate():
+    turns = np.arange(7) * 2 * np.pi / 7
+    points = np.column_stack((np.cos(turns), np.sin(turns)))
+    edges = np.array(list(combinations(range(7), 2)), np.int32)
+    for a, b in edges.tolist():
+        alternate = [a < c < b < d or c < a < d < b for c, d in edges.tolist()]
+        assert crossing(points, edges, a, b).tolist() == alternate
+        assert crossing(points, edges, b, a).tolist() == alternate
 
 
 def test_what_crosses_does_not_depend_on_how_large_it_is():

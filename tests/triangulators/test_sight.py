@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 import shapely
@@ -11,7 +12,8 @@ from tests.triangulators.test_skeleton import annulus, posed, proven
 from tests.triangulators.touching import touching_polygons
 from triangulators import triangulate
 from triangulators.certificate import certify, proof
-from triangulators.certificate.sight import fans_of, sight_of
+from triangulators.certificate.local_minimality import seen_by_both
+from triangulators.certificate.sight import Fans, fans_of, sight_of
 from triangulators.checking import boxes, checker, exclusions, potentials, visible_pairs
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visible_pairs import visible
@@ -96,7 +98,22 @@ def test_neighbours_are_listed_in_order():
     assert len(fans.near) == 2 * len(sight.edges)
 
 
-@pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])
+def test_what_the_next_site_sees_is_seen_by_no_other():
+    """Of what 0 sees the one site comes before what 1 sees, of which the first comes again."""
+    begin, near = np.array([0, 1, 3, 4]), np.array([3, 5, 7, 5], np.int32)
+    fans, both = Fans(begin, near, np.arange(4, dtype=np.int32)), np.zeros((4, 2), np.int64)
+    assert seen_by_both(fans, 0, 1, both) == seen_by_both(fans, 1, 0, both) == 0
+    assert seen_by_both(fans, 1, 2, both) == 1
+    assert both[0].tolist() == [1, 3]
+
+
+@numba.njit
+def lopsided(ax, ay, bx, by, cx, cy):
+    """A cost that depends on which way the triangle turns."""
+    return 2.0 * abs(bx - ax) + abs(cx - bx) + abs(by - ay) + 3.0 * abs(ay - cy) + 1.0
+
+
+@pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", lopsided])
 def test_thinned_before_they_are_listed_candidates_prove_the_same(monkeypatch, name):
     rng = np.random.default_rng(3)
     polygons = [with_holes(rng, 40, 3), annulus(16, 1), star(150)]

@@ -80,6 +80,11 @@ def test_no_triangulation_is_chosen_where_there_is_none(monkeypatch, sign):
         rest = alive & ~(candidates.sides == bare).any(axis=1)
         table = real(candidates, sign * weights, rest, cut)
         assert table is None or len(table.chosen) == 0
+    for step in ("_fill_rest", "_fill"):
+        assert all(real(*each) is not None for each in asked)
+        monkeypatch.setattr(skeleton, step, lambda *_: False)
+        assert not any(real(*each) for each in asked)
+        monkeypatch.undo()
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])

@@ -12,14 +12,17 @@ from triangulators.criteria.cost import Cost, cost_at
 
 @njit
 def noise(a: int, b: int, bits: int) -> np.int64:
-    """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64)."""
+    """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64).
+
+    The last step of that is left out: it changes lower bits alone.
+    """
     if bits == 0:
         return np.int64(0)
     low, high = np.uint64(min(a, b)), np.uint64(max(a, b))
     x = low * np.uint64(0x9E3779B97F4A7C15) + high * np.uint64(0xD1B54A32D192ED03)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.int64((x ^ (x >> np.uint64(31))) >> np.uint64(64 - bits))
+    return np.int64(x >> np.uint64(64 - bits))
 
 
 @njit

@@ -27,11 +27,27 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.union_find import join
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
-_MOST_STEPS = 300_000  # of the simplex method in a round: a limit that is the same on any machine
-_MOST_ROUNDS = 300  # of the interior-point method, likewise
 _MOST_ADDED = 4000  # constraints added in a round
 _TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
 _HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
+
+# Limits of steps are the same on any machine. Tolerances cost tightness alone: potentials are
+# rounded, and the lift makes up for what is off.
+_INTERIOR_POINT = {
+    "solver": "ipm",
+    "run_crossover": "off",
+    "threads": 1,
+    "ipm_iteration_limit": 300,
+    "ipm_optimality_tolerance": 1e-12,
+    "primal_feasibility_tolerance": 1e-10,
+    "dual_feasibility_tolerance": 1e-10,
+}
+_SIMPLEX = {
+    "simplex_iteration_limit": 300_000,  # in a round
+    "presolve": "off",
+    "primal_feasibility_tolerance": 1e-9,
+    "dual_feasibility_tolerance": 1e-9,
+}
 
 
 class Solution(NamedTuple):
@@ -78,14 +94,7 @@ class Program:
         It is many times faster than the simplex method where there are tens of thousands, as many
         of them are met with equality. The potentials are accurate to about twelve digits.
         """
-        model = self._model(seconds)
-        model.setOptionValue("solver", "ipm")
-        model.setOptionValue("run_crossover", "off")
-        model.setOptionValue("threads", 1)
-        model.setOptionValue("ipm_iteration_limit", _MOST_ROUNDS)
-        model.setOptionValue("ipm_optimality_tolerance", 1e-12)
-        model.setOptionValue("primal_feasibility_tolerance", 1e-10)
-        model.setOptionValue("dual_feasibility_tolerance", 1e-10)
+        model = self._model(seconds, _INTERIOR_POINT)
         rows = np.union1d(self.start, self.inside)
         self._add(model, rows)
         model.run()
@@ -97,11 +106,7 @@ class Program:
 
     def by_simplex(self, seconds: float) -> Solution:
         """Solve with few constraints first; those that are violated are added until none is."""
-        model = self._model(seconds)
-        model.setOptionValue("simplex_iteration_limit", _MOST_STEPS)
-        model.setOptionValue("presolve", "off")
-        model.setOptionValue("primal_feasibility_tolerance", 1e-9)
-        model.setOptionValue("dual_feasibility_tolerance", 1e-9)
+        model = self._model(seconds, _SIMPLEX)
         c, inside = self.candidates, self.inside
         there = np.zeros(len(c.triangles), dtype=np.bool_)
         few = inside if len(inside) <= _ALL else _per_edge(c, inside, self.weights[inside], 2)
@@ -124,10 +129,10 @@ class Program:
                 fresh = _per_edge(c, fresh, -excess[violated], 1)
         return self._solution(np.array(model.getSolution().col_value), model, rows)
 
-    def _model(self, seconds: float) -> highspy.Highs:
+    def _model(self, seconds: float, options: dict[str, Any]) -> highspy.Highs:
         model = highspy.Highs()
-        model.setOptionValue("output_flag", False)
-        model.setOptionValue("time_limit", seconds)
+        for name, value in {"output_flag": False, "time_limit": seconds, **options}.items():
+            model.setOptionValue(name, value)
         count = len(self.candidates.edges)
         most = np.where(self.free, self.most, 0.0)
         model.addVars(count, -most, most)

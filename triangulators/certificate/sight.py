@@ -54,7 +54,7 @@ def fans_of(sight: Sight) -> Fans:
     # Edges ascend, so that with those by their higher ends first all sites that one sees ascend.
     begin, places = grouped(sight.edges[:, ::-1].T.ravel(), len(sight.points))
     near = np.ascontiguousarray(sight.edges.T).ravel()[places]
-    return Fans(begin, near, places % np.int32(max(len(sight.edges), 1)))
+    return Fans(begin, near, places % np.int32(len(sight.edges)))
 
 
 def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> np.ndarray:

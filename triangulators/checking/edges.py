@@ -59,8 +59,8 @@ def edges_of(outline: Boundary) -> Edges:
 
 
 @njit
-def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int, run: int) -> bool:
-    """Whether a triangle of edges, which turns left (run 1) or right (-1), runs round a hole.
+def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
+    """Whether a triangle of edges, counter-clockwise, runs round a hole.
 
     No edge of the boundary crosses the triangle's sides, so a hole is inside as a whole or not at
     all, but for corners that it may share with the triangle. Of four sites one is no corner: it
@@ -71,9 +71,9 @@ def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int, r
             if v < 0 or v == a or v == b or v == c:  # noqa: SIM109 - for Numba
                 continue
             inside = (
-                run * turn(points, a, b, v) > 0.0
-                and run * turn(points, b, c, v) > 0.0
-                and run * turn(points, c, a, v) > 0.0
+                turn(points, a, b, v) > 0.0
+                and turn(points, b, c, v) > 0.0
+                and turn(points, c, a, v) > 0.0
             )
             if inside:
                 return True

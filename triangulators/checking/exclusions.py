@@ -86,14 +86,8 @@ def _third_corners(
         elif c > other[q]:
             q += 1
         else:
-            # The triangle runs b to c and c to a. `ways` is 1 where the boundary runs from a side's
-            # lower end to its higher, -1 the other way. The first factors are the ways of c to b
-            # and a to c, against the triangle: if the boundary runs like that, the triangle is
-            # outside.
-            from_b, to_a = edges.ways[over[q]], edges.ways[over[p]]
-            wrong = (1 if b > c else -1) * from_b > 0 or (1 if c > a else -1) * to_a > 0
             there = turn_of[over[q]] >= now and turn_of[over[p]] >= now
-            if there and not wrong and turn(edges.points, a, b, c) > 0.0:
+            if there and turn(edges.points, a, b, c) > 0.0:
                 corners[found] = c
                 found += 1
             p += 1
@@ -147,8 +141,8 @@ def _replay(
                     lighter = one + two < lefts[p] + rights[q]
                 if (
                     not lighter
-                    and not around_hole(points, edges.holes, a, b, c, 1)
-                    and not around_hole(points, edges.holes, b, a, d, 1)
+                    and not around_hole(points, edges.holes, a, b, c)
+                    and not around_hole(points, edges.holes, b, a, d)
                 ):
                     return e
     return -1

@@ -94,8 +94,8 @@ def _exceeded(
                 c = ends[p, 1]
                 run = 1 if turn(edges.points, a, b, c) > 0.0 else -1
                 outside = ways[e] == -run or ways[q] == -run or ways[p] == run
-                if not outside and not around_hole(edges.points, edges.holes, a, b, c, run):
-                    i, j, k = (a, b, c) if run > 0 else (a, c, b)
+                i, j, k = (a, b, c) if run > 0 else (a, c, b)
+                if not outside and not around_hole(edges.points, edges.holes, i, j, k):
                     weight = weight_of(edges.points, i, j, k, cost, units)
                     if weight >= TOO_LARGE:
                         return np.zeros(1, dtype=np.int32)

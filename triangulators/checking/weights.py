@@ -41,5 +41,4 @@ def _mixed(a: int, b: int, bits: int) -> np.int64:
     x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    x ^= x >> np.uint64(31)
     return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
