@@ -7,19 +7,22 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.errors import HarnessError
 from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.measuring.timing import self_test
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options
+from harness.rasterisers import Device, Options, Rasteriser
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.opengl import egl, osmesa
 from harness.rasterisers.opengl.gl import GLRasteriser
@@ -163,7 +166,8 @@ def _opened(name: str, rasteriser: str, device: Device) -> Finding:
             found = worker.call(_try_device, rasteriser, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
         return Finding(name, "missing", str(error), rasterisers.get(rasteriser).remedy(device.name))
-    detail = f"{found['renderer']}, {found['version']}; timer: {found['timer']}"
+    told = [f"timer: {found['timer']}", *found["traps"]]
+    detail = "; ".join([f"{found['renderer']}, {found['version']}", *told])
     if found["lacking"]:
         detail += f"; lacks {', '.join(found['lacking'])}"
         return Finding(name, "warning", detail, "install a newer driver")
@@ -186,6 +190,13 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     with opened.prepare(bare_frame(TIMED_PX, square, 4), layer, Options()) as drawing:
         timer = self_test(drawing)
+        step = timer.resolution_s
+        if timer.timer == "gpu":
+            step = _step([drawing.sample(1).gpu or 0.0 for _ in range(8)])
+    traps = [
+        *_statistics(drawn),
+        *_multisampling(opened, bare_frame(TIMED_PX, square, 4), layer),
+    ]
     details = opened.device.details
     version, lacking = str(details["version"]), set()
     if isinstance(opened, GLRasteriser):
@@ -195,8 +206,37 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
         "version": version,
         "lacking": sorted(lacking),
         "differs": [str(found) for found in disagreements(frame, drawn, expected)],
-        "timer": f"{timer.timer}, as {timer.reason}",
+        "timer": f"{timer.timer}, in steps of {step * 1e9:.3g} ns, as {timer.reason}",
+        "traps": traps,
     }
+
+
+def _step(seconds: Sequence[float]) -> float:
+    """Return the step that all of a GPU's times are multiples of, in seconds; at least 1 ns."""
+    return max(1, math.gcd(*(round(each * 1e9) for each in seconds))) * 1e-9
+
+
+def _statistics(drawn: Mapping[str, NDArray[np.int64]]) -> list[str]:
+    """Say what the driver's own number of shader invocations is a number of, if it tells one."""
+    if "driver_fragment_invocations" not in drawn:
+        return []
+    told, pixels, quads = (
+        int(drawn[name].sum()) for name in ("driver_fragment_invocations", "fragments", "quads")
+    )
+    if told in (pixels, 4 * quads):
+        what = "covered pixels alone" if told == pixels else "helper lanes, too"
+        return [f"its own statistics count {what}"]
+    return [f"its own statistics count neither pixels nor lanes: {told / pixels:.2f} a pixel"]
+
+
+def _multisampling(opened: Rasteriser, frame: Frame, layer: NDArray[np.int32]) -> list[str]:
+    """Say how often a pixel is shaded that has four samples, all covered."""
+    many = Options(samples=4)
+    if not opened.supports(many) or int(opened.device.details.get("max_samples", 1)) < 4:
+        return []
+    drawn = opened.count(frame, layer, many)
+    often = float(np.sum(drawn.get("fragments", drawn.get("hits", 0)))) / frame.width**2
+    return [f"with 4 samples it shades once a {'pixel' if often < 2 else 'sample'}"]
 
 
 def _draw_roofs(device: Device) -> str:

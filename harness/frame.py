@@ -8,9 +8,10 @@ see the geometry that is rasterised, and makes every orientation test on it exac
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
+from scenes.scene import Scene, Tiling
 
 SUBPIXEL = 256
 """Sub-pixel positions per pixel and axis."""
@@ -26,8 +28,16 @@ SUBPIXEL = 256
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
 
-FitMode = Literal["box", "circle"]
+FitMode = Literal["box", "circle", "tile"]
 """How the scene is laid on the viewport."""
+
+MARGIN_STEP_PX = 64
+"""Of the margin round a tile, so that quads, blocks and bins lie as if the viewport began there."""
+
+ITS_OWN_VIEW = "pixels= is the resolution of map tiles: leave --resolution, --rotation, --fit out"
+
+WHOLE = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
+"""The window of a frame that nothing cuts."""
 
 MAX_RESOLUTION = 16384
 
@@ -39,7 +49,8 @@ class View:
     resolution : width and height of the viewport in pixels
     rotation : degrees, counter-clockwise, about the scene's centre
     fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with its
-        enclosing circle, so that the scale is the same at every rotation
+        enclosing circle, so that the scale is the same at every rotation; "tile" is that of map
+        tiles, whose polygons are in pixels already: `resolution` is then a tile's side
     """
 
     resolution: int = 1024
@@ -51,6 +62,8 @@ class View:
             raise UsageError(f"resolution {self.resolution} is outside 8..{MAX_RESOLUTION} pixels")
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
+        if self.fit == "tile" and (self.rotation or self.resolution % 2):
+            raise UsageError("a tile is drawn upright, and its side is an even number of pixels")
 
 
 @dataclass(frozen=True)
@@ -65,6 +78,9 @@ class Frame:
     ring_ends : (r,) int64, where in `points` each ring ends; the first ring of a polygon is its
         exterior, the others are its holes
     dropped, repaired : (polygon number in the scene, reason) of what snapping broke
+    scissor : left, bottom, width, height in pixels, all even, of what is drawn; None for all
+    tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, over those of
+        other tiles; None where one call draws all
     """
 
     width: int
@@ -77,6 +93,16 @@ class Frame:
     ring_ends: NDArray[np.int64]
     dropped: tuple[tuple[int, str], ...] = ()
     repaired: tuple[tuple[int, str], ...] = ()
+    scissor: tuple[int, int, int, int] | None = None
+    tiles: NDArray[np.int64] | None = None
+
+    @property
+    def window(self) -> NDArray[np.int64]:
+        """First column and row, last column and row of the pixels that are drawn."""
+        if self.scissor is None:
+            return WHOLE
+        left, bottom, width, height = self.scissor
+        return np.array([left, bottom, left + width - 1, bottom + height - 1], np.int64)
 
     @cached_property
     def polygons(self) -> tuple[Polygon, ...]:
@@ -100,6 +126,13 @@ class Frame:
         """Return the (m,) number of the polygon each row of `triangles` (m, 3) belongs to."""
         first = triangles[:, 0]
         return (np.searchsorted(self.offsets, first, side="right") - 1).astype(np.int32)
+
+    def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
+        """Return the rows of `triangles` (m, 3), in the tiles' order, that each call draws."""
+        if self.tiles is None:
+            return [slice(0, len(triangles))]
+        bounds = np.searchsorted(self.owner(triangles), self.tiles)
+        return [slice(*pair) for pair in pairwise(bounds.tolist())]
 
     def join(self, triangulations: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int32]:
         """Concatenate one (m_k, 3) triangulation a polygon into one over `points`.
@@ -144,6 +177,36 @@ class Snapped:
     dropped: str | None = None
 
 
+def frame_of(scene: Scene, view: View) -> Frame:
+    """Map a scene's polygons to the viewport of `view` and snap them.
+
+    Raises
+    ------
+    UsageError
+        if the view is not the scene's: tiles have one of their own, other scenes have any other
+    """
+    tiling = scene.tiling
+    if (view.fit == "tile") != (tiling is not None):
+        raise UsageError(f"{scene.name}: view {view.fit} is not for {view_of(scene).fit} scenes")
+    return make_frame(scene.polygons, view) if tiling is None else _tiled(scene, tiling, view)
+
+
+def view_of(scene: Scene) -> View:
+    """Return how a scene is drawn if nothing else is asked for."""
+    return View() if scene.tiling is None else View(scene.tiling.pixels, fit="tile")
+
+
+def _tiled(scene: Scene, tiling: Tiling, view: View) -> Frame:
+    """Lay all tiles on each other in a viewport that holds their buffers, too."""
+    bounds = shapely.total_bounds(np.array(scene.polygons, dtype=object))
+    reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
+    margin = -(-math.ceil(reach) // MARGIN_STEP_PX) * MARGIN_STEP_PX
+    moved = shapely.transform(np.array(scene.polygons, dtype=object), lambda xy: xy + margin)
+    frame = _snapped(moved, 1.0, view, tiling.pixels + 2 * margin)
+    tiles = np.searchsorted(frame.source, tiling.first)
+    return replace(frame, scissor=(margin, margin, tiling.pixels, tiling.pixels), tiles=tiles)
+
+
 def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     """Map polygons (scene units, y up) to the viewport of `view` and snap them.
 
@@ -154,7 +217,11 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     """
     if not polygons:
         raise UsageError("the scene has no polygon to draw")
-    placed, scale = _place(polygons, view)
+    return _snapped(*_place(polygons, view), view, view.resolution)
+
+
+def _snapped(placed: Iterable[Polygon], scale: float, view: View, side: int) -> Frame:
+    """Snap polygons in pixels of a viewport of `side` px."""
     kept: list[Polygon] = []
     source: list[int] = []
     dropped: list[tuple[int, str]] = []
@@ -169,8 +236,8 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
         source.extend([number] * len(snapped.pieces))
     points, offsets, ring_ends = on_grid(kept)
     return Frame(
-        width=view.resolution,
-        height=view.resolution,
+        width=side,
+        height=side,
         scale=scale,
         view=view,
         source=np.array(source, np.int64),

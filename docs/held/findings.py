@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from docs.held import Held, Sentence, Table, flips, profiles, tables
 from docs.held.lookups import matched, one, percent, three, two, whole
-from docs.held.others import apart, states
+from docs.held.others import FOUND_ON_MODELS, apart, states
 from harness.figures.ratios import RUN_SCATTER
 
 HELD: list[Held] = [
@@ -334,6 +334,7 @@ HELD: list[Held] = [
         lambda: [n for place, n in enumerate(apart()) if place not in (5, 7)],
     ),
     Sentence("from one run to the next: {} %", lambda: [f"{100 * RUN_SCATTER:g}"]),
+    FOUND_ON_MODELS,
     *profiles.HELD,
 ]
 
@@ -347,7 +348,7 @@ DEFINITIONS = (
     r"earcut 3\.2|work [08] |up to 50 triangulations|700 designed draws|of 1,024 indices",
     r"With 64 it|With 4 samples",
     r"0 to 90 degrees in steps of 5|at 0 degrees",
-    r"A = \d+|18 of the 47|the 29 without|All 47",
+    r"A = \d+|\b3D models|18 of the 47|the 29 without|All 47",
     r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|16 px|, 24 of each scene",
     r"3 % of one drawing's|Of 11 findings|below 1 % are not|within 3 % of each other",
 )

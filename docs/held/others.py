@@ -70,6 +70,57 @@ LEARNED: list[Held] = [
     ),
 ]
 
+MODELS = "models.csv"
+_KINDS = {"cad": "sheet metal", "helsinki": "footprints", "glyphs": "letters"}
+
+
+def models() -> list[str]:
+    """Return what other diagonals save on models."""
+    lines = []
+    for row in some(MODELS):
+        if row["kind"] not in _KINDS:
+            continue
+        cells = [
+            f"{two(row[f'{what}_median'])} {interval(row[f'{what}_low'], row[f'{what}_high'], two)}"
+            for what in ("lanes", "quads")
+        ]
+        changed = f"{row['changed']} of {row['models']}"
+        lines.append(table_row(_KINDS[row["kind"]], changed, row["pixels"], *cells))
+    return lines
+
+
+def _saved(kind: str, what: str, pixels: int) -> float:
+    """Return the median percentage of helper lanes or quads that a kind of model saves."""
+    return 100.0 * (1.0 - float(one(MODELS, kind=kind, pixels=pixels)[f"{what}_median"]))
+
+
+def model_savings() -> list[str]:
+    """Return the least and most helper lanes saved over sizes, kind by kind; then the quads."""
+    lanes = [[_saved(kind, "lanes", px) for px in (64, 256, 1024)] for kind in _KINDS]
+    quads = [f"{_saved(kind, 'quads', 1024):.1f}" for kind in _KINDS]
+    return [f"{end(found):.0f}" for found in lanes for end in (min, max)] + quads
+
+
+STUDY_OF_MODELS: list[Held] = [
+    Table("| models | changed | px | helper lanes | shaded quads |", models),
+    Sentence(
+        "In three sentences: sheet metal with cut-outs saves {} to {} % of its helper lanes, extruded"
+        " footprints {} to {} % and letters {} to {} %; at 1024 px that is {}, {} and {} % of the"
+        " shaded quads.",
+        model_savings,
+    ),
+]
+FOUND_ON_MODELS = Sentence(
+    "sheet metal with cut-outs saves {} to {} % of its helper lanes, extruded footprints {} to {} %.",
+    lambda: model_savings()[:4],
+)
+MODELS_PLAN = (
+    r"(?s)^.*?\n---\n",
+    r"Run on 2026-11-23",
+    r"at (1024|64) px",
+    r"the 10 % that were expected",
+)
+
 LEARNED_PLAN = (
     r"(?s)^.*?\n---\n",
     r"Run on 2026-11-22",

@@ -17,8 +17,9 @@ PROFILES = {
 }
 """Files of profiles, and what they are called."""
 
-TIMED = {**PROFILES, "opengl-softpipe.refused": "softpipe"}
-"""Those, and one whose law explains too little: its times are measured all the same."""
+SOFTPIPE, SWIFTSHADER = "opengl-softpipe.refused", "webgpu-swiftshader.refused"
+TIMED = {**PROFILES, SOFTPIPE: "softpipe", SWIFTSHADER: "SwiftShader in Chromium"}
+"""Those, and two whose laws explain too little: their times are measured all the same."""
 
 JUDGED_ON = ("opengl-llvmpipe",)
 JUDGED = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
@@ -124,6 +125,23 @@ def lanes_shaded() -> list[str]:
     return [f"{each['lanes'][-1]:.1f}" for each in first["aspects"]]
 
 
+def explained(name: str) -> list[str]:
+    """Return R2 of a profile's law over all draws and within groups."""
+    return [three(profile(name)[key]) for key in ("r2_over", "r2_within")]
+
+
+def steep(name: str = SWIFTSHADER) -> list[str]:
+    """Return the time of upright thin triangles in ratio to that of lying ones, by area."""
+    row = one("profile-rows.csv", profile=name)
+    return [f"{float(row[f'steep_{area}']):.1f}" for area in (8, 64)]
+
+
+def with_rows() -> list[str]:
+    """Return R2 of SwiftShader's law if it had a term for rows, over all and within groups."""
+    row = one("profile-rows.csv", profile=SWIFTSHADER)
+    return [three(row[f"with_rows_{of}"]) for of in ("over", "within")]
+
+
 HELD: list[Held] = [
     Sentence(
         "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {}:1 and {}:1 on",
@@ -143,10 +161,19 @@ HELD: list[Held] = [
     ),
     Sentence(
         "On softpipe the law explains {} of the variance over all draws and {} within groups",
+        lambda: explained(SOFTPIPE),
+    ),
+    Sentence(
+        "On SwiftShader in Chromium, which moves draws to its grid of 1/{} px, it explains {} and"
+        " {}",
         lambda: [
-            three(profile("opengl-softpipe.refused")[key]) for key in ("r2_over", "r2_within")
+            str(256 // profile(SWIFTSHADER)["device"]["details"]["step"]),
+            *explained(SWIFTSHADER),
         ],
     ),
+    Sentence("upright ones of 64:1 take {} and {} times as long as lying ones there", steep),
+    Sentence("and {} and {} times on llvmpipe", lambda: steep("opengl-llvmpipe")),
+    Sentence("With a term for rows of pixels the law explains {} and {}", with_rows),
     Sentence(
         "of {} synthetic devices with known costs, each cost is within its interval in {} % or"
         " more, and what costs nothing is shown as nothing in {} % or more",

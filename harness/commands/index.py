@@ -69,12 +69,12 @@ COMMANDS = {
         MEASURE,
         "page:page",
         "Write a page that measures a run's triangulations in any browser that has WebGPU.",
-        (f"page {RUN} --out city.html",),
+        (f"page {RUN} --out city.html", "page --profile --out triangle.html"),
     ),
     "import": Entry(
         MEASURE,
         "page:import_",
-        "Make a run folder of what a measuring page saved.",
+        "Make a run folder, or a profile, of what a measuring page saved.",
         ("import saved-by-the-page.json --out results/phone",),
     ),
     "merge": Entry(

@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from harness.commands.options import Base, Quiet
 from harness.errors import UsageError
+
+if TYPE_CHECKING:
+    from harness.page import profile_result
 
 
 def report(
@@ -42,20 +45,37 @@ def report(
 
 
 def page(
-    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    run: Annotated[Path | None, typer.Argument(help="Folder of a run; none for --profile.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
+    profile: Annotated[
+        bool,
+        typer.Option("--profile", help="Of no run: a page that says what a triangle costs."),
+    ] = False,
 ) -> None:
     """Write a page that measures a run's triangulations in any browser that has WebGPU.
 
-    One file, which needs no network and sends nothing. Open it on a phone, a Mac or a Windows
-    machine; it counts, times and saves its result as a file for `harness import`.
+    With --profile it needs no run: it says what a triangle, a pixel and a helper lane cost on the
+    device that opens it, as the command profile does. One file, which needs no network and sends
+    nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
+    as a file for `harness import`.
     """
     from harness.compare.matching import latest
-    from harness.page import write_page
+    from harness.measuring.processes import Bench
+    from harness.measuring.worker import Worker
+    from harness.page import write_page, write_profile_page
     from harness.stored.folder import read_run
     from harness.webpages.single_file import is_stream
 
-    file = write_page(latest(read_run(run)), out)
+    if profile == (run is not None):
+        raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")
+    if run is None:
+        bench = Bench(Worker, timeout_s=600)
+        try:
+            file = write_profile_page(bench, out)
+        finally:
+            bench.close()
+    else:
+        file = write_page(latest(read_run(run)), out)
     streamed = is_stream(file)
     size = "" if streamed else f" ({file.stat().st_size / 1e6:.1f} MB)"
     said = f"page: {os.path.relpath(file)}{size}; open it in a browser with WebGPU"
@@ -63,10 +83,14 @@ def page(
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="What a measuring page saved, or a run's folder.")],
+    file: Annotated[Path, typer.Argument(help="What a page saved, or a run's folder.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the run; results/<device>-<time> if absent."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for the run, results/<device>-<time> if absent; file for the profile.",
+        ),
     ] = None,
     run: Annotated[
         Path | None,
@@ -88,15 +112,19 @@ def import_(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make a run folder of what a measuring page saved.
+    """Make a run folder, or a profile, of what a measuring page saved.
 
-    `report`, `compare`, `gains` and `history` read it like any other run. Given the folder of a
-    run that was measured here, it writes its --summary and nothing else.
+    `report`, `compare`, `gains` and `history` read the run like any other. A page of --profile
+    gives a file as the command profile does: its draws, counters and law are computed anew, and
+    refused if the page's contradict them. Given the folder of a run that was measured here, it
+    writes its --summary and nothing else.
     """
     from harness.commands.running import folder_for
     from harness.compare.matching import latest
+    from harness.page import profile_result
     from harness.page.device_summaries import write_summary
-    from harness.page.result import device_name, import_result, read_result
+    from harness.page.result import FORMAT, Result, import_result
+    from harness.page.saved import checked, device_name, read_saved
     from harness.report import write_report
     from harness.stored import atomic
     from harness.stored.folder import clear_errors, file_stem, read_run
@@ -110,7 +138,14 @@ def import_(
             here = replace(here, records=[r for r in here.records if r["device"] == device])
         typer.echo(f"summary: {os.path.relpath(write_summary(here, summary))}")
         return
-    result = read_result(file)
+    saved_as, content = read_saved(file, [FORMAT, profile_result.FORMAT])
+    if saved_as == profile_result.FORMAT:
+        if run or summary:
+            raise UsageError(f"{file} is a profile, which has neither --run nor --summary")
+        told = checked(profile_result.Result, content, file)
+        _import_profile(file, told, file_stem(device) or device_name(told), out)
+        return
+    result = checked(Result, content, file)
     name = file_stem(device) or device_name(result)
     origin = latest(read_run(run)) if run else None
     folder = folder_for(name, out, None)
@@ -126,3 +161,23 @@ def import_(
     if summary is not None:
         write_summary(stored, summary)
     console.print(f"results: {os.path.relpath(folder)}", markup=False, soft_wrap=True)
+
+
+def _import_profile(
+    file: Path, result: profile_result.Result, device: str, out: Path | None
+) -> None:
+    """Write the profile that a page's result tells, with its advice, and print it."""
+    from harness.commands.profile import add_advice, tell
+    from harness.measuring.processes import Bench
+    from harness.measuring.worker import Worker
+    from harness.page.profile_result import import_profile
+
+    found = import_profile(file, result, device)
+    bench = Bench(Worker, timeout_s=600)
+    try:
+        add_advice(found.content, bench, found.trouble)
+    finally:
+        bench.close()
+    for warning in found.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+    tell(found.content, out, found.trouble)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -11,6 +12,10 @@ from rich.console import Console
 from harness.commands import options
 from harness.errors import Inconclusive
 from harness.progress import Reporter
+from harness.stored.folder import file_stem
+
+if TYPE_CHECKING:
+    from harness.measuring.processes import Bench
 
 BUDGET_S = 0.5
 """Seconds of drawing for each draw of the design."""
@@ -38,10 +43,9 @@ def profile(
     from harness.machine.processor import processor
     from harness.measuring.processes import Backend, Bench
     from harness.measuring.worker import Worker
-    from harness.profile import advice, chart, design, measured, words
+    from harness.profile import design, measured
     from harness.profile import profile as profiles
     from harness.rasterisers.base import Options
-    from harness.study.calibration_draws import keep
 
     reporter = Reporter(quiet=quiet)
     name = rasteriser or rasterisers.usual()
@@ -50,7 +54,7 @@ def profile(
     draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
     bench = Bench(Worker, timeout_s=600)
     try:
-        timing = measured.settings(budget)
+        timing = measured.settings(budget, len(draws))
         length = timing.budget_s * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
             times = measured.measure(backend, bench, draws, timing, seed, stage.complete)
@@ -62,23 +66,54 @@ def profile(
             **bench.describe()[backend.label],
         }
         content, _ = profiles.profile(draws, times, facts, seed)
-        found = advice.advise(bench, content["coefficients"], seed)
-        content["advice"] = found and found.to_json()
+        add_advice(content, bench, times.trouble)
     finally:
         bench.close()
-    content["refused"] = content["refused"] or bool(times.trouble)
-    file = out or options.PROFILES / f"{name}-{backend.device.name}.json"
-    file = keep(content, file)
+    if len(times.rounds) < measured.EPOCHS:
+        typer.echo(
+            f"warning: the device is slow: {timing.limit_s:g} s were over after {len(times.rounds)}"
+            f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",
+            err=True,
+        )
+    tell(content, out, times.trouble)
+
+
+def add_advice(content: dict[str, Any], bench: Bench, trouble: str) -> None:
+    """Add to a profile by which criterion to triangulate; refuse it where there is `trouble`."""
+    from harness.profile import advice
+
+    found = advice.advise(bench, content["coefficients"], content["seed"])
+    content["advice"] = found and found.to_json()
+    content["refused"] = content["refused"] or bool(trouble)
+
+
+def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
+    """Write a profile's file and picture, and print it.
+
+    out : file to write, by default one in `options.PROFILES`
+    trouble : why its times cannot be trusted, or ""
+
+    Raises
+    ------
+    Inconclusive
+        if it is refused
+    """
+    from harness.profile import chart, words
+    from harness.study.calibration_draws import keep
+
+    device = content["device"]
+    name = file_stem(f"{device['rasteriser']}-{device['name']}")
+    file = keep(content, out or options.PROFILES / f"{name}.json")
     for line in words.sentences(content):
         typer.echo(line)
     Console(highlight=False).print(words.table(content))
     picture = chart.plot(content, file)
     typer.echo(f"profile: {file}, picture: {picture}")
-    if times.trouble:
-        raise Inconclusive(f"{times.trouble}: close other programs, and repeat; kept in {file}")
+    if trouble:
+        raise Inconclusive(f"{trouble}: close other programs, and repeat; kept in {file}")
     if content["refused"]:
         raise Inconclusive(
             f"the law explains too little (R2 {content['r2_over']:.2f} over all draws, "
             f"{content['r2_within']:.2f} within groups): close other programs, or draw longer, "
-            f"e.g. --budget {4 * budget:g}; kept in {file}"
+            f"e.g. with four times the --budget; kept in {file}"
         )

@@ -23,10 +23,11 @@ MOST_REPEATS = 1000
 """Processes that everything may be timed in; a thousand is hours of the smallest run."""
 
 Fit = Literal["box", "circle"]
-"""`harness.frame.FitMode`, which takes long to import; a test compares them."""
+"""`harness.frame.FitMode` but for tiles; that takes long to import: a test compares them."""
 
 
 def run(
+    context: typer.Context,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -124,6 +125,7 @@ def run(
     elif not scene:
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
+        running.refuse_view_of_tiles(context, scene)
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,

@@ -18,6 +18,7 @@ from harness.commands.options import CALIBRATIONS
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
+from harness.frame import ITS_OWN_VIEW
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
@@ -27,6 +28,7 @@ from harness.stored.folder import Run, clear_errors, file_stem, read_run
 from harness.summary import print_summary, row_of, write_csv
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from scenes import Scene
+from scenes.registry import is_tiled
 from scenes.spec import label
 
 
@@ -178,6 +180,14 @@ def load_ahead(*, plots: bool) -> None:
             importlib.import_module(name)
 
     threading.Thread(target=load, daemon=True).start()
+
+
+def refuse_view_of_tiles(context: typer.Context, scene: str) -> None:
+    """Raise UsageError if the user gives map tiles a view, which they have of themselves."""
+    sources = [context.get_parameter_source(name) for name in ("resolution", "rotation", "fit")]
+    given = any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)
+    if given and is_tiled(scene):
+        raise UsageError(ITS_OWN_VIEW)
 
 
 def stored_plan(folder: Path) -> Plan:

@@ -38,6 +38,10 @@ LEAST = "least"
 `quads`, and the `shaded` quads and `fragments` of the record's own triangles."""
 
 
+INDEX = "index"
+"""Field of a record of map tiles: the bytes of its triangles, by the packing over them."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """One figure of a record.
@@ -155,6 +159,17 @@ _RATIO: tuple[str, Kind, Better] = ("x", "ratio", "lower")
 _MS: tuple[str, Kind, Better, float] = ("ms", "time", "lower", 0.0)
 """Unit, kind, which way is better, and the best case, of several figures."""
 
+_CODED = "differences of indices as varints, as MLT has them"
+
+INDEX_BYTES = (
+    ("index_bytes_raw", "index bytes, raw", "of 16 bits an index, or 32"),
+    ("index_bytes", "index bytes", _CODED),
+    ("index_bytes_gzip", "index bytes, gzip", f"{_CODED}, each tile's packed by gzip"),
+    ("index_bytes_brotli", "index bytes, Brotli", f"{_CODED}, each tile's packed by Brotli"),
+    ("index_bytes_zstd", "index bytes, zstd", f"{_CODED}, each tile's packed by zstd"),
+)
+"""Name, label and description of the figures that `harness.figures.index_bytes` computes."""
+
 METRICS = {
     figure.name: figure
     for figure in (
@@ -211,6 +226,13 @@ METRICS = {
         Figure(
             *("triangles", "triangles", "triangles", "count", "lower", None, _field("triangles")),
             description="triangles drawn",
+        ),
+        *(
+            Figure(
+                *(name, label, "bytes", "count", "lower", None, _field(INDEX, name)),
+                description=f"bytes of the triangles of map tiles, {how}",
+            )
+            for name, label, how in INDEX_BYTES
         ),
         Figure(
             *("coverage_error", "coverage error", "pixels", "count", "lower", 0.0),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import HarnessError
-from harness.frame import Frame, View, make_frame
+from harness.frame import Frame, View, frame_of
 from harness.measuring import records
 from harness.measuring.backends import Usable
 from harness.measuring.count_cases import Counted, Finished, count_cases
@@ -105,7 +105,7 @@ def measure_scene(
             continue
         # Drivers take a second to load; meanwhile another process can triangulate.
         job.bench.open_soon(groups[0].backend)
-        frame = make_frame(job.scene.polygons, view)
+        frame = frame_of(job.scene, view)
         _tell_of_snapping(job, frame)
         yield Framed(frame)
         prepared: dict[Recipe, Prepared] = {}

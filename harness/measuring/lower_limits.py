@@ -72,13 +72,22 @@ def collect(begun: Begun, bench: Bench) -> dict[str, NDArray[np.int64]]:
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:
-    """Return about how many seconds it takes to find the fewest quads of each polygon, (p,)."""
+    """Return about how many seconds it takes to find the fewest quads of each polygon, (p,).
+
+    It is infinite for those that a tile's edge cuts.
+    """
     cubes = np.diff(frame.offsets).astype(np.float64) ** 3
     polygons = np.asarray(frame.polygons)
     low, high = shapely.bounds(polygons)[:, 1::2].T
     simple = cubes / 6 * (1 + (high - low) / 2) * ROW_S
     holes = shapely.get_num_interior_rings(polygons) > 0
-    return np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
+    seconds = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
+    if frame.scissor is None:
+        return seconds
+    # what is fewest before a polygon is cut need not be after
+    left, bottom, width, height = frame.scissor
+    tile = shapely.box(left, bottom, left + width, bottom + height)
+    return np.where(shapely.covers(tile, polygons), seconds, np.inf)
 
 
 def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:

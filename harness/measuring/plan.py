@@ -104,10 +104,12 @@ class Plan:
 
 
 def _timing(settings: TimingSettings) -> dict[str, Any]:
-    """Return the settings as plans have had them: one process is not worth telling."""
+    """Return the settings as plans have had them: what is as ever is not worth telling."""
     values = asdict(settings)
     if settings.processes == 1:
         del values["processes"]
+    if settings.limit_s is None:
+        del values["limit_s"]
     return values
 
 

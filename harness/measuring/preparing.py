@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame, make_frame
+from harness.frame import Frame, frame_of
 from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
@@ -117,6 +117,6 @@ def _triangulate(
     """Run one triangulator over the frame, or over the scene not yet turned."""
     if not recipe.upright:
         return bench.triangulate(recipe, frame.polygons, tick)
-    upright = make_frame(scene.polygons, replace(frame.view, rotation=0.0))
+    upright = frame_of(scene, replace(frame.view, rotation=0.0))
     before = bench.triangulate(recipe.before_turning, upright.polygons, tick)
     return carry_over(before, upright, frame)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import shapely
 
 from harness.errors import NothingMeasured, UsageError
+from harness.frame import ITS_OWN_VIEW, View, view_of
 from harness.machine import environment, system
 from harness.machine.processor import label_of, processor, same
 from harness.machine.state import default_path, state_of
@@ -122,9 +123,21 @@ def run(
             raise NothingMeasured(
                 f"nothing to choose: every polygon of {plan.scene} is a triangle already"
             )
+        if how.split is None:
+            plan = _in_its_view(plan, scene)
         return _measure(plan, scene, out, reporter, bench, broken, how, began)
     finally:
         bench.close(at_once=bench.stopping)
+
+
+def _in_its_view(plan: Plan, scene: Scene) -> Plan:
+    """Give the plan the view of map tiles, which they have of themselves."""
+    own = (view_of(scene),)
+    if scene.tiling is None or plan.views == own:
+        return plan
+    if plan.views != (View(),):
+        raise UsageError(ITS_OWN_VIEW)
+    return replace(plan, views=own)
 
 
 def _measure(

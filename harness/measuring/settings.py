@@ -39,6 +39,7 @@ class TimingSettings:
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
         up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
     processes : how many fresh processes do all of this, one after the other
+    limit_s : seconds after which the rounds end, however few there are; None: however many it takes
     """
 
     precision: float = 0.01
@@ -49,3 +50,4 @@ class TimingSettings:
     paired: bool = True
     epochs: int = 6
     processes: int = 1
+    limit_s: float | None = None

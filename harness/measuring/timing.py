@@ -152,7 +152,7 @@ def time_together(
     Sample r of every drawing comes from round r. The rounds end when each drawing's interval, that
     of its median or of its ratio to what it is compared with, is narrow enough and the least share
     of the budget is drawn, or when `settings.budget_s` times the number of drawings has passed; not
-    before there are `settings.epochs` where `renew` is given.
+    before there are `settings.epochs` where `renew` is given, unless `settings.limit_s` is over.
     """
     start = clock()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -171,7 +171,11 @@ def time_together(
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
-    epochs = _Epochs(renew, settings.epochs, earliest, clock)
+    latest = math.inf if settings.limit_s is None else start + settings.limit_s
+    # A slow device has time for few rounds, and most is told by those of different epochs.
+    round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
+    slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
+    epochs = _Epochs(renew, settings.epochs, earliest, clock, 1 if slow else EPOCH_ROUNDS)
     check_at = MIN_ROUNDS
     while True:
         if epochs.is_over():
@@ -184,15 +188,20 @@ def time_together(
             entry.samples_s.append(_seconds(sample, test.timer) / entry.repeats)
         epochs.rounds[-1] += 1
         rounds = len(times[order[0]].samples_s)
-        if rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few():
+        over = clock() >= latest
+        if not over and (rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few()):
             continue
-        if rounds >= check_at or clock() >= deadline:
+        if over or rounds >= check_at or clock() >= deadline:
             check_at = rounds + max(1, rounds // 8)
             # An empty draw is all noise: it must not keep the others waiting.
             precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or _is_precise(entry, settings.precision)
-            if clock() >= deadline or all(entry.precision_reached for entry in times.values()):
+            if (
+                over
+                or clock() >= deadline
+                or all(entry.precision_reached for entry in times.values())
+            ):
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
                 return times
@@ -205,9 +214,15 @@ class _Epochs:
     """
 
     def __init__(
-        self, renew: Renew | None, wanted: int, earliest: float, clock: Callable[[], float]
+        self,
+        renew: Renew | None,
+        wanted: int,
+        earliest: float,
+        clock: Callable[[], float],
+        least: int,
     ) -> None:
         self.rounds = [0]
+        self._least = least
         self._renew = renew
         self._wanted = 1 if renew is None else wanted
         self._clock = clock
@@ -217,7 +232,7 @@ class _Epochs:
 
     def is_over(self) -> bool:
         """Whether it is time for the next epoch."""
-        long_enough = self.rounds[-1] >= EPOCH_ROUNDS and self._clock() >= self._until
+        long_enough = self.rounds[-1] >= self._least and self._clock() >= self._until
         return self._renew is not None and long_enough
 
     def begin(self, order: Sequence[str]) -> Mapping[str, Timeable]:
@@ -232,7 +247,7 @@ class _Epochs:
 
     def are_few(self) -> bool:
         """Whether there must be more of them, or the present one must go on."""
-        return len(self.rounds) < self._wanted or self.rounds[-1] < EPOCH_ROUNDS
+        return len(self.rounds) < self._wanted or self.rounds[-1] < self._least
 
 
 def _is_precise(entry: Times, precision: float) -> bool:

@@ -83,12 +83,13 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     outlines = _outlines(faces)
     found, done = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
-    sizes_found = np.diff(found.starts)
-    numbers = np.repeat(np.arange(len(done)), sizes_found)
-    own = outlines.vertices[found.triangles + _begins(outlines.polygons)[numbers][:, None]]
-    kept = own[done[numbers]]
-    begins = np.r_[0, np.cumsum(sizes_found[done])]
-    _take(faces.points, faces.starts, outlines.face[done], (kept, begins), result, left)
+    counts = np.diff(found.starts)
+    number = np.repeat(np.arange(len(done)), counts)
+    kept = done[number]  # the other rows of `found` hold anything
+    first = _begins(outlines.polygons)[number[kept]]
+    own = outlines.vertices[found.triangles[kept] + first[:, None]]
+    begins = np.r_[0, np.cumsum(counts[done])]
+    _take(faces.points, faces.starts, outlines.face[done], (own, begins), result, left)
     rest = np.repeat(left, sizes)
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)

@@ -28,32 +28,26 @@ class GltfModel:
         self._file = GltfFile(path)
 
     def groups(self) -> Iterator[list[Part]]:
-        """Yield the parts of each mesh; raises UsageError where the file is damaged."""
+        """Yield the parts of each mesh."""
         seen: set[str] = set()
-        try:
-            meshes = self._file.json.get("meshes", [])
-            alike: dict[str, list[dict[str, Any]]] = {}
-            places: dict[str, tuple[NDArray[np.float64], ...]] = {}
-            for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
-                for primitive in mesh["primitives"]:
-                    key = _key(primitive)
-                    alike.setdefault(key, []).append(primitive)
-                    places[key] = places.get(key, ()) + matrices
-            for mesh in meshes:
-                keys = [_key(each) for each in mesh["primitives"]]
-                fresh = [key for key in dict.fromkeys(keys) if key not in seen]
-                seen.update(fresh)
-                parts = [self._part(alike[key], places[key]) for key in fresh]
-                yield [part for part in parts if part is not None]
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            raise self._file.damaged(error) from error
+        meshes = self._file.json.get("meshes", [])
+        alike: dict[str, list[dict[str, Any]]] = {}
+        places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
+            for primitive in mesh["primitives"]:
+                key = _key(primitive)
+                alike.setdefault(key, []).append(primitive)
+                places[key] = places.get(key, ()) + matrices
+        for mesh in meshes:
+            keys = [_key(each) for each in mesh["primitives"]]
+            fresh = [key for key in dict.fromkeys(keys) if key not in seen]
+            seen.update(fresh)
+            parts = [self._part(alike[key], places[key]) for key in fresh]
+            yield [part for part in parts if part is not None]
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
-        try:
-            self._file.replace(part.source, triangles.reshape(-1))
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            raise self._file.damaged(error) from error
+        self._file.replace(part.source, triangles.reshape(-1))
 
     def write(self, out: Path) -> list[Path]:
         """Write the model; returns the files."""

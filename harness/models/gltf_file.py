@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.export.writer import Output
 from scenes.readers.opening import refuse_special
+from scenes.scene import SceneError
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of a primitive, of those that have triangles."""
@@ -40,32 +41,24 @@ PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_
 class GltfFile:
     """A model in memory: its JSON, and the bytes of its buffers.
 
-    Raises UsageError for a file that is none, is damaged, or holds its triangles packed.
+    Raises SceneError for a file that holds its triangles packed, and whatever it meets in one that
+    is damaged.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            text = self._read(path.read_bytes())
-            self.json: dict[str, Any] = json.loads(text)
-            self._text = text
-            used = self.json.get("extensionsUsed", [])
-            packed = [name for name in PACKED if name in used]
-            if packed:
-                raise UsageError(
-                    f"{path}: {packed[0]} packs its triangles; unpack it first, for instance by "
-                    "`gltf-transform copy`"
-                )
-            self.buffers = [self._buffer(each) for each in self.json.get("buffers", [])]
-        except (KeyError, IndexError, TypeError, ValueError, RecursionError) as error:
-            raise self.damaged(error) from error
+        self._text = self._read(path.read_bytes())
+        self.json: dict[str, Any] = json.loads(self._text)
+        used = self.json.get("extensionsUsed", [])
+        packed = [name for name in PACKED if name in used]
+        if packed:
+            raise SceneError(
+                f"{path}: {packed[0]} packs its triangles; unpack it first, for instance by "
+                "`gltf-transform copy`"
+            )
+        self.buffers = [self._buffer(each) for each in self.json.get("buffers", [])]
         self._grown: set[int] = set()
         self._changed: set[int] = set()
-
-    def damaged(self, error: object) -> UsageError:
-        """Return what to raise for a file that is not as the specification wants."""
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        return UsageError(f"{self.path} is no whole glTF 2.0 file: {reason}")
 
     def _read(self, data: bytes) -> bytes:
         """Split a .glb into its chunks; returns the JSON."""
@@ -101,14 +94,14 @@ class GltfFile:
     def _beside(self, uri: str) -> Path:
         place = self.path.parent / unquote(uri)
         if not place.is_file():
-            raise UsageError(f"{self.path} needs {uri}, which is not there")
+            raise SceneError(f"{self.path} needs {uri}, which is not there")
         refuse_special([place])
         return place
 
     def array(self, accessor: int) -> NDArray[Any]:
         """Return an accessor's values (n, width), of the type in which they are stored."""
         about = self.json["accessors"][_index(accessor)]
-        kind, width = np.dtype(_TYPES[about["componentType"]]), _WIDTHS[about["type"]]
+        kind, width = _kind(about), _WIDTHS[about["type"]]
         if "bufferView" in about:
             values = self._view(about, kind, width, about["count"]).copy()
         else:
@@ -117,7 +110,7 @@ class GltfFile:
             sparse = about["sparse"]
             places = self._view(
                 sparse["indices"],
-                np.dtype(_TYPES[sparse["indices"]["componentType"]]),
+                _kind(sparse["indices"]),
                 1,
                 sparse["count"],
             )
@@ -151,7 +144,7 @@ class GltfFile:
             )
             return
         about = self.json["accessors"][number]
-        kind = np.dtype(_TYPES[about["componentType"]])
+        kind = _kind(about)
         every = [each for mesh in self.json["meshes"] for each in mesh["primitives"]]
         using = sum(1 for each in every if each.get("indices") == number)
         if (
@@ -199,14 +192,14 @@ class GltfFile:
     def _span(self, accessor: dict[str, Any]) -> tuple[int, int]:
         """Return where in its buffer an accessor's values begin and end."""
         view = self.json["bufferViews"][accessor["bufferView"]]
-        size = np.dtype(_TYPES[accessor["componentType"]]).itemsize * _WIDTHS[accessor["type"]]
+        size = _kind(accessor).itemsize * _WIDTHS[accessor["type"]]
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
     def _append(self, indices: NDArray[np.int64], like: dict[str, Any]) -> int:
         """Put indices behind the first buffer; returns their accessor."""
         number = 0
-        packed = indices.astype(_TYPES[like["componentType"]]).tobytes()
+        packed = indices.astype(_kind(like)).tobytes()
         buffer = self.buffers[number]
         buffer += b"\0" * (-len(buffer) % 4)
         view = {
@@ -292,3 +285,10 @@ def _index(number: Any) -> int:
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
         raise ValueError(f"{number!r} is no index")
     return number
+
+
+def _kind(about: dict[str, Any]) -> np.dtype[Any]:
+    """Return the type in which an accessor's numbers are stored."""
+    if about["componentType"] not in _TYPES:
+        raise ValueError(f"component type {about['componentType']} is unknown")
+    return np.dtype(_TYPES[about["componentType"]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -20,8 +20,8 @@ from harness.models.mesh import Mesh, Part
 from harness.models.obj import ObjModel
 from harness.models.ply import PlyModel
 from harness.models.stl import StlModel
-from harness.models.views import Drawn, Seen, look
-from scenes.readers import cut_off
+from harness.models.views import PIXELS, Drawn, Seen, look
+from scenes.readers import cut_off, damage
 from scenes.readers.opening import existing
 
 CRITERION = "edge-length"
@@ -86,7 +86,12 @@ class Changes:
     seconds: float = 0.0
 
 
-def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) -> Changes:
+def retriangulate(
+    source: Path,
+    out: Path | None,
+    criterion: str = CRITERION,
+    sizes: Sequence[int] = PIXELS,
+) -> Changes:
     """Choose the diagonals of a model's flat faces by a criterion, and write it to `out`.
 
     Every vertex and all that it carries stay as they are, and so do the number of triangles and
@@ -94,9 +99,11 @@ def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) ->
 
     Raises
     ------
+    SceneError
+        for a file that is not there, is damaged, or holds its triangles packed
     UsageError
-        for a file that is damaged or cannot be written, another suffix than the source's, and a
-        criterion that is no sum over triangles
+        for an output that cannot be written or has another suffix than the source, and a criterion
+        that is no sum over triangles
     """
     begun = time.perf_counter()
     kind = FORMATS.get(source.suffix.lower())
@@ -107,10 +114,12 @@ def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) ->
     existing(str(source))
     cut_off.refuse(source)
     cost_named(criterion)
-    model = kind(source)
+    with damage.refused(str(source), f"a model ({source.suffix})"):
+        model = kind(source)
+        groups = list(model.groups())
     changes = Changes()
     drawn: list[Drawn] = []
-    for parts in model.groups():
+    for parts in groups:
         made = [_made(part, criterion, changes) for part in parts]
         _revert_shared(parts, made, changes)
         for part, found in zip(parts, made, strict=True):
@@ -118,7 +127,7 @@ def retriangulate(source: Path, out: Path | None, criterion: str = CRITERION) ->
             if (found.triangles != part.mesh.triangles).any():
                 model.replace(part, found.triangles)
     if out is None:
-        changes.seen = look(drawn) if changes.changed else []
+        changes.seen = look(drawn, sizes) if changes.changed else []
     else:
         changes.files = model.write(out)
     changes.seconds = time.perf_counter() - begun

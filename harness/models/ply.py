@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.models.mesh import STEPS, Mesh, Part, tolerance_of
 from harness.models.text_file import TextFile, text_step, text_tolerance, write_bytes
 
@@ -46,19 +45,11 @@ class _Element(NamedTuple):
 
 
 class PlyModel:
-    """A PLY file whose faces are triangles.
-
-    Raises UsageError for a file that is none, is damaged, or has faces of other numbers of corners.
-    """
+    """A PLY file whose faces are triangles; raises whatever it meets in another one."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         self._text = TextFile(path)
-        try:
-            self._read()
-        except (KeyError, IndexError, ValueError, OverflowError, StopIteration) as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-            raise UsageError(f"{path} is no whole PLY of triangles: {reason}") from error
+        self._read()
 
     def _read(self) -> None:
         data = self._text.data
@@ -78,7 +69,10 @@ class PlyModel:
                 last.properties.append((words[-1], " ".join(kinds)))
         if self._elements["face"].size == 0:
             raise ValueError("it holds no face")
-        self._list = next(name for name, _ in self._elements["face"].properties if name in _LISTS)
+        names = [name for name, _ in self._elements["face"].properties if name in _LISTS]
+        if not names:
+            raise ValueError(f"its faces have no {_LISTS[0]}")
+        self._list = names[0]
         if order:
             self._read_binary(order, head.end())
         else:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
 from harness.models.mesh import Mesh, Part, tolerance_of
 from harness.models.text_file import TextFile, numbered, text_step, text_tolerance, write_bytes
 
@@ -31,13 +30,10 @@ class StlModel:
             self._records = np.frombuffer(data, _RECORD, offset=_HEAD).copy()
             return
         self._found = [match.span(1) + match.span(3) for match in _VERTEX.finditer(data)]
-        if not data.lstrip()[:5].lower() == b"solid" or len(self._found) % 3 or not self._found:
-            raise UsageError(f"{path} is no whole STL: {len(data):,} bytes, {count:,} triangles")
-        try:
-            words = (data[span[0] : span[3]].split() for span in self._found)
-            self._corners = np.array([[float(word) for word in three] for three in words])
-        except ValueError as error:
-            raise UsageError(f"{path} is no STL: {error}") from error
+        if data.lstrip()[:5].lower() != b"solid" or len(self._found) % 3 or not self._found:
+            raise ValueError(f"{len(data):,} bytes, {count:,} triangles")
+        words = (data[span[0] : span[3]].split() for span in self._found)
+        self._corners = np.array([[float(word) for word in three] for three in words])
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield all parts together: binary triangles of one attribute, or those of one solid."""
@@ -53,7 +49,8 @@ class StlModel:
     def _part(self, corners: NDArray[np.floating], rows: NDArray[np.int64]) -> Part:
         own = corners.reshape(-1, 3, 3)[rows].reshape(-1, 3)
         first, number = numbered(own)
-        positions = own[first].astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            positions = own[first].astype(np.float64)
         none = np.empty((len(positions), 0))
         if self._records is not None:
             tolerance = tolerance_of(positions)

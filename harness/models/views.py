@@ -7,6 +7,7 @@ test: every front face is shaded, also where another one hides it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import NamedTuple
@@ -58,7 +59,7 @@ def directions() -> NDArray[np.float64]:
     return np.array(found) / np.sqrt(14.0)
 
 
-def look(parts: list[Drawn]) -> list[Seen]:
+def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
     """Count parts from all directions, at each size; [] where nothing has a place in space."""
     worlds = [
         (part, placed(part.mesh.positions, matrix), np.linalg.det(matrix[:3, :3]) < 0)
@@ -72,7 +73,7 @@ def look(parts: list[Drawn]) -> list[Seen]:
         return []
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = float(np.linalg.norm(points - middle, axis=1).max())
-    result = [Seen(pixels) for pixels in PIXELS]
+    result = [Seen(pixels) for pixels in sizes]
     for part, world, mirrored in worlds:
         local = (world - middle) / radius
         same = (part.triangles == part.mesh.triangles).all(axis=1)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from harness import __version__
+from harness.measuring.processes import Bench
+from harness.page import profile_data
 from harness.page.page_data import content_of
 from harness.rasterisers.shader_texts import shader
 from harness.report.page import CHARTS, ELEMENTS, STYLE
@@ -14,7 +18,9 @@ from harness.webpages.single_file import packed, static, write_whole
 from harness.webpages.templates import template
 
 PACKAGE = "harness.page"
-SCRIPTS = ("figures.js", "timing.js", "grid.js", "device.js", "show.js", "main.js")
+SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
+SCRIPTS = (*SHARED, "show.js", "main.js")
+PROFILING = (*SHARED, "design.js", "law.js", "costs.js", "costs_shown.js", "profile.js")
 
 
 def write_page(run: Run, file: Path) -> Path:
@@ -26,14 +32,35 @@ def write_page(run: Run, file: Path) -> Path:
         if the run kept nothing to draw, or the file cannot be written
     """
     content = content_of(run)
+    charts = static(REPORT, CHARTS)
+    _write(file, "page.html", SCRIPTS, content, scene=content["scene"], charts=charts)
+    return file
+
+
+def write_profile_page(bench: Bench, file: Path, seed: int = 0) -> Path:
+    """Write the page that says what a triangle costs on the device that opens it.
+
+    bench : what triangulates the scenes of its advice
+
+    Raises
+    ------
+    UsageError
+        if the file cannot be written
+    """
+    _write(file, "profile.html", PROFILING, profile_data.content_of(bench, seed), charts="")
+    return file
+
+
+def _write(
+    file: Path, name: str, scripts: Sequence[str], content: dict[str, Any], **shown: str
+) -> None:
     content["shaders"] = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
-    text = template(PACKAGE, "page.html").render(
-        scene=content["scene"],
+    styles = [static(REPORT, STYLE), static(PACKAGE, "page.css"), static(PACKAGE, "profile.css")]
+    text = template(PACKAGE, name).render(
         version=__version__,
-        style=static(REPORT, STYLE) + static(PACKAGE, "page.css"),
-        charts=static(REPORT, CHARTS),
-        script="\n".join([static(REPORT, ELEMENTS), *(static(PACKAGE, name) for name in SCRIPTS)]),
+        style="".join(styles if name == "profile.html" else styles[:2]),
+        script="\n".join([static(REPORT, ELEMENTS), *(static(PACKAGE, each) for each in scripts)]),
         data=packed(content),
+        **shown,
     )
     write_whole(file, text)
-    return file

@@ -44,6 +44,8 @@ def content_of(run: Run) -> Content:
     UsageError
         if the run kept nothing that can be drawn
     """
+    if any(record.get("fit") == "tile" for record in run.records):
+        raise UsageError(f"{run.path} is of map tiles, which a page cannot cut: give another run")
     found = [_view(run, records) for records in _kept(run).values()]
     views = [view for view in found if view is not None]
     if not views:

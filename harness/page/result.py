@@ -6,14 +6,12 @@ tells damage; its shape, sizes and ranges; and that its parts agree with each ot
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
@@ -22,68 +20,41 @@ from harness.figures.registry import PREDICTED
 from harness.frame import MAX_RESOLUTION, SUBPIXEL, View
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
-from harness.measuring.timing import EMPTY, REFERENCE, Times, TimingSettings
-from harness.measuring.timing import TimerTest as Timer
-from harness.page.device_summaries import browser
+from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.page.page_data import KEPT, counted_exactly
+from harness.page.saved import (
+    Finite,
+    Measured,
+    Name,
+    Part,
+    Share,
+    Text,
+    Whole,
+    checked,
+    read_saved,
+    warnings_of,
+    warnings_of_grid,
+)
+from harness.page.saved import Times as Told
 from harness.stored import drawings
 from harness.stored.drawings import view_of
-from harness.stored.folder import Record, Run, Store, file_stem, read_arrays
+from harness.stored.folder import Record, Run, Store, read_arrays
 
 FORMAT = "raster-harness device result"
-VERSION = 1
-MOST_BYTES = 256 * 2**20
 RASTERISER = "webgpu"
 AGAIN = "(the base again)"
 """How the page calls the drawing that is compared with itself."""
 
 BESIDE = (EMPTY, REFERENCE, AGAIN)
 
-Text = Annotated[str, StringConstraints(max_length=500)]
-Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
-Whole = Annotated[int, Field(ge=0, le=2**53)]
-Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class _Page(_Part):
+class _Page(Part):
     harness: Text
     scene: Name
     created: Text
 
 
-class _Limits(_Part):
-    maxTextureDimension2D: Whole  # noqa: N815 - WebGPU's own names
-    maxBufferSize: Whole  # noqa: N815
-    maxStorageBufferBindingSize: Whole  # noqa: N815
-
-
-class _Device(_Part):
-    vendor: Text
-    architecture: Text
-    device: Text
-    description: Text
-    timer: bool
-    step: Literal[1, 2, 4, 8, 16] | None
-    fallback: bool
-    limits: _Limits
-
-
-class _Timer(_Part):
-    timer: Literal["gpu", "wall"]
-    asking_s: Share
-    wall_s: Seconds
-    gpu_s: Share | None
-    resolution_s: Seconds
-    reason: Text
-
-
-class _Record(_Part):
+class _Record(Part):
     """Fields of a record that hold on any device; see `content.KEPT`."""
 
     scene: Name
@@ -107,20 +78,15 @@ class _Record(_Part):
     outline_quads: Whole | None = None
 
 
-class _Counters(_Part):
+class _Counters(Part):
     fragments: list[Whole]
     quads: list[Whole]
 
 
-class _Case(_Part):
+class _Case(Part):
     record: _Record
     counters: _Counters
     differing: Whole
-
-
-class _Times(_Part):
-    repeats: Annotated[int, Field(ge=1, le=2**20)]
-    samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
 
 
 def _contradiction(record: _Record, counted: _Counters) -> str | None:
@@ -140,13 +106,13 @@ def _contradiction(record: _Record, counted: _Counters) -> str | None:
     return None
 
 
-class _View(_Part):
+class _View(Part):
     resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
     rotation: Finite
     fit: Literal["box", "circle"]
     scene: Name
     cases: dict[Name, _Case]
-    times: dict[Name, _Times] | None
+    times: dict[Name, Told] | None
     epochs: list[Annotated[int, Field(ge=0)]]
 
     @validator(mode="after")
@@ -177,19 +143,11 @@ class _View(_Part):
         return self
 
 
-class _Result(_Part):
+class Result(Measured):
+    """What a page saved that measured a run's triangulations."""
+
     format: Literal["raster-harness device result"]
-    version: Literal[1]
     page: _Page
-    started: Text
-    ended: Text
-    browser: Text
-    device: _Device
-    timer: _Timer | None
-    budget_s: Seconds
-    complete: bool
-    problem: Annotated[str, StringConstraints(max_length=10_000)] | None
-    hidden: bool
     views: Annotated[list[_View], Field(min_length=1, max_length=1000)]
 
     @validator(mode="after")
@@ -201,7 +159,7 @@ class _Result(_Part):
         return self
 
 
-def read_result(file: Path) -> _Result:
+def read_result(file: Path) -> Result:
     """Read and check what a page saved.
 
     Raises
@@ -209,46 +167,10 @@ def read_result(file: Path) -> _Result:
     UsageError
         if it cannot be read, is damaged, or is not what a page saves
     """
-    try:
-        size = file.stat().st_size
-        if not file.is_file():
-            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
-        if size > MOST_BYTES:
-            raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
-        outer = json.loads(file.read_bytes())
-    except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{file}: not a file that a measuring page saved (no JSON)") from error
-    if not isinstance(outer, dict) or outer.get("format") != FORMAT:
-        raise UsageError(f"{file}: not a file that a measuring page saved")
-    if outer.get("version") != VERSION:
-        raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
-    text = outer.get("result")
-    try:
-        content = text.encode() if isinstance(text, str) else b""
-    except UnicodeEncodeError:
-        content = b""
-    if hashlib.sha256(content).hexdigest() != outer.get("sha256"):
-        raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
-    try:
-        return _Result.model_validate_json(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = first["msg"].removeprefix("Value error, ")
-        raise UsageError(f"{file}: {where or 'result'}: {what}") from error
+    return checked(Result, read_saved(file, [FORMAT])[1], file)
 
 
-def device_name(result: _Result) -> str:
-    """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
-    told = result.device
-    words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
-    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", browser(result.browser)[0]]
-    return "-".join(part for part in parts if part)
-
-
-def import_result(result: _Result, folder: Path, device: str, run: Run | None = None) -> Path:
+def import_result(result: Result, folder: Path, device: str, run: Run | None = None) -> Path:
     """Make a run folder of a page's result; returns it.
 
     device : the name that the device gets
@@ -278,24 +200,15 @@ def import_result(result: _Result, folder: Path, device: str, run: Run | None = 
     return folder
 
 
-def _facts(result: _Result, device: str) -> dict[str, Any]:
+def _facts(result: Result, device: str) -> dict[str, Any]:
     first = next(iter(result.views[0].cases.values()), None)
     names = dict.fromkeys(name for view in result.views for name in view.cases)
-    warnings = []
-    if result.problem:
-        warnings.append(f"the page told of a problem: {' '.join(result.problem.split())}")
-    if not result.complete:
-        warnings.append("the page was stopped before it had measured everything")
-    if result.hidden:
-        warnings.append("the page was hidden for a while, in which browsers slow it down")
+    warnings = warnings_of(result)
     differing = sum(case.differing for view in result.views for case in view.cases.values())
     if differing:
         warnings.append(f"counters differ from the run's in {differing} polygons")
+    warnings += warnings_of_grid(result.device, "polygons")
     step = result.device.step
-    if step is None:
-        warnings.append("the device rasterises by another rule than ours, on any grid")
-    elif step > 1:
-        warnings.append(f"the device snaps to 1/{SUBPIXEL // step} px: polygons were moved there")
     details = {
         **result.device.model_dump(),
         "subpixel_bits": None if step is None else (SUBPIXEL // step).bit_length() - 1,
@@ -324,7 +237,7 @@ def _facts(result: _Result, device: str) -> dict[str, Any]:
 
 
 def _records(
-    view: _View, device: str, result: _Result
+    view: _View, device: str, result: Result
 ) -> Sequence[tuple[Record, Mapping[str, np.ndarray]]]:
     """Return the record of each case of a view, with its counters by polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
@@ -354,7 +267,7 @@ def _records(
     return made
 
 
-def _time(view: _View, name: str, result: _Result) -> dict[str, Any] | None:
+def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
     """Return a record's `time`, None where the case was not timed to the end of a round."""
     times = view.times or {}
     rounds = sum(view.epochs)
@@ -369,7 +282,7 @@ def _time(view: _View, name: str, result: _Result) -> dict[str, Any] | None:
         precise = (high - low) / 2 <= settings.precision * middle
         epochs = [count for count in view.epochs if count]
         group[each] = Times(times[each].repeats, samples, epochs, precise)
-    test = Timer(**result.timer.model_dump(exclude={"asking_s"}))
+    test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))
     return records.time_fields(group, name, test, settings)
 
 

@@ -39,7 +39,8 @@ def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
     # A quad at the edge of a viewport with an odd side reaches one pixel over it.
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
     covered, helpers = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    spans.shade(frame.points, np.ascontiguousarray(triangles, np.int32), covered, helpers)
+    rows = np.ascontiguousarray(triangles, np.int32)
+    spans.shade(frame.points, rows, covered, helpers, frame.window)
     return covered[: frame.height, : frame.width], helpers[: frame.height, : frame.width]
 
 

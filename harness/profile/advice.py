@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -95,6 +95,23 @@ def _costs(
     bench: Bench, scene: str, coefficients: Mapping[str, float], seed: int
 ) -> dict[str, NDArray[np.float64]] | None:
     """Return the seconds of a scene's polygons by triangulator, of those that all triangulate."""
+    each = np.array([coefficients[term] for term in TERMS[1:]])
+    found = terms_of(bench, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
+    return found and {name: rows @ each for name, rows in found.items()}
+
+
+def terms_of(
+    bench: Bench,
+    scene: str,
+    triangulators: Sequence[str],
+    seed: int = 0,
+    coefficients: Mapping[str, float] | None = None,
+) -> dict[str, NDArray[np.float64]] | None:
+    """Return (p, 8) sums of `TERMS` but the draw's of a scene's polygons, by triangulator.
+
+    Of the polygons that all of them triangulate; None where there is none.
+    coefficients : what optimal:calibrated minimises
+    """
     try:
         polygons = load(scene, seed=seed, attributes=False).polygons
     except SceneError:
@@ -107,9 +124,9 @@ def _costs(
     )
     shown = [frame.polygons[number] for number in chosen]
     found, kept = {}, np.ones(len(shown), np.bool_)
-    for name in (BASE, *CRITERIA, OWN):
+    for name in triangulators:
         made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
         columns = made.predicted.columns
-        found[name] = sum((coefficients[term] * columns[term] for term in TERMS[1:]), np.zeros(1))
+        found[name] = np.stack([columns[term] for term in TERMS[1:]], axis=1)
         kept &= np.array([part is not None for part in made.parts])
-    return {name: seconds[kept] for name, seconds in found.items()} if kept.any() else None
+    return {name: rows[kept] for name, rows in found.items()} if kept.any() else None

@@ -35,7 +35,7 @@ TERMS = {
     "triangles": Term("s", "A triangle costs {}, however small it is.", "triangles"),
     "set_up": Term(
         "s",
-        "One whose box holds a pixel centre costs {} more.",
+        "A triangle whose box holds a pixel centre costs {} more.",
         "triangles set up",
     ),
     "vertices": Term("s", "A vertex costs {}.", "vertices"),

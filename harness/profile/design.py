@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isqrt
 
 import numpy as np
@@ -95,6 +95,15 @@ class Draw:
 def draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the table above."""
     return [draw for kind in _KINDS for draw in kind(seed)]
+
+
+def snapped(draw: Draw, step: int) -> Draw:
+    """Return the draw with its points moved to multiples of `step`/256 px.
+
+    So devices draw it whose grid is coarser than ours.
+    """
+    points = (draw.frame.points + step // 2) // step * step
+    return draw if step == 1 else replace(draw, frame=_framed(points))
 
 
 def sides(area: int, aspect: int) -> tuple[int, int]:

@@ -122,19 +122,25 @@ def _errors(design: Design, seconds: Seconds, fitted: Seconds, noise: float) -> 
 
 
 def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: int) -> Seconds:
-    """Return (k,) seconds, each predicted by a fit to the draws of other folds than its own.
-
-    Each group's draws are spread over the folds, so that no fit is without a kind of draws.
-    """
-    order = np.lexsort((np.random.default_rng(seed).random(len(seconds)), labels))
-    folds = np.empty(len(seconds), np.int64)
-    folds[order] = np.arange(len(seconds)) % FOLDS
+    """Return (k,) seconds, each predicted by a fit to the draws of other folds than its own."""
+    folds = folds_of(labels, seed)
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold
         found = cost_model.solve(design[~out], seconds[~out], labels[~out])
         predicted[out] = design[out] @ found
     return np.maximum(predicted, 1e-12)
+
+
+def folds_of(labels: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    """Return the fold of each draw, (k,), of the draws' groups as numbers.
+
+    Each group's draws are spread over the folds, so that no fit is without a kind of draws.
+    """
+    order = np.lexsort((np.random.default_rng(seed).random(len(labels)), labels))
+    folds = np.empty(len(labels), np.int64)
+    folds[order] = np.arange(len(labels)) % FOLDS
+    return folds
 
 
 def fewest(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NothingMeasured
-from harness.figures.ratios import Ratio, paired_ratio
+from harness.errors import Inconclusive, NothingMeasured
+from harness.figures.ratios import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.settings import TimingSettings
 from harness.measuring.timing import EMPTY, Times
@@ -70,8 +70,12 @@ class Measured:
         return ""
 
 
-def settings(budget_s: float) -> TimingSettings:
-    """Return how a profile is timed: `budget_s` seconds a draw, in `EPOCHS` epochs."""
+LIMIT_S = 120.0
+"""Seconds after which a slow device's rounds end, or twice the budget if that is more."""
+
+
+def settings(budget_s: float, draws: int = 0) -> TimingSettings:
+    """Return how a profile of so many draws is timed: `budget_s` a draw, in `EPOCHS` epochs."""
     return TimingSettings(
         precision=PRECISION,
         budget_s=budget_s,
@@ -80,6 +84,7 @@ def settings(budget_s: float) -> TimingSettings:
         least_share=1.0,
         paired=False,
         epochs=EPOCHS,
+        limit_s=max(LIMIT_S, 2 * budget_s * draws),
     )
 
 
@@ -97,6 +102,8 @@ def measure(
     ------
     NothingMeasured
         if the device fails under one of them
+    Inconclusive
+        if it is too slow to tell anything in time
     HarnessError
         if it cannot be opened
     """
@@ -109,7 +116,18 @@ def measure(
     groups, failures = bench.time(backend, candidates, Options(), timing, seed, tick, own)
     if failures:
         raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
-    return of_times(next(iter(groups.values())), names)
+    times = next(iter(groups.values()))
+    epochs = len(times[EMPTY].epochs)
+    if epochs < FEWEST_EPOCHS:
+        longest = draws[int(np.argmax([times[name].median_s for name in names]))].name
+        raise Inconclusive(
+            f"{backend.label} is too slow: {timing.limit_s:g} s were over after {epochs} of "
+            f"{EPOCHS} parts, and {FEWEST_EPOCHS} tell a law; a draw of nothing took "
+            f"{times[EMPTY].median_s * 1e3:.3g} ms, all draws together "
+            f"{sum(times[name].median_s for name in names):.3g} s, most of all {longest}; draw "
+            "longer, e.g. --budget 4"
+        )
+    return of_times(times, names)
 
 
 def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:

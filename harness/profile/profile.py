@@ -38,12 +38,10 @@ def profile(
     """
     counted = [counters(draw) for draw in draws]
     design = design_of(counted)
-    fitted = [n for n, draw in enumerate(draws) if draw.kind not in NOT_FITTED]
+    fitted, plain = fitted_of(draws)
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
-    # A criterion knows nothing of the arithmetic of a fragment.
-    plain = [n for n in fitted if draws[n].work == 0]
     predicted = predicted_of([(draws[n].frame, draws[n].triangles) for n in plain])
     labels = np.unique([groups[n] for n in plain], return_inverse=True)[1].tolist()
     calibration = cost_model.fit(predicted, measured.seconds[plain], labels, seed)
@@ -71,6 +69,15 @@ def profile(
         "times": [_time(draws[n], counted[n], measured.epochs[:, n]) for n in range(len(draws))],
     }
     return content, law
+
+
+def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
+    """Return the places of the draws that a law is fitted to, and a criterion's costs.
+
+    A criterion knows nothing of the arithmetic of a fragment.
+    """
+    fitted = [n for n, draw in enumerate(draws) if draw.kind not in NOT_FITTED]
+    return fitted, [n for n in fitted if draws[n].work == 0]
 
 
 def _terms(law: Law) -> list[dict[str, Any]]:

@@ -149,7 +149,7 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
     where = f"{device['name']} ({device['rasteriser']})"
-    cpu = f"; {device['cpu']}" if device["software"] else ""
+    cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
     terms = {term["name"]: term for term in profile["terms"]}
     doubled = ", ".join(
         f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"

@@ -126,6 +126,9 @@ class Rasteriser(ABC):
     lacking: ClassVar[str] = "neither multisampling nor fragment work"
     """What of `Options` it cannot do, said where nothing is left to draw."""
 
+    cuts: ClassVar[bool] = False
+    """Whether it draws nothing out of a frame's scissor, as map tiles need it."""
+
     remark: ClassVar[str] = ""
     """What a record must say about its figures, if anything."""
 
@@ -210,6 +213,8 @@ class Rasteriser(ABC):
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if not self.supports(options):
             raise UsageError(f"{self.name} has {self.lacking}; use opengl for these")
+        if frame.scissor is not None and not self.cuts:
+            raise UsageError(f"{self.name} cannot cut at a tile's edge; use opengl for tiles")
         return submission(frame, triangles, options)
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close

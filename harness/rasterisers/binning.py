@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL, Frame
+from harness.frame import SUBPIXEL, WHOLE, Frame
 from harness.rasterisers.base import Counters, OnCpu, Options, Triangles, per_polygon
 from triangulators.compute.kernels import njit
 
@@ -20,15 +20,17 @@ TILES = (16, 32, 64)
 """Sides of a tile, px."""
 
 
-def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArray[np.int64]]:
-    """Predict the tiles each triangle is put into, (m,) a name.
+def predict(
+    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
+) -> dict[str, NDArray[np.int64]]:
+    """Predict the tiles with a pixel of the window each triangle is put into, (m,) a name.
 
     tiles_16, tiles_32, tiles_64 : by bounding box
     tiles_16_exact, ... : by exact overlap
     """
     counts = {}
     for side in TILES:
-        binned = count_tiles(points, triangles, side * SUBPIXEL)
+        binned = count_tiles(points, triangles, side * SUBPIXEL, window // side)
         counts[f"tiles_{side}"] = binned[:, 0]
         counts[f"tiles_{side}_exact"] = binned[:, 1]
     return counts
@@ -36,11 +38,15 @@ def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArra
 
 @njit(error_model="numpy")
 def count_tiles(
-    points: NDArray[np.int32], triangles: NDArray[np.int32], side: int
+    points: NDArray[np.int32],
+    triangles: NDArray[np.int32],
+    side: int,
+    window: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Count tiles of `side` (1/256 px) for each triangle: (m, 2), by bounding box and exactly.
 
-    A triangle without area is in no tile.
+    Tiles out of the window (first column and row, last column and row) do not count. A triangle
+    without area is in no tile.
     """
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
@@ -58,7 +64,9 @@ def count_tiles(
                 corners[1, axis], corners[2, axis] = corners[2, axis], corners[1, axis]
         left, right = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
         bottom, top = corners[:, 1].min() // side, (corners[:, 1].max() - 1) // side
-        counts[t, 0] = (right - left + 1) * (top - bottom + 1)
+        left, right = max(left, window[0]), min(right, window[2])
+        bottom, top = max(bottom, window[1]), min(top, window[3])
+        counts[t, 0] = max(0, right - left + 1) * max(0, top - bottom + 1)
         for row in range(bottom, top + 1):
             low, high = tile_span(corners, row, side, left, right)
             counts[t, 1] += max(0, high - low + 1)
@@ -94,7 +102,8 @@ class Binning(OnCpu):
     )
     timed = False
     pictured = False
+    cuts = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        tiles = predict(frame.points, triangles)
+        tiles = predict(frame.points, triangles, frame.window)
         return {name: per_polygon(frame, triangles, tiles[name]) for name in self.counters}

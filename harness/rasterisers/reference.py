@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame
+from harness.frame import WHOLE, Frame
 from harness.rasterisers import spans
 from harness.rasterisers.base import (
     Counters,
@@ -26,7 +26,9 @@ from harness.rasterisers.palette import colours
 COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests")
 
 
-def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArray[np.int64]]:
+def predict(
+    points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = WHOLE
+) -> dict[str, NDArray[np.int64]]:
     """Predict, from coordinates alone, what each triangle costs; every value is (m,).
 
     fragments : pixels whose centre the triangle covers
@@ -34,8 +36,10 @@ def predict(points: NDArray[np.int32], triangles: Triangles) -> dict[str, NDArra
     helper_lanes : lanes of these quads that cover nothing
     blocks : 4x4 blocks with such a pixel
     bbox_tests : pixel centres in the bounding box
+
+    Pixels out of the window (`Frame.window`) cost nothing.
     """
-    counts = spans.count_triangles(points, triangles).T
+    counts = spans.count_triangles(points, triangles, window).T
     fragments, quads = counts[spans.FRAGMENTS], counts[spans.QUADS]
     others = (4 * quads - fragments, counts[spans.BLOCKS], counts[spans.BBOX_TESTS])
     return dict(zip(COUNTED, (fragments, quads, *others), strict=True))
@@ -49,14 +53,14 @@ def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    counts = spans.outline_quads(frame.points, frame.join(parts), bounds)
+    counts = spans.outline_quads(frame.points, frame.join(parts), bounds, frame.window)
     return np.where([part is None for part in parts], -1, counts)
 
 
 def quads_of(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
     """Return the (p,) 2x2 blocks that each polygon's triangles (m, 3) shade, 0 where none are."""
     triangles = frame.join(parts)
-    return per_polygon(frame, triangles, predict(frame.points, triangles)["quads"])
+    return per_polygon(frame, triangles, predict(frame.points, triangles, frame.window)["quads"])
 
 
 class Reference(OnCpu):
@@ -65,9 +69,10 @@ class Reference(OnCpu):
     name = "reference"
     lacking = "one sample a pixel and no fragment work"
     counters: ClassVar[tuple[str, ...]] = COUNTED
+    cuts = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        predicted = predict(frame.points, triangles)
+        predicted = predict(frame.points, triangles, frame.window)
         return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
@@ -84,15 +89,19 @@ class _Filling(Drawing):
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
         self.points = frame.points
         self.triangles = triangles
+        self.window = frame.window
         self.colours = colours(frame.owner(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
-        spans.fill(self.points, self.triangles[:0], self.colours, self.picture)  # compiles
+        self._fill(self.triangles[:0])  # compiles
 
     def sample(self, repeats: int) -> Sample:
         start = time.perf_counter()
         for _ in range(repeats):
-            spans.fill(self.points, self.triangles, self.colours, self.picture)
+            self._fill(self.triangles)
         return Sample(wall=time.perf_counter() - start)
+
+    def _fill(self, triangles: Triangles) -> None:
+        spans.fill(self.points, triangles, self.colours, self.picture, self.window)
 
     def close(self) -> None:
         self.picture = np.empty((0, 0), np.uint32)

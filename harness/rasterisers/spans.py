@@ -21,6 +21,8 @@ from triangulators.compute.kernels import njit
 Points = NDArray[np.int32]
 Triangles = NDArray[np.int32]
 Edges = NDArray[np.int64]
+Window = NDArray[np.int64]
+"""First column and row, last column and row of what is drawn: `Frame.window`."""
 
 FRAGMENTS, QUADS, BLOCKS, BBOX_TESTS = range(4)
 """Columns of what `count_triangles` returns."""
@@ -37,9 +39,9 @@ def pixel_range(low: int, high: int) -> tuple[int, int]:
 
 @njit(error_model="numpy")
 def setup(
-    points: Points, triangle: NDArray[np.int32], edges: Edges
+    points: Points, triangle: NDArray[np.int32], edges: Edges, window: Window
 ) -> tuple[int, int, int, int, bool]:
-    """Prepare one triangle: its edge functions and its bounding box in pixels.
+    """Prepare one triangle: its edge functions and its bounding box in pixels of the window.
 
     Fills `edges` (3, 3): constant + per_row*y - per_column*x is an edge function at the centre
     of pixel (x, y), less 1 where the top-left rule leaves the edge itself out, so that a pixel is
@@ -51,6 +53,8 @@ def setup(
     cx, cy = np.int64(points[triangle[2], 0]), np.int64(points[triangle[2], 1])
     left, right = pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
     first, last = pixel_range(int(min(ay, by, cy)), int(max(ay, by, cy)))
+    left, right = max(left, window[0]), min(right, window[2])
+    first, last = max(first, window[1]), min(last, window[3])
     doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     if doubled == 0:
         return first, last, left, right, False
@@ -82,8 +86,8 @@ def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
 
 
 @njit(error_model="numpy")
-def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
-    """Count for each triangle what it covers and touches, (m, 4).
+def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDArray[np.int64]:
+    """Count for each triangle what it covers and touches in the window, (m, 4).
 
     Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; BLOCKS, 4x4 blocks
     with one; BBOX_TESTS, pixel centres in the bounding box.
@@ -92,7 +96,7 @@ def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
     edges = np.zeros((3, 3), np.int64)
     spans = np.zeros((4, 2), np.int64)
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges)
+        first, last, left, right, solid = setup(points, triangles[t], edges, window)
         counts[t, BBOX_TESTS] = max(0, last - first + 1) * max(0, right - left + 1)
         if not solid or left > right:
             continue
@@ -110,9 +114,9 @@ def count_triangles(points: Points, triangles: Triangles) -> NDArray[np.int64]:
 
 @njit(error_model="numpy")
 def outline_quads(
-    points: Points, triangles: Triangles, bounds: NDArray[np.int64]
+    points: Points, triangles: Triangles, bounds: NDArray[np.int64], window: Window
 ) -> NDArray[np.int64]:
-    """Count the 2x2 blocks with a pixel that each polygon covers, (p,).
+    """Count the 2x2 blocks with a pixel of the window that each polygon covers, (p,).
 
     triangles[bounds[k]:bounds[k + 1]] cover polygon k once. Blocks that several of them touch are
     told by marking them, in a picture of the polygon's bounding box.
@@ -132,12 +136,14 @@ def outline_quads(
                 low_y, high_y = min(low_y, y), max(high_y, y)
         left, right = pixel_range(int(low_x), int(high_x))
         first, last = pixel_range(int(low_y), int(high_y))
+        left, right = max(left, window[0]), min(right, window[2])
+        first, last = max(first, window[1]), min(last, window[3])
         if left > right or first > last:
             continue
         column, row = left >> 1, first >> 1
         touched = np.zeros(((last >> 1) - row + 1, (right >> 1) - column + 1), np.bool_)
         for t in range(len(own)):
-            bottom, top, west, east, solid = setup(points, own[t], edges)
+            bottom, top, west, east, solid = setup(points, own[t], edges, window)
             if not solid:
                 continue
             for line in range(bottom, top + 1):
@@ -172,12 +178,13 @@ def fill(
     triangles: Triangles,
     colours: NDArray[np.uint32],
     picture: NDArray[np.uint32],
+    window: Window,
 ) -> None:
     """Draw triangle t in `colours[t]` into `picture` (height, width), row 0 at the bottom."""
     edges = np.zeros((3, 3), np.int64)
     height, width = picture.shape
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges)
+        first, last, left, right, solid = setup(points, triangles[t], edges, window)
         if not solid:
             continue
         left, right = max(left, 0), min(right, width - 1)
@@ -193,6 +200,7 @@ def shade(
     triangles: Triangles,
     covered: NDArray[np.int64],
     helpers: NDArray[np.int64],
+    window: Window,
 ) -> None:
     """Add to each pixel of `covered` and `helpers` (height, width) the lanes run there.
 
@@ -200,7 +208,7 @@ def shade(
     """
     edges = np.zeros((3, 3), np.int64)
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges)
+        first, last, left, right, solid = setup(points, triangles[t], edges, window)
         if not solid:
             continue
         for bottom in range(first & ~1, last + 1, 2):

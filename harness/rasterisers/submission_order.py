@@ -42,6 +42,8 @@ class Ordering(Protocol):
 def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangles:
     """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
 
+    Tiles stay one after another; within each, triangles are ordered.
+
     Raises
     ------
     ValueError
@@ -52,19 +54,28 @@ def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangl
         raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
+    if frame.tiles is None:
+        array = _ordered(frame, array, options)
+    else:
+        tiles = [_ordered(frame, array[rows], options) for rows in frame.draws(array)]
+        array = np.concatenate(tiles)
+    return np.ascontiguousarray(array, np.int32)
+
+
+def _ordered(frame: Frame, array: Triangles, options: Ordering) -> Triangles:
     if options.order == "walk":
         from triangulators.geometry.order import walk
 
-        array = walk(array, len(frame.points))
-    elif options.order == "vertex-cache":
+        return walk(array, len(frame.points))
+    if options.order == "vertex-cache":
         from triangulators.geometry.vertex_cache import vertex_cache_order
 
-        array = vertex_cache_order(array, len(frame.points))
-    elif options.order == "morton":
-        array = array[np.argsort(_morton(frame, array), kind="stable")]
-    elif options.order == "shuffled":
-        array = np.random.default_rng(options.seed).permutation(array)
-    return np.ascontiguousarray(array, np.int32)
+        return vertex_cache_order(array, len(frame.points))
+    if options.order == "morton":
+        return array[np.argsort(_morton(frame, array), kind="stable")]
+    if options.order == "shuffled":
+        return np.random.default_rng(options.seed).permutation(array)
+    return array
 
 
 def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:

@@ -26,7 +26,7 @@ NUMBERS = (
 )
 TEXTS = ("reason", "scene_hash", "host")
 TABLES = ("counters", "predicted")
-FITS = ("box", "circle")
+FITS = ("box", "circle", "tile")
 USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 """Options of drawing: what older runs did not have is as these."""
 
@@ -109,7 +109,7 @@ def _is_time(value: Any) -> bool:
 _FIELDS: dict[str, Callable[[Any], bool]] = {
     **dict.fromkeys((*NAMES, *TEXTS), _is_text),
     **dict.fromkeys(NUMBERS, _is_number),
-    **dict.fromkeys(TABLES, _is_table),
+    **dict.fromkeys((*TABLES, "index"), _is_table),
     "fit": lambda value: value in FITS,
     "least": _is_least,
     "options": _is_options,

@@ -69,7 +69,8 @@ def _sizes(polygons: Sequence[Polygon]) -> NDArray[np.int64]:
 def _alone(scene: Scene, number: int) -> Scene:
     attributes = None if scene.attributes is None else scene.attributes.iloc[[number]]
     polygons = [scene.polygons[number]]
-    return replace(scene, polygons=polygons, attributes=attributes, dropped=[], repaired=[])
+    alone = replace(scene, polygons=polygons, attributes=attributes, tiling=None)
+    return replace(alone, dropped=[], repaired=[])
 
 
 def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]:

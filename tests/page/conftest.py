@@ -15,14 +15,20 @@ from harness.compare.matching import latest
 from harness.figures.polygons import columns_of
 from harness.frame import View
 from harness.measuring.plan import Plan
+from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
+from harness.page import write_profile_page
 from harness.page.page_data import KEPT
-from harness.page.result import FORMAT, VERSION
+from harness.page.result import FORMAT
+from harness.page.saved import VERSION
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
+from tests.chromium import Chromium
+from tests.measuring.test_run import inline
+from tests.page.world import measured, opened, told
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12
@@ -106,11 +112,11 @@ def result_of(run: Run) -> dict[str, Any]:
     }
 
 
-def saved_as(result: Any, file: Path) -> Path:
+def saved_as(result: Any, file: Path, kind: str = FORMAT) -> Path:
     """Write a result as the page saves it, with its digest."""
     text = json.dumps(result)
     outer = {
-        "format": FORMAT,
+        "format": kind,
         "version": VERSION,
         "sha256": hashlib.sha256(text.encode()).hexdigest(),
         "result": text,
@@ -129,3 +135,30 @@ def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
         return saved_as(result, tmp_path / "saved.json")
 
     return write
+
+
+@pytest.fixture(scope="session")
+def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page that profiles a device, whose advice looks at eight polygons."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.page.profile_data.SCENES", {"city:buildings=12": "city"})
+        patch.setattr("harness.profile.advice.POLYGONS", 8)
+        bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
+        return write_profile_page(bench, tmp_path_factory.mktemp("profile") / "profile.html")
+
+
+@pytest.fixture(scope="session")
+def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
+    """What the page measured and showed that nobody disturbed, without a GPU timer."""
+    opened(browser, profile_page, "noise: 1e-6")
+    result = measured(browser)
+    browser.resize(360, 800)
+    shown = {name: told(browser, name) for name in ("answer", "words", "thin", "terms", "traps")}
+    shown["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    shown["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
+    needed = "[...$('terms').rows].map((row) => row.cells[3].textContent)"
+    shown["needed"] = browser.evaluate(needed)
+    shown["saved"] = browser.evaluate("savedText()")
+    shown["coefficients"] = browser.evaluate("state.profile.coefficients")
+    browser.send("Emulation.clearDeviceMetricsOverride")
+    return {"result": result, **shown}

@@ -12,7 +12,8 @@ import pytest
 
 from harness.errors import UsageError
 from harness.figures.polygons import columns_of
-from harness.page.result import device_name, import_result, read_result
+from harness.page.result import import_result, read_result
+from harness.page.saved import device_name
 from harness.stored import drawings
 from harness.stored.folder import read_run
 from tests.page.conftest import ROUNDS, result_of, saved_as
@@ -417,9 +418,9 @@ def test_a_little_less_is_refused(saved, change, message):
 def test_a_file_may_be_as_large_as_the_largest(saved, monkeypatch):
     file = saved()
     size = file.stat().st_size
-    monkeypatch.setattr("harness.page.result.MOST_BYTES", size)
+    monkeypatch.setattr("harness.page.saved.MOST_BYTES", size)
     assert read_result(file)
-    monkeypatch.setattr("harness.page.result.MOST_BYTES", size - 1)
+    monkeypatch.setattr("harness.page.saved.MOST_BYTES", size - 1)
     with pytest.raises(UsageError, match="larger than any page saves"):
         read_result(file)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from harness.commands import running
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
-from harness.profile import advice, words
+from harness.profile import advice, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
 from harness.study.calibration_draws import read_coefficients
 from tests.harness.test_cli import assert_one_line
@@ -77,6 +78,34 @@ def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
     assert "A draw by itself" in out
     assert not Path("p.json").exists()
     assert Path("p.refused.json").exists()
+
+
+def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatch):
+    settings = measured.settings
+    monkeypatch.setattr(measured, "settings", lambda *given: replace(settings(*given), limit_s=0))
+    code, _, err = profiled(harness, "Charging")
+    assert code == INCONCLUSIVE
+    assert_one_line(err, "is too slow: 0 s were over after 1 of 12 parts")
+    assert "a draw of nothing took 0.02 ms" in err
+    assert "most of all" in err
+    assert not list(Path().iterdir())
+
+
+def test_fewer_parts_are_told(harness, monkeypatch):
+    monkeypatch.setattr(advice, "advise", lambda *_: None)
+    monkeypatch.setattr("harness.profile.chart.plot", lambda *_: "none")
+    measure = measured.measure
+    assert measured.settings(0.5, 126).limit_s == 126
+    assert measured.settings(0.1, 126).limit_s == measured.LIMIT_S
+
+    def brief(*given):
+        found = measure(*given)
+        return replace(found, rounds=found.rounds[:5])
+
+    monkeypatch.setattr(measured, "measure", brief)
+    code, _, err = profiled(harness, "Charging")
+    assert code == 0
+    assert "warning: the device is slow: 120 s were over after 5 of 12 parts, so" in err
 
 
 def test_what_cannot_be_profiled_is_said_in_one_line(harness):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.frame import SUBPIXEL
+from harness.frame import SUBPIXEL, WHOLE
 from harness.profile import design, placing
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import ASPECTS, Draw
@@ -46,7 +46,7 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
     for draw, _ in counted[::9]:
         if draw.kind != "twice":
             covered, helpers = np.zeros((2, SIDE, SIDE), np.int64)
-            spans.shade(draw.frame.points, draw.triangles, covered, helpers)
+            spans.shade(draw.frame.points, draw.triangles, covered, helpers, WHOLE)
             assert covered.max() <= 1, draw.name
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import UsageError
+from harness.frame import WHOLE
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.binning import TILES, count_tiles
 
@@ -23,7 +24,7 @@ corner = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
 def test_tiles_are_those_whose_inside_meets_the_triangles(corners):
     """Tiles of 16 units in a field of 64; the exact count is checked by clipping."""
     points = np.array(corners, np.int32)
-    by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16)[0]
+    by_box, exact = count_tiles(points, np.array([[0, 1, 2]], np.int32), 16, WHOLE)[0]
     triangle = Polygon(corners)
     if triangle.area == 0:
         assert (by_box, exact) == (0, 0)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from harness import doctor, rasterisers
+from harness.frame import bare_frame
 from harness.rasterisers.opengl import egl, osmesa
 
 
@@ -24,6 +28,47 @@ def test_what_works_here_is_reported_with_its_figures(findings):
     assert ".json" in findings["EGL vendor files"].detail
     assert "million bounding-box pixels a second" in findings["reference"].detail
     assert any(name.startswith("bounding-box on") for name in findings)
+
+
+def test_what_a_devices_own_counters_mean_is_told(findings):
+    """llvmpipe calls every lane of a 4x4 block an invocation; softpipe the covered pixels."""
+    llvmpipe = findings["opengl on llvmpipe"].detail
+    assert "its own statistics count neither pixels nor lanes: 1.28 a pixel" in llvmpipe
+    assert "with 4 samples it shades once a pixel" in llvmpipe
+    softpipe = findings["opengl on softpipe"].detail
+    assert "its own statistics count covered pixels alone" in softpipe
+    assert "samples" not in softpipe
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [(900, ["pixels alone"]), (1200, ["helper lanes, too"]), (1800, ["2.00 a pixel"])],
+)
+def test_statistics_are_of_pixels_of_lanes_or_of_neither(told, words):
+    counted = {"driver_fragment_invocations": told, "fragments": 900, "quads": 300}
+    drawn = {name: np.array([value]) for name, value in counted.items()}
+    (sentence,) = doctor._statistics(drawn)
+    assert all(word in sentence for word in words)
+    del drawn["driver_fragment_invocations"]
+    assert doctor._statistics(drawn) == []
+
+
+def test_a_device_that_shades_each_sample_is_told():
+    points = np.array([[0, 0], [2048, 0], [2048, 2048], [0, 2048]], np.int32)
+    layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    for most, told in ((1, []), (4, ["with 4 samples it shades once a sample"])):
+        opened = SimpleNamespace(
+            supports=lambda options: True,
+            device=SimpleNamespace(details={"max_samples": most}),
+            count=lambda frame, triangles, options: {"hits": np.array([64 * options.samples])},
+        )
+        assert doctor._multisampling(opened, bare_frame(8, points, 4), layer) == told
+
+
+def test_a_timers_step_is_what_all_its_times_are_multiples_of():
+    assert doctor._step([3e-4, 5e-4, 12.3e-3]) == pytest.approx(1e-4)
+    assert doctor._step([1.001e-6, 2.003e-6]) == pytest.approx(1e-9)
+    assert doctor._step([0.0, 0.0]) == pytest.approx(1e-9)
 
 
 def test_whatever_is_not_in_order_comes_with_a_fix(findings):

@@ -102,8 +102,10 @@ def test_every_repeat_is_drawn(llvmpipe, native, loose, monkeypatch, software, c
     with llvmpipe.prepare(frame, triangles, native) as drawing:
         drawing.software = software
         drawn = []
-        draw = drawing.mesh.draw
-        monkeypatch.setattr(drawing.mesh, "draw", lambda n=1: [drawn.append(n), draw(n)])
+        draw = drawing.mesh.draw_rows
+        monkeypatch.setattr(
+            drawing.mesh, "draw_rows", lambda rows, n=1: [drawn.append(n), draw(rows, n)]
+        )
         assert drawing.sample(10).wall > 0
     assert drawn == calls
 

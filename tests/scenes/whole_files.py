@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import tempfile
 import warnings
@@ -11,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pyogrio
 import shapely
+from pmtiles.tile import Compression
 
 from scenes import SceneError, load
+from scenes.tiles.archive import Place
 from tests.scenes.conftest import assert_sound
 
 COUNT = 24
@@ -29,7 +32,8 @@ _BY_GDAL = (
 )
 _MODELS = ("obj", "ply", "off", "stl", "glb", "gltf")
 _OTHERS = ("parquet", "wkt", "wkb", "svg", "city.json", "city.jsonl")
-KINDS = (*_BY_GDAL, *_MODELS, *_OTHERS)
+_TILES = ("mvt", "mvt.gz", "pmtiles", "mbtiles")
+KINDS = (*_BY_GDAL, *_MODELS, *_OTHERS, *_TILES)
 
 _MAIN = {"shx": "shp", "dbf": "shp", "mid": "mif", "map": "tab", "dat": "tab", "id": "tab"}
 """Of files that belong to another one, which."""
@@ -74,6 +78,8 @@ def _write(path: Path) -> None:
             pyogrio.raw.write(path, wkb, fields, names, geometry_type="Polygon", **options)
     elif kind in _MODELS:
         _write_model(path, kind)
+    elif kind in _TILES:
+        _write_tiles(path, kind)
     elif kind == "parquet":
         geoparquet(path, BOXES, crs=PLANAR)
     elif kind == "wkb":
@@ -119,6 +125,20 @@ def _write_model(path: Path, kind: str) -> None:
     trimesh.Trimesh(vertices, triangles, process=False).export(path)
 
 
+def _write_tiles(path: Path, kind: str) -> None:
+    """All boxes in one tile, or each in a tile of its own."""
+    from tests.scenes.test_tiles import archives, encoded
+
+    if kind in ("mvt", "mvt.gz"):
+        tile = encoded(BOXES)
+        path.write_bytes(gzip.compress(tile) if kind == "mvt.gz" else tile)
+        return
+    tiles = {Place(5, 3, 2 + i): gzip.compress(encoded([box])) for i, box in enumerate(BOXES)}
+    with tempfile.TemporaryDirectory() as folder:
+        written = archives(Path(folder), tiles, Compression.GZIP)[kind]
+        path.write_bytes(Path(written).read_bytes())
+
+
 def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
     """What reading a file gives whose bytes are these; raises AssertionError where too little is.
 
@@ -131,7 +151,8 @@ def outcome(kind: str, damaged: bytes, length: int | None = None) -> str:
             Path(folder, name).write_bytes(damaged if name == f"a.{kind}" else content)
         path = Path(folder, f"a.{_MAIN.get(kind, kind)}")
         try:
-            scene = load(path, project=False)
+            tiles = kind in _TILES
+            scene = load(f"{path}:tiles=99") if tiles else load(path, project=False)
         except SceneError as error:
             refusal = str(error)
             assert refusal.isprintable()

@@ -163,6 +163,7 @@ class Drawing {
     this.indices = rows.length;
     const view = new ArrayBuffer(16);
     new Float32Array(view).set([256 * frame.size, 256 * frame.size]);
+    new Uint32Array(view)[2] = frame.work ?? 0;
     this.buffers = [
       painter.buffer(frame.points, GPUBufferUsage.VERTEX),
       painter.buffer(frame.owner, GPUBufferUsage.VERTEX),

@@ -7,7 +7,9 @@ function median(values) {
   return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 }
 
-const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+const sum = (values) => values.reduce((total, value) => total + value, 0);
+const mean = (values) => sum(values) / values.length;
+const range = (size) => Array.from({ length: size }, (_, k) => k);
 
 /* By how much a log ratio moves from one run to the next, beyond what its rounds show. */
 const RUN_SCATTER = 0.003;
@@ -20,9 +22,35 @@ function student(freedom) {
     + (3 * z ** 7 + 19 * z ** 5 + 17 * z ** 3 - 15 * z) / (384 * freedom ** 3);
 }
 
+/* The mean of independent values and the ends of Student's 95 % interval of it. */
+function studentInterval(values) {
+  const middle = mean(values), freedom = values.length - 1;
+  const reach = student(freedom) * Math.sqrt(sum(values.map((value) => (value - middle) ** 2)) / freedom / values.length);
+  return [middle, middle - reach, middle + reach];
+}
+
+/* Ends of the studentised bootstrap's 95 % interval of the mean of values: see harness/figures/intervals.py. */
+const TAIL = 0.02, STUDENTISED = 1999;
+
+function meanInterval(values, random = Math.random) {
+  const told = (some) => {
+    const middle = mean(some);
+    return [middle, Math.sqrt(sum(some.map((value) => (value - middle) ** 2)) / (some.length - 1))];
+  };
+  const [middle, error] = told(values);
+  if (values.length < 6 || !error) return [NaN, NaN];
+  const distances = range(STUDENTISED).map(() => {
+    const [own, apart] = told(values.map(() => values[Math.floor(random() * values.length)]));
+    return (own - middle) / apart || 0;
+  }).sort((p, q) => p - q);
+  const [low, high] = [TAIL, 1 - TAIL].map((share) => distances[Math.ceil(share * STUDENTISED) - 1]);
+  return [middle - high * error, middle - low * error];
+}
+
 /* Ratio of `samples` to `base`, round by round: the mean over epochs of their medians of logarithms, with
-   Student's interval for as many independent values as there are epochs, in which another run may find it, too. */
-function pairedRatio(samples, base, epochs) {
+   Student's interval for as many independent values as there are epochs, in which another run may find it, too;
+   of this run alone with a scatter of 0. */
+function pairedRatio(samples, base, epochs, scatter = RUN_SCATTER) {
   const logs = samples.map((sample, round) => Math.log(sample / base[round]));
   const medians = [];
   let start = 0;
@@ -35,7 +63,7 @@ function pairedRatio(samples, base, epochs) {
   const freedom = medians.length - 1;
   const variance = medians.reduce((sum, value) => sum + (value - middle) ** 2, 0) / freedom;
   const own = freedom > 0 ? student(freedom) * Math.sqrt(variance / medians.length) : Infinity;
-  const reach = Math.hypot(own, NORMAL * RUN_SCATTER);
+  const reach = Math.hypot(own, NORMAL * scatter);
   return { value: Math.exp(middle), low: Math.exp(middle - reach), high: Math.exp(middle + reach) };
 }
 

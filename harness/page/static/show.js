@@ -1,16 +1,10 @@
 "use strict";
 /* What people see: numbers, the ranking of each view, predicted against measured. */
 
-const state = { page: null, result: null, running: false, stop: false, dark: false };
-
-const count = (value) => Math.round(value).toLocaleString("en-GB");
-const digits = (value, wanted = 3) => (value >= 1000 ? count(value) : value.toPrecision(wanted));
 const conditionOf = (view) => `${view.resolution} px${view.rotation ? `, turned ${view.rotation}°` : ""}`;
 const colourOf = (name) => state.page.looks[name][state.dark ? "dark" : "colour"];
 const AGAIN = "(the base again)";
 const FEWEST_EPOCHS = 4;
-
-const sum = (values) => values.reduce((total, value) => total + value, 0);
 
 /* Helper lanes of a case: 4 lanes a quad, less those that cover something. */
 const helpersOf = (counters) => 4 * sum(counters.quads) - sum(counters.fragments);
@@ -98,7 +92,7 @@ function drawCharts() {
 
 /* The sentence that says what came out. */
 function answerOf(result) {
-  const name = result.device.description || [result.device.vendor, result.device.architecture].filter(Boolean).join(" ") || "this device";
+  const name = deviceName(result, "this device");
   const view = result.views.find((each) => each.times && rankedOf(each).some((row) => row.ratio && row.complete));
   const differing = sum(result.views.flatMap((each) => Object.values(each.cases)).map((each) => each.differing));
   const counted = differing ? `Counters differ from the expected ones in ${count(differing)} polygons.` : "All counters are the expected ones.";
@@ -108,15 +102,6 @@ function answerOf(result) {
   const { value, low, high } = best.ratio;
   return `On ${name}, the same polygons at ${conditionOf(view)} take ${value.toFixed(2)} (${low.toFixed(2)} to ${high.toFixed(2)}) of the time `
     + `when triangulated by ${best.name} rather than by ${state.page.base}. ${counted}`;
-}
-
-function showDevice(result) {
-  const { device, timer } = result;
-  const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not told by the browser"],
-    ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${timer.resolution_s < 1e-6 ? `${digits(timer.resolution_s * 1e9, 2)} ns` : `${digits(timer.resolution_s * 1e6, 3)} µs`}` : "not tested yet"],
-    ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than ours of 1/256: the polygons were moved to it first" : ""}` : "not known yet"],
-    ["Largest viewport", `${count(device.limits.maxTextureDimension2D)} px`]];
-  $("device").replaceChildren(...facts.flatMap(([term, what]) => [element("dt", {}, term), element("dd", {}, what)]));
 }
 
 function show() {

@@ -65,6 +65,8 @@ async function selfTest(big, nothing) {
 /* How many draws make a batch last `batch` seconds, and the seconds of one; draws until times are stable. */
 async function warmUp(drawing, batch, limit, timer) {
   const deadline = timing.clock() + limit;
+  // What the very first draw takes longer would pass for a whole batch.
+  await drawing.sample(1);
   let repeats = 1;
   let seconds = secondsOf(await drawing.sample(repeats), timer);
   while (seconds < batch && repeats < MOST_REPEATS) {
@@ -89,11 +91,16 @@ async function warmUp(drawing, batch, limit, timer) {
 /* Time all drawings together.
 
    prepare(order) gives up what there is and returns a Map of fresh drawings, in that order of making;
-   settings : {budget_s, min_batch_s, warm_up_s}; told(share) hears how much is done, from 0 to 1;
+   settings : {budget_s, min_batch_s, warm_up_s}, and may have {paired}: whether all are drawn equally often a batch;
+   {limit_s}: what ends it however few rounds there are; {away}: a promise of the seconds for which nobody looked, asked
+   after each round, which does not count then; told(share) hears how much is done, from 0 to 1;
    stopped() ends it after the round under way. Fills found.times, {name: {repeats, samples_s}}, and found.epochs,
    rounds of each, as it goes. */
 async function timeTogether(names, prepare, settings, test, told, stopped, found, random = Math.random) {
-  const start = timing.clock();
+  const { paired = true, limit_s = Infinity, away = () => 0 } = settings;
+  let gone = 0;
+  const now = () => timing.clock() - gone;
+  const start = now();
   // Browsers take milliseconds to ask and to answer: a batch shorter than that would waste the budget.
   const batch = Math.max(settings.min_batch_s, 100 * test.resolution_s, 3 * test.asking_s);
   const budget = settings.budget_s * names.length;
@@ -104,38 +111,46 @@ async function timeTogether(names, prepare, settings, test, told, stopped, found
     const [repeats, seconds] = await warmUp(drawings.get(name), batch, settings.warm_up_s, test.timer);
     times[name] = { repeats, samples_s: [] };
     drawn[name] = seconds;
-    told(Math.min(0.3, (timing.clock() - start) / budget));
-    if (stopped()) return;
+    told(Math.min(0.3, (now() - start) / budget));
+    gone += await away();
+    if (stopped() || now() - start > limit_s) return;
   }
   const compared = names.filter((name) => name !== EMPTY && name !== REFERENCE);
   const most = Math.max(...compared.map((name) => times[name].repeats));
-  for (const name of compared) {
+  for (const name of paired ? compared : []) {
     const fits = Math.floor((LONGEST_BATCH * batch) / Math.max(drawn[name], 1e-12));
     times[name].repeats = Math.min(most, Math.max(times[name].repeats, fits));
   }
-  const begun = timing.clock();
+  const begun = now();
   const epoch = Math.max(0, start + budget - begun) / EPOCHS;
+  // A slow device has time for few rounds, and most is told by those of different epochs.
+  const round = sum(names.map((name) => drawn[name] * times[name].repeats));
+  const least = EPOCHS * (EPOCH_ROUNDS + 1) * round > limit_s - (begun - start) ? 1 : EPOCH_ROUNDS;
   let until = begun + epoch;
   const order = [...names];
   for (;;) {
-    if (epochs.at(-1) >= EPOCH_ROUNDS && timing.clock() >= until) {
+    if (epochs.at(-1) >= least && now() >= until) {
       if (epochs.length >= EPOCHS && times[names[0]].samples_s.length >= MIN_ROUNDS) break;
       shuffle(order, random);
       drawings = await prepare(order);
       for (const name of order) await drawings.get(name).sample(1);
       epochs.push(0);
-      until = Math.max(until + epoch, timing.clock());
+      until = Math.max(until + epoch, now());
     }
     shuffle(order, random);
-    const round = {};
+    const seconds = {};
     for (const name of order) {
       const { repeats } = times[name];
-      round[name] = secondsOf(await drawings.get(name).sample(repeats), test.timer) / repeats;
+      seconds[name] = secondsOf(await drawings.get(name).sample(repeats), test.timer) / repeats;
     }
+    const unseen = await away();
+    gone += unseen;
     // A round is kept whole or not at all.
-    for (const name of names) times[name].samples_s.push(round[name]);
-    epochs[epochs.length - 1] += 1;
-    told(Math.min(1, (timing.clock() - start) / budget));
-    if (stopped()) break;
+    if (!unseen) {
+      for (const name of names) times[name].samples_s.push(seconds[name]);
+      epochs[epochs.length - 1] += 1;
+    }
+    told(Math.min(1, (now() - start) / budget));
+    if (stopped() || now() - start > limit_s) break;
   }
 }

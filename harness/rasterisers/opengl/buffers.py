@@ -22,6 +22,9 @@ class Upload:
     def __init__(self, owner: Context, frame: Frame, triangles: Triangles) -> None:
         self.owner = owner
         self.size = (frame.width, frame.height)
+        self.scissor = frame.scissor
+        self.draws = frame.draws(triangles)
+        self.window = tuple(frame.window.tolist())
         self.triangles = len(triangles)
         numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
         self.points = owner.buffer(np.ascontiguousarray(frame.points, np.int32))
@@ -52,11 +55,18 @@ class BoundMesh:
         framebuffer = self.target.framebuffer
         framebuffer.use()
         framebuffer.viewport = (0, 0, *self.upload.size)
+        framebuffer.scissor = self.upload.scissor  # type: ignore[assignment]
         self.program["size"] = tuple(SUBPIXEL * side for side in self.upload.size)
 
     def draw(self, instances: int = 1) -> None:
-        """Submit the triangles, `instances` times in one call."""
-        self.vertices.render(vertices=3 * self.upload.triangles, instances=instances)
+        """Submit the triangles, `instances` times in one call for each tile."""
+        for rows in self.upload.draws:
+            self.draw_rows(rows, instances)
+
+    def draw_rows(self, rows: slice, instances: int = 1) -> None:
+        """Submit some of the triangles, `instances` times in one call."""
+        count = 3 * (rows.stop - rows.start)
+        self.vertices.render(vertices=count, first=3 * rows.start, instances=instances)
 
     def close(self) -> None:
         """Free the buffers."""

@@ -36,6 +36,7 @@ class BoundingBox(GLRasteriser):
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
     source: ClassVar[str] = "bounding_box.comp"
+    cuts = True
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -124,6 +125,7 @@ class _Jobs:
         for binding, buffer in enumerate(buffers):
             buffer.bind_to_storage_buffer(binding)
         program["number"] = self.number
+        program["window"] = upload.window
         columns = min(self.number, MAX_GROUPS)
         program.run(columns, -(-self.number // columns))
 

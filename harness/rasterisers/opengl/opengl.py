@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import cycle
 from typing import ClassVar
 
 import numpy as np
@@ -35,6 +36,7 @@ class OpenGL(GLRasteriser):
 
     name = "opengl"
     shades = True
+    cuts = True
     counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
 
     def __init__(self, device: Device) -> None:
@@ -95,11 +97,13 @@ class OpenGL(GLRasteriser):
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
         target = self.context.target(frame.width, frame.height, options.samples)
+        target.framebuffer.scissor = None  # type: ignore[assignment]
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
         with BoundMesh(self.context, self._draw, target, frame, triangles) as mesh:
             mesh.program["work"] = options.work
             mesh.bind()
             mesh.draw()
+        target.framebuffer.scissor = None  # type: ignore[assignment]
         source = target
         if options.samples > 1:
             source = self.context.target(frame.width, frame.height)
@@ -121,13 +125,19 @@ class _Timed(Drawing):
 
         A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
         software rasteriser gets one call each and a flush: it collects a frame before it draws,
-        and would leave out tiles of one draw that a later one covers.
+        and would leave out tiles of one draw that a later one covers. So each map tile is a call
+        of its own there, too.
         """
-        calls, instances = (repeats, 1) if self.software else (1, repeats)
         self.context.activate()
         self.mesh.program["work"] = self.work
         self.mesh.bind()
-        return self.context.timed(calls, partial(self.mesh.draw, instances), self.context.flush)
+        if not self.software:
+            return self.context.timed(1, partial(self.mesh.draw, repeats), self.context.flush)
+        draws = self.mesh.upload.draws
+        following = cycle(draws)
+        return self.context.timed(
+            repeats * len(draws), lambda: self.mesh.draw_rows(next(following)), self.context.flush
+        )
 
     def close(self) -> None:
         self.mesh.close()

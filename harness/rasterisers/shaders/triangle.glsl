@@ -16,6 +16,7 @@ layout(binding = 0, r32ui) writeonly uniform uimage2D picture;
 #endif
 
 uniform int number;  // of jobs
+uniform ivec4 window;  // first column and row, last column and row of what is drawn
 
 // constant + per_row * y - per_column * x is an edge function at the centre of pixel (x, y), less
 // 1 where the top-left rule leaves the edge itself out: inside is what is not negative.
@@ -66,8 +67,8 @@ Triangle load(ivec4 part) {
     ivec2 c = points[indices[start + 2]];
     Triangle t;
     t.polygon = polygons[indices[start]];
-    t.first = ivec2(first_pixel(min(a, min(b, c))).x, part.y);
-    t.last = ivec2(last_pixel(max(a, max(b, c))).x, part.z);
+    t.first = max(ivec2(first_pixel(min(a, min(b, c))).x, part.y), window.xy);
+    t.last = min(ivec2(last_pixel(max(a, max(b, c))).x, part.z), window.zw);
     int64_t doubled = area(a, b, c);
     t.solid = doubled != 0L;
     if (doubled < 0L) {

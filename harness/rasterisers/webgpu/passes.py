@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,8 +76,9 @@ class Timed(Drawing):
         group: Any,
         target: Target,
         buffers: Mapping[str, Any],
-        indices: int,
+        draws: Sequence[slice],
         *,
+        scissor: tuple[int, int, int, int],
         one_pass: bool,
         period_ns: float | None,
     ) -> None:
@@ -87,7 +88,8 @@ class Timed(Drawing):
         self._pipeline = pipeline
         self._group = group
         self._buffers = buffers
-        self._indices = indices
+        self._draws = draws
+        self._scissor = scissor
         self._period_ns = period_ns
         if period_ns is not None:
             self._queries = device.create_query_set(type="timestamp", count=2)
@@ -100,10 +102,11 @@ class Timed(Drawing):
         triangles before they shade, and leave out what a later one hides: each draw is submitted
         by itself there.
         """
-        passes, instances = (1, repeats) if self.one_pass else (repeats, 1)
+        instances = repeats if self.one_pass else 1
+        passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
         commands = [
-            self._encode(instances, first=number == 0, last=number == passes - 1)
-            for number in range(passes)
+            self._encode(draws, instances, first=number == 0, last=number == len(passes) - 1)
+            for number, draws in enumerate(passes)
         ]
         start = time.perf_counter()
         for command in commands:
@@ -115,8 +118,8 @@ class Timed(Drawing):
         begin, end = np.frombuffer(self._device.queue.read_buffer(self._answers), np.uint64)
         return Sample(wall=wall, gpu=(int(end) - int(begin)) * self._period_ns * 1e-9)
 
-    def _encode(self, instances: int, *, first: bool, last: bool) -> Any:
-        """Return one draw's commands, with a timestamp before the first and after the last."""
+    def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
+        """Return one pass's commands, with a timestamp before the first and after the last."""
         encoder = self._device.create_command_encoder()
         stamps: dict[str, Any] = {}
         if self._period_ns is not None and (first or last):
@@ -129,7 +132,9 @@ class Timed(Drawing):
             render.set_vertex_buffer(0, self._buffers["points"])
             render.set_vertex_buffer(1, self._buffers["polygons"])
             render.set_index_buffer(self._buffers["indices"], "uint32")
-            render.draw_indexed(self._indices, instances)
+            render.set_scissor_rect(*self._scissor)
+            for rows in draws:
+                render.draw_indexed(3 * (rows.stop - rows.start), instances, 3 * rows.start)
         if stamps and last:
             encoder.resolve_query_set(self._queries, 0, 2, self._answers, 0)
         return encoder.finish()

@@ -63,6 +63,7 @@ class WebGPU(Rasteriser):
     shades = True
     lacking = "one sample a pixel"
     counters: ClassVar[tuple[str, ...]] = COUNTED
+    cuts = True
     known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "warp")
 
     @classmethod
@@ -165,6 +166,8 @@ class WebGPU(Rasteriser):
             render.set_pipeline(self._tally)
             render.set_bind_group(0, group)
             render.set_vertex_buffer(0, triangles)
+            if frame.scissor is not None:
+                render.set_scissor_rect(*frame.scissor)
             render.draw(3, len(part))
         self._device.queue.submit([encoder.finish()])
         found = np.frombuffer(self._device.queue.read_buffer(counts), np.uint32).copy()
@@ -206,7 +209,8 @@ class WebGPU(Rasteriser):
             self._group(self._draw, buffers["view"]),
             self._target(frame),
             buffers,
-            3 * len(triangles),
+            frame.draws(triangles),
+            scissor=frame.scissor or (0, 0, frame.width, frame.height),
             one_pass=not self.device.software and _is_immediate(self.device.details),
             period_ns=self._period_ns if self._has_timer else None,
         )

@@ -9,6 +9,7 @@ import json
 import shutil
 import tempfile
 import time
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,15 @@ class Heard(io.StringIO):
         self._last = time.monotonic()
         return super().write(text)
 
+    def require_heard(self, arguments: Sequence[str]) -> None:
+        """Raise `Silent` if it was silent for too long."""
+        if self.silent_s >= SILENT_S:
+            raise Silent(f"said nothing for {self.silent_s:.0f} s: {arguments}")
+
+
+class Silent(AssertionError):  # noqa: N818 - says what happened
+    """A command said nothing for too long."""
+
 
 def command(*arguments: str) -> tuple[int, str]:
     """Run a command; return its exit code and what it wrote to standard error."""
@@ -75,7 +85,7 @@ def command(*arguments: str) -> tuple[int, str]:
         code = exit_code(*arguments)
     text = err.getvalue()
     err.write("")  # its end is heard, too
-    assert err.silent_s < SILENT_S, f"said nothing for {err.silent_s:.0f} s: {arguments}"
+    err.require_heard(arguments)
     return code, text
 
 

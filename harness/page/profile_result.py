@@ -1,0 +1,179 @@
+"""Reads what a profiling page saved, and computes anew what the page computed.
+
+Its draws are made again, and their counters counted again; the law is fitted to the samples that
+it saved. So nothing of it is believed but the times, and what contradicts them is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, StringConstraints
+from pydantic import model_validator as validator
+
+from harness.errors import UsageError
+from harness.figures.ratios import FEWEST_EPOCHS
+from harness.measuring.timing import EMPTY, Times
+from harness.page import saved
+from harness.page.saved import Finite, Part, Share, Text, Whole
+from harness.profile import design, measured
+from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.design import DESIGN, Draw
+from harness.profile.measured import CONTROL
+from harness.profile.profile import profile
+
+FORMAT = "raster-harness device profile"
+
+LIKE = 0.02
+"""By which what the page's law says of a draw and what ours says may differ: both fit until no
+time changes by 1e-4."""
+
+Count = Annotated[int, Field(ge=0, le=2**31)]
+
+
+class _Page(Part):
+    harness: Text
+    design: Whole
+    seed: Annotated[int, Field(ge=0, lt=2**53)]
+
+
+class _Draw(Part):
+    checksum: Whole
+    fragments: Whole
+    quads: Whole
+
+
+class _Law(Part):
+    seconds: dict[Annotated[str, StringConstraints(max_length=50)], Share]
+    r2_over: Finite
+    r2_within: Finite
+
+
+class Result(saved.Measured):
+    """What a page saved that profiled its device."""
+
+    format: Literal["raster-harness device profile"]
+    page: _Page
+    draws: Annotated[list[_Draw], Field(min_length=1, max_length=1000)]
+    differing: Whole
+    limited: bool
+    times: dict[Annotated[str, StringConstraints(max_length=20)], saved.Times] | None
+    epochs: Annotated[list[Count], Field(max_length=10_000)]
+    law: _Law | None
+
+    @validator(mode="after")
+    def _agrees(self) -> Self:
+        """Whether all were timed in the same rounds."""
+        if any(not each.fragments / 4 <= each.quads <= each.fragments for each in self.draws):
+            raise ValueError("quads of fewer than one pixel, or more than four")
+        times = self.times or {}
+        if {len(each.samples_s) for each in times.values()} - {sum(self.epochs)}:
+            raise ValueError("its times are not of the same rounds")
+        if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
+            raise ValueError("a draw took no time")
+        return self
+
+
+class Imported(NamedTuple):
+    """A profile's content, but for its advice; why its times cannot be trusted, or ""; warnings."""
+
+    content: dict[str, Any]
+    trouble: str
+    warnings: list[str]
+
+
+def import_profile(file: Path, result: Result, name: str) -> Imported:
+    """Return the profile that a page's result tells, computed anew.
+
+    name : of the device
+
+    Raises
+    ------
+    UsageError
+        if the result contradicts itself, or tells too little
+    """
+    page = result.page
+    if page.design != DESIGN:
+        raise UsageError(
+            f"{file}: its draws are of design {page.design}, not {DESIGN}: make the page anew"
+        )
+    step = result.device.step or 1
+    draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
+    _refuse_other_draws(file, result, draws)
+    epochs = [rounds for rounds in result.epochs if rounds]
+    names = [str(number) for number in range(len(draws))]
+    if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
+        raise UsageError(
+            f"{file}: the page was ended after {len(epochs)} of at least {FEWEST_EPOCHS} epochs, "
+            "which tell no law; measure again"
+        )
+    if set(result.times) != {*names, EMPTY, CONTROL}:
+        raise UsageError(f"{file}: not all of its {len(draws)} draws were timed, or others were")
+    times = {
+        each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
+    }
+    found = measured.of_times(times, names)
+    content, law = profile(draws, found, _facts(result, name), page.seed)
+    _refuse_other_law(file, result, content, law.seconds)
+    return Imported(content, found.trouble, _warnings(result))
+
+
+def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
+    """What was drawn and counted must be the design's, and differ from it as the page says."""
+    told = [each.checksum for each in result.draws]
+    own = [draw.checksum for draw in draws]
+    if told != own[: len(told)] or (result.times and len(told) != len(own)):
+        raise UsageError(f"{file}: its draws are not those of seed {result.page.seed}")
+    exact = [counters(draw) for draw in draws[: len(told)]]
+    differing = sum(
+        (each.fragments, each.quads) != (known["fragments"], known["quads"])
+        for each, known in zip(result.draws, exact, strict=True)
+    )
+    if differing != result.differing:
+        raise UsageError(
+            f"{file}: its counters differ from the exact reference in {differing} draws, not in "
+            f"{result.differing}, as it says"
+        )
+
+
+def _refuse_other_law(
+    file: Path, result: Result, content: Mapping[str, Any], seconds: NDArray[np.float64]
+) -> None:
+    """The law that the page showed must say the same of each draw as the one of its times."""
+    if result.law is None:
+        return
+    if list(result.law.seconds) != list(TERMS):
+        raise UsageError(f"{file}: its law has other terms")
+    rows = design_of([each["counters"] for each in content["times"]])
+    shown = rows @ np.array([result.law.seconds[name] for name in TERMS])
+    if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
+        raise UsageError(f"{file}: the law that it shows is not that of its times")
+
+
+def _facts(result: Result, name: str) -> dict[str, Any]:
+    told = result.device
+    words = f"{told.architecture} {told.description}".lower()
+    assert result.timer is not None
+    return {
+        "rasteriser": "webgpu",
+        "name": name,
+        "software": told.fallback or "swiftshader" in words,
+        "cpu": "",
+        "browser": result.browser,
+        "created": result.started,
+        "details": told.model_dump(),
+        "timer": result.timer.model_dump(),
+    }
+
+
+def _warnings(result: Result) -> list[str]:
+    found = saved.warnings_of(result)
+    if result.limited:
+        found.append("the device is slow: the page's time limit left epochs out")
+    if result.differing:
+        found.append(f"counters differ from the exact reference in {result.differing} draws")
+    return [*found, *saved.warnings_of_grid(result.device, "draws")]

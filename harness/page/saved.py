@@ -1,0 +1,172 @@
+"""What measuring pages save, as far as it is the same: the digest, the device, timers and times.
+
+The files come from anywhere, so nothing in them is believed before it is checked.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from harness.errors import UsageError
+from harness.frame import SUBPIXEL
+from harness.page.device_summaries import browser
+from harness.stored.folder import file_stem
+
+VERSION = 1
+MOST_BYTES = 256 * 2**20
+
+Text = Annotated[str, StringConstraints(max_length=500)]
+Long = Annotated[str, StringConstraints(max_length=10_000)]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
+Whole = Annotated[int, Field(ge=0, le=2**53)]
+Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
+
+
+class Part(BaseModel):
+    """A part of a result, of which no field may lack or be another."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class Limits(Part):
+    """Of an adapter."""
+
+    maxTextureDimension2D: Whole  # noqa: N815 - WebGPU's own names
+    maxBufferSize: Whole  # noqa: N815
+    maxStorageBufferBindingSize: Whole  # noqa: N815
+
+
+class Device(Part):
+    """What a browser tells of its GPU; step : of its grid, in 1/256 px."""
+
+    vendor: Text
+    architecture: Text
+    device: Text
+    description: Text
+    timer: bool
+    step: Literal[1, 2, 4, 8, 16] | None
+    fallback: bool
+    limits: Limits
+
+
+class Timer(Part):
+    """What the self-test of `timing.js` found."""
+
+    timer: Literal["gpu", "wall"]
+    asking_s: Share
+    wall_s: Seconds
+    gpu_s: Share | None
+    resolution_s: Seconds
+    reason: Text
+
+
+class Times(Part):
+    """Seconds of one draw, one a round."""
+
+    repeats: Annotated[int, Field(ge=1, le=2**20)]
+    samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
+
+
+class Measured(Part):
+    """What all results have."""
+
+    version: Literal[1]
+    started: Text
+    ended: Text
+    browser: Text
+    device: Device
+    timer: Timer | None
+    budget_s: Seconds
+    complete: bool
+    problem: Long | None
+    hidden: bool
+
+
+def read_saved(file: Path, formats: Collection[str]) -> tuple[str, bytes]:
+    """Return which of `formats` a file that a page saved has, and the result as JSON.
+
+    Raises
+    ------
+    UsageError
+        if it cannot be read, is damaged, or is not what a page saves
+    """
+    try:
+        size = file.stat().st_size
+        if not file.is_file():
+            raise UsageError(f"{file}: a folder, pipe or device, not a file that a page saved")
+        if size > MOST_BYTES:
+            raise UsageError(f"{file}: larger than any page saves ({MOST_BYTES >> 20} MiB)")
+        outer = json.loads(file.read_bytes())
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{file}: not a file that a measuring page saved (no JSON)") from error
+    if not isinstance(outer, dict) or outer.get("format") not in formats:
+        raise UsageError(f"{file}: not a file that a measuring page saved")
+    if outer.get("version") != VERSION:
+        raise UsageError(f"{file}: saved by another version of the page; update raster-harness")
+    text = outer.get("result")
+    try:
+        content = text.encode() if isinstance(text, str) else b""
+    except UnicodeEncodeError:
+        content = b""
+    if hashlib.sha256(content).hexdigest() != outer.get("sha256"):
+        raise UsageError(f"{file}: damaged since the page saved it; save or copy it again")
+    return outer["format"], content
+
+
+Model = TypeVar("Model", bound=Part)
+
+
+def checked(kind: type[Model], content: bytes, file: Path) -> Model:
+    """Return a result whose shape, sizes and ranges are those of its kind.
+
+    Raises
+    ------
+    UsageError
+        if they are not
+    """
+    try:
+        return kind.model_validate_json(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        raise UsageError(f"{file}: {where or 'result'}: {what}") from error
+
+
+def device_name(result: Measured) -> str:
+    """Return a name for the device, such as apple-metal-3-safari, of what the browser told."""
+    told = result.device
+    words = told.description or " ".join(filter(None, [told.vendor, told.architecture]))
+    parts = [file_stem(words.lower()).strip("-._") or "unnamed-gpu", browser(result.browser)[0]]
+    return "-".join(part for part in parts if part)
+
+
+def warnings_of(result: Measured) -> list[str]:
+    """Return what went wrong on the page."""
+    found = []
+    if result.problem:
+        found.append(f"the page told of a problem: {' '.join(result.problem.split())}")
+    if not result.complete:
+        found.append("the page was stopped before it had measured everything")
+    if result.hidden:
+        found.append("the page was hidden for a while, in which browsers slow it down")
+    return found
+
+
+def warnings_of_grid(device: Device, moved: str) -> list[str]:
+    """Return what is unlike ours in how a device rasterises; moved : what it drew elsewhere."""
+    if device.step is None:
+        return ["the device rasterises by another rule than ours, on any grid"]
+    if device.step == 1:
+        return []
+    return [f"the device snaps to 1/{SUBPIXEL // device.step} px: {moved} were moved there"]

@@ -1,0 +1,112 @@
+"use strict";
+/* What follows from a profile's times: seconds of each draw, time against aspect, which criterion to triangulate by. As
+   harness/profile/measured.py, aspects.py and advice.py have it; only the device's own optimum is left to Python. */
+
+const CONTROL = "(control)";
+const MOST_DRIFT = 1.5, MOST_APART = 0.03, LEAST_R2 = 0.8, LEAST_EPOCHS = 4;
+
+/* Places of the rounds of each epoch that has any: [first, last] */
+function epochsOf(result) {
+  let at = 0;
+  return result.epochs.map((rounds) => [at, (at += rounds)]).filter(([first, last]) => last > first);
+}
+
+/* Seconds of each draw in each epoch, with the machine's speed, which all draws of a round share, made equal. */
+function measuredOf(result, size) {
+  const parts = epochsOf(result);
+  const logs = range(size).map((name) => result.times[name].samples_s.map((value) => Math.log(Math.max(value, 1e-12))));
+  const levels = logs[0].map((_, round) => mean(logs.map((row) => row[round])));
+  const speeds = parts.map(([first, last]) => mean(levels.slice(first, last))), middle = mean(speeds);
+  const epochs = parts.map(([first, last]) =>
+    logs.map((row) => Math.exp(median(range(last - first).map((k) => row[first + k] - levels[first + k])) + middle)));
+  const control = parts.length < 2 ? null : pairedRatio(result.times[CONTROL].samples_s, result.times[size >> 1].samples_s,
+    parts.map(([first, last]) => last - first), 0);
+  return { epochs, control, drift: Math.exp(Math.max(...speeds) - Math.min(...speeds)), empty_s: median(result.times[EMPTY].samples_s) };
+}
+
+/* Why the times cannot be trusted; "" where nothing is wrong. */
+function troubleOf({ drift, control }) {
+  if (drift > MOST_DRIFT) return `The device's speed changed by a factor of ${drift.toFixed(2)} meanwhile: it became hot, or did other things.`;
+  const apart = control && Math.min(Math.abs(control.low - 1), Math.abs(control.high - 1));
+  if (control && (control.low > 1 || control.high < 1) && apart > MOST_APART) {
+    return `One draw under two names took ${control.value.toFixed(3)} times its own time.`;
+  }
+  return "";
+}
+
+/* (draws, terms) rows of a grid's counters. */
+const designRows = (page, counters, size) => range(size).map((k) => Object.keys(page.terms).map((name) =>
+  (name === "draw" ? 1 : counters[name][k] / (page.in_px.includes(name) ? UNIT : 1))));
+
+function doubledAt(ratios, aspects) {
+  const found = ratios.map((epoch) => {
+    const place = epoch.findIndex((ratio) => ratio >= 2);
+    if (place < 1) return null;
+    const [low, high] = [epoch[place - 1], epoch[place]].map(Math.log2), [from, to] = [aspects[place - 1], aspects[place]].map(Math.log2);
+    return from + ((1 - low) / (high - low)) * (to - from);
+  });
+  return found.includes(null) ? null : studentInterval(found).map((end) => 2 ** end);
+}
+
+/* For each area: time of thin triangles in ratio to aspect 1, what helper lanes alone would make of it, and why. */
+function aspectsOf(page, design, measured, law) {
+  const names = Object.keys(page.terms), lane = names.indexOf("helper_lanes"), pixel = names.indexOf("fragments");
+  const unlike = (values) => [...new Set(values)].filter(Boolean);
+  return unlike(page.draws.map((draw) => draw.area)).map((area) => {
+    const aspects = unlike(page.draws.map((draw) => draw.aspect));
+    const places = aspects.map((aspect) => range(page.draws.length).filter((k) => page.draws[k].area === area && page.draws[k].aspect === aspect));
+    const net = measured.epochs.map((epoch) => places.map((own) => {
+      const time = mean(own.map((k) => epoch[k]));
+      return Math.max(time - measured.empty_s, 1e-3 * time);
+    }));
+    const ratios = net.map((row) => row.map((value) => value / row[0]));
+    const ends = aspects.map((_, a) => studentInterval(ratios.map((row) => Math.log(row[a]))).map(Math.exp));
+    const counts = places.map((own) => names.map((_, j) => mean(own.map((k) => design[k][j]))));
+    const whole = aspects.map((_, a) => Math.exp(mean(net.map((row) => Math.log(row[a])))));
+    const shaded = counts.map((row) => row[pixel] + row[lane]);
+    const more = whole.at(-1) - whole[0], last = counts.at(-1);
+    const shares = names.map((name, j) => [name, ...[law.seconds, law.low, law.high].map((own) => ((last[j] - counts[0][j]) * own[j]) / more)])
+      .filter(([, value]) => more > 0 && Math.abs(value) > 1e-6).sort((p, q) => q[1] - p[1])
+      .map(([name, value, low, high]) => ({ name, value, low: Math.min(low, high), high: Math.max(low, high) }));
+    return { area, aspects, ratios: ends.map((end) => end[0]), low: ends.map((end) => end[1]), high: ends.map((end) => end[2]),
+      lanes: shaded.map((value) => value / shaded[0]), lanes_alone: counts.map((row) => 1 + (law.seconds[lane] * (row[lane] - counts[0][lane])) / whole[0]),
+      doubled_at: doubledAt(ratios, aspects), shares };
+  });
+}
+
+/* Which of the criteria costs least by the model, what each costs above it, and what it saves of ear clipping's time. */
+function adviceOf(page, coefficients, random = Math.random) {
+  const own = coefficients.slice(1);
+  if (!own.some((value) => value > 0)) return null;
+  const costs = Object.entries(page.scenes).map(([scene, each]) => [scene,
+    Object.fromEntries(Object.entries(each).map(([name, rows]) => [name, rows.map((row) => dot(row, own))]))]);
+  const names = Object.keys(page.criteria);
+  const least = (each) => Math.min(...names.map((name) => sum(each[name])));
+  const regret = Object.fromEntries(names.map((name) => [name, mean(costs.map(([, each]) => sum(each[name]) / least(each) - 1))]));
+  const chosen = names.reduce((best, name) => (regret[name] < regret[best] ? name : best));
+  const saved = costs.map(([scene, each]) => {
+    const logs = each[chosen].map((value, k) => Math.log(value / each[page.base][k]));
+    const [low, high] = meanInterval(logs, random);
+    return { scene, value: 1 - Math.exp(mean(logs)), low: 1 - Math.exp(high), high: 1 - Math.exp(low) };
+  });
+  return costs.length ? { triangulator: chosen, regret, saved } : null;
+}
+
+/* All of it, of a result: null where too few epochs were timed to tell anything. */
+async function profileOf(page, result, rest, options = {}) {
+  const size = page.draws.length;
+  if (!result.times || epochsOf(result).length < LEAST_EPOCHS) return null;
+  const measured = measuredOf(result, size), grid = page.grids[result.device.step ?? 1];
+  const design = designRows(page, grid.counters, size);
+  const { places, labels, folds } = page.fitted;
+  const pick = (rows) => places.map((k) => rows[k]);
+  const law = await lawOf(pick(design), measured.epochs.map(pick), labels, folds, { rest: (share) => rest(0.7 * share), ...options });
+  const seconds = range(size).map((k) => Math.exp(mean(measured.epochs.map((row) => Math.log(row[k])))));
+  const fewest = await fewestOf(pick(design), pick(seconds), labels, folds, (share) => rest(0.7 + 0.3 * share));
+  const { plain } = page;
+  const coefficients = coefficientsOf(plain.places.map((k) => grid.predicted[k]), plain.places.map((k) => seconds[k]), plain.labels);
+  const twice = range(size).filter((k) => page.draws[k].kind === "twice").map((k) => seconds[k] - measured.empty_s);
+  return { ...measured, law, fewest, coefficients, aspects: aspectsOf(page, design, measured, law), advice: adviceOf(page, coefficients),
+    again: range(twice.length / 2).map((k) => twice[2 * k + 1] / twice[2 * k] - 1), trouble: troubleOf(measured),
+    refused: !(law.r2_over >= LEAST_R2 && law.r2_within >= LEAST_R2) };
+}

@@ -1,0 +1,168 @@
+"use strict";
+/* What people see of a profile: sentences, as harness/profile/words.py has them, charts and tables. */
+
+const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"]];
+const NOTHING = 1e-16, LEAST_SHARE = 0.05;
+
+/* Terms of the first sentence, which has the first few that cost anything. */
+const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", vertices: "a vertex", fragments: "a covered pixel",
+  helper_lanes: "a helper lane", blocks: "a 4x4 block", further_tiles: "a further 64x64 tile", near: "a pixel of its box's first width and height",
+  half_perimeter: "a pixel of its box's width and height", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
+const MOST_SAID = 4;
+
+function secondsText(value) {
+  const short = (number) => (number >= 10 ? number.toFixed(0) : String(+number.toPrecision(2)));
+  const [step, unit] = UNITS.find(([least]) => value >= least) ?? (value < NOTHING ? [1, "s"] : UNITS.at(-1));
+  return value < NOTHING ? "0 s" : `${short(value / step)} ${unit}`;
+}
+
+const percentText = (value, places = 0) => `${(100 * value).toFixed(places)}\u00a0%`;
+const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);
+const termsOf = ({ law }) => Object.entries(state.page.terms).map(([name, term], j) =>
+  ({ name, ...term, seconds: law.seconds[j], low: law.low[j], high: law.high[j], shown: law.shown[j] }));
+
+function lawWords(profile) {
+  const terms = termsOf(profile), nothing = terms.filter((term) => !term.shown).map((term) => term.noun);
+  return [...terms.filter((term) => term.shown).map((term) => term.sentence.replace("{}", secondsText(term.seconds))),
+    ...(nothing.length ? [`Nothing is shown for ${listed(nothing)}.`] : [])];
+}
+
+function thinWords({ area, aspects, ratios, low, high, doubled_at }) {
+  const short = (value) => String(+value.toPrecision(2));
+  const text = `Thin triangles of ${area} px² take ${short(ratios.at(-1))} times as long at ${aspects.at(-1)}:1 as at 1:1 `
+    + `(${low.at(-1).toFixed(2)} to ${high.at(-1).toFixed(2)})`;
+  if (!doubled_at) return `${text}.`;
+  const [at, from, to] = doubled_at.map((value) => value.toFixed(0));
+  return `${text}; twice as long from ${at}:1 on (${from} to ${to}).`;
+}
+
+/* Why thin triangles are slow; "" where they are not. */
+function whyWords({ ratios, shares }) {
+  if (ratios.at(-1) <= 1 + LEAST_SHARE) return "";
+  const lanes = shares.find((each) => each.name === "helper_lanes") ?? { value: 0, low: 0, high: 0 };
+  const others = shares.filter((each) => each.name !== "helper_lanes" && each.value >= LEAST_SHARE)
+    .map((each) => `${percentText(each.value)} are ${state.page.terms[each.name].thin}`);
+  return `Helper lanes are ${percentText(lanes.value)} of that (${percentText(lanes.low)} to ${percentText(lanes.high)})${others.length ? `; ${others.join(", ")}` : ""}.`;
+}
+
+function adviceWords({ advice }) {
+  if (!advice) return [];
+  const { page } = state;
+  const saved = advice.saved.map(({ scene, value, low, high }) => `${percentText(value, 1)} on ${scene} (${percentText(low, 1)} to ${percentText(high, 1)})`);
+  return [`Triangulate by ${advice.triangulator}: by the model, it saves ${listed(saved)} of ear clipping's time, the draw itself left out.`,
+    `Above the least of the three criteria: ${listed(Object.entries(page.criteria).map(([name, short]) => `${short} ${percentText(advice.regret[name], 1)}`))}. `
+      + "Whether optimal:calibrated does better with this device's own costs, raster-harness import says."];
+}
+
+/* What one should know of these times: of the timer, the counters, the device. */
+function trapWords(result, profile) {
+  const { timer, device } = result;
+  const words = [];
+  if (timer) {
+    const step = secondsText(timer.resolution_s);
+    words.push(timer.timer === "gpu" ? `The GPU's timer goes in steps of ${step}; each time is that of a batch of draws at least a hundred steps long.`
+      : `Times are the wall clock's, for ${timer.reason}. Its steps show ${step}, and asking the GPU takes ${secondsText(timer.asking_s)}: whole batches of draws were waited for.`);
+  }
+  words.push("Counters are of covered pixels, one sample a pixel. Under multisampling some GPUs shade once a sample, and their own statistics may count helper lanes, too; neither is used here.");
+  if (device.fallback || /swiftshader|llvmpipe|lavapipe|basic render/i.test(`${device.description} ${device.architecture}`)) {
+    words.push("This is no GPU but a program that draws on the processor: the browser did not give the GPU.");
+  }
+  if (result.hidden) words.push("The page was hidden for a while. Browsers slow hidden pages down, so the rounds of that time were drawn again.");
+  if (!profile) return words;
+  const tiles = termsOf(profile).find((term) => term.name === "further_tiles");
+  words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may not cost what it does within a frame."
+    : "No cost of 64x64 tiles is shown: nothing here says that the device sorts triangles into tiles.");
+  if (profile.again.some((value) => value < 0.5)) {
+    words.push(`To fill the same pixels a second time took ${listed(profile.again.map((value) => percentText(value)))} of the first: the device may leave out what is covered by what follows.`);
+  }
+  const { drift, control } = profile;
+  words.push(`From the slowest to the fastest part of the measurement, the speed differed by a factor of ${drift.toFixed(2)}. `
+    + `One draw under two names took ${control.value.toFixed(3)} times its own time (${control.low.toFixed(3)} to ${control.high.toFixed(3)}).`);
+  return words;
+}
+
+function svg(name, attributes, ...children) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+/* One panel: time of a triangle against its aspect at equal area, both axes by doublings. */
+function panelOf(each) {
+  const width = 360, height = 250, [left, right, top, bottom] = [34, 350, 12, 206];
+  const most = Math.max(4, ...each.high, ...each.lanes) * 1.1, powers = [1, 2, 4, 8, 16, 32, 64].filter((value) => value <= most);
+  const x = (aspect) => left + 12 + ((right - left - 24) * Math.log2(aspect)) / Math.log2(each.aspects.at(-1));
+  const y = (ratio) => bottom - 12 - ((bottom - top - 24) * Math.log2(Math.max(ratio, 0.8))) / Math.log2(most);
+  const line = (values, kind) => svg("polyline", { class: kind, points: values.map((value, k) => `${x(each.aspects[k])},${y(value)}`).join(" ") });
+  const text = (words, at, kind = "") => svg("text", { ...at, class: kind }, words);
+  return svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${thinWords(each)} ${whyWords(each)}` },
+    ...powers.flatMap((value) => [svg("line", { class: value === 2 ? "twice" : "grid", x1: left, x2: right, y1: y(value), y2: y(value) }),
+      text(String(value), { x: left - 6, y: y(value) + 4, "text-anchor": "end" })]),
+    ...each.aspects.map((aspect) => text(`${aspect}:1`, { x: x(aspect), y: bottom + 16, "text-anchor": "middle" })),
+    text("base in ratio to height", { x: (left + right) / 2, y: bottom + 36, "text-anchor": "middle" }),
+    line(each.lanes, "lanes"), line(each.lanes_alone, "alone"), line(each.ratios, "measured"),
+    ...each.ratios.flatMap((ratio, k) => [svg("line", { class: "measured", x1: x(each.aspects[k]), x2: x(each.aspects[k]), y1: y(each.low[k]), y2: y(each.high[k]) }),
+      svg("circle", { class: "measured", cx: x(each.aspects[k]), cy: y(ratio), r: 3.2 })]),
+    ...(each.doubled_at ? [text(`twice at ${each.doubled_at[0].toFixed(0)}:1`, { x: x(each.doubled_at[0]) - 6, y: y(2) - 6, "text-anchor": "end" }, "said")] : []));
+}
+
+function drawThin(profile) {
+  $("thin").replaceChildren(...profile.aspects.map((each) => element("figure", {}, element("h3", {}, `Triangles of ${each.area} px²`), panelOf(each),
+    element("figcaption", { class: "quiet" }, `${thinWords(each)} ${whyWords(each)}`))));
+}
+
+function drawTable(profile) {
+  const row = (term, j) => element("tr", {}, element("th", { scope: "row" }, term.noun),
+    element("td", { class: "number" }, term.shown ? secondsText(term.seconds) : "–"),
+    element("td", { class: "number" }, `${secondsText(term.low)} to ${secondsText(term.high)}`),
+    element("td", {}, profile.fewest.includes(j) ? "yes" : ""));
+  $("terms").replaceChildren(...termsOf(profile).map(row));
+  $("r2").textContent = `R² of log time on draws that the fit did not see: ${profile.law.r2_over.toFixed(3)} over all, `
+    + `${profile.law.r2_within.toFixed(3)} within groups that differ in one thing. “Needed” are the fewest terms that predict as well as all; a dash: no cost is shown.`;
+}
+
+/* Why there is no law to believe; "" where there is one. */
+function refusalOf(profile) {
+  if (profile.trouble) return `${profile.trouble} Do not trust these figures: let it cool, close other programs, and start again.`;
+  const { r2_over, r2_within } = profile.law;
+  return profile.refused ? `The law explains too little of the times (R² ${r2_over.toFixed(2)} over all draws, ${r2_within.toFixed(2)} within groups). Do not trust `
+    + "these figures: close other programs, and start again, longer." : "";
+}
+
+function answerOf(result) {
+  const { profile } = state, name = deviceName(result, "this device");
+  const counted = result.differing ? `Counters differ from the exact ones in ${count(result.differing)} of ${count(result.draws.length)} draws.`
+    : `All counters of ${count(result.draws.length)} draws are the exact ones.`;
+  if (!profile) return `On ${name}: ${counted} Too little was timed to say what a triangle costs.${slowWords(result)}`;
+  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}`;
+  const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
+  const told = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
+    .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
+  const doubled = profile.aspects.filter((each) => each.doubled_at).map((each) => `from ${each.doubled_at[0].toFixed(0)}:1 on at ${each.area} px²`);
+  const thin = doubled.length ? `Thin triangles take twice as long ${listed(doubled)}.` : "Thin triangles take less than twice as long as others of equal area, up to 64:1.";
+  const first = told.length ? `On ${name}, ${listed(told)}.` : `On ${name}:`;
+  return `${first} ${thin}${result.differing ? ` ${counted}` : ""}`;
+}
+
+/* What a slow device was measured for; "" where the time limit did not matter. */
+function slowWords(result) {
+  if (!result.limited) return "";
+  const rounds = sum(result.epochs), epochs = epochsOf(result).length;
+  return rounds ? ` The time limit of ${LIMIT_S / 60} minutes ended it after ${rounds} rounds in ${epochs} of ${EPOCHS} parts: the other parts were left out, and the intervals are wider.`
+    : ` The device is too slow: the time limit of ${LIMIT_S / 60} minutes ended it before a first round of all draws.`;
+}
+
+function show() {
+  const { result, profile } = state;
+  if (!result) return;
+  showDevice(result);
+  const items = (words) => words.filter(Boolean).map((text) => element("li", {}, text));
+  $("traps").replaceChildren(...items([...trapWords(result, profile), slowWords(result)]));
+  $("words").replaceChildren(...(profile ? items([...lawWords(profile), ...adviceWords(profile)]) : [element("li", { class: "empty" }, "Nothing timed yet.")]));
+  for (const id of ["thin-section", "terms-section"]) $(id).hidden = !profile;
+  if (profile) {
+    drawThin(profile);
+    drawTable(profile);
+  }
+}

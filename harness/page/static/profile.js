@@ -1,0 +1,92 @@
+"use strict";
+/* Makes the draws of a profile, counts, times and fits; keeps what was measured whatever happens. */
+
+const PACE = { quick: 0.1, usual: 0.5, long: 1.5 };
+const RESULT = "raster-harness device profile";
+const VERSION = 1;
+const LIMIT_S = 240;
+
+const pageOf = () => ({ harness: state.page.harness, design: state.page.design, seed: state.page.seed });
+const nothingYet = () => ({ draws: [], differing: 0, limited: false, times: null, epochs: [], law: null });
+const hasAny = (result) => result.draws.length > 0;
+const wordsOf = () => "profile";
+const drawCharts = () => {};
+
+async function measureAll(result, painter, budget) {
+  const { page } = state;
+  state.profile = null;
+  if (painter.device.limits.maxTextureDimension2D < SIDE) throw new Error(`The GPU draws no viewport of ${SIDE} px.`);
+  progress(0, "making the draws");
+  await pause();
+  const grid = (result.device.step = await findStep(painter)) ?? 1;
+  const frames = designOf(page.seed).map(({ points, rows }, k) => [{ size: SIDE, points: Int32Array.from(snapped(points, grid)),
+    owner: new Uint32Array(points.length / 2), polygons: 1, work: page.draws[k].work }, Uint32Array.from(rows)]);
+  const expected = page.grids[grid], sums = frames.map(([frame, rows]) => checksumOf({ points: frame.points, rows }));
+  if (sums.some((value, k) => value !== expected.checksums[k])) throw new Error("This browser made other draws than the page was written for: their checksums differ.");
+  for (const [k, [frame, rows]] of frames.entries()) {
+    if (k % 10 === 0) progress(0.1 * (k / frames.length), `counting draw ${k + 1} of ${frames.length}`);
+    const { fragments: [fragments], quads: [quads] } = await painter.count(frame, rows);
+    result.draws.push({ checksum: sums[k], fragments, quads });
+    result.differing += Number(fragments !== expected.counters.fragments[k] || quads !== expected.counters.quads[k]);
+    if (state.stop) return;
+  }
+  progress(0.1, "testing the timers");
+  await testTimers(result, painter);
+  show();
+  await time(result, frames, painter, budget);
+  result.complete = !state.stop;
+}
+
+async function time(result, frames, painter, budget) {
+  const [first] = frames[0], names = frames.map((_, k) => String(k));
+  const drawn = new Map([...frames.map((each, k) => [names[k], each]), [CONTROL, frames[frames.length >> 1]], [EMPTY, [first, new Uint32Array(0)]]]);
+  const settings = { budget_s: budget, min_batch_s: 2e-3, warm_up_s: 0.02, paired: false, limit_s: LIMIT_S, away };
+  const begun = timing.clock(), total = Math.min(LIMIT_S, 1.1 * budget * drawn.size);
+  const told = (share) => progress(0.1 + 0.85 * share, `timing: ${sum(result.epochs)} rounds; ${left(Math.max(0, total - (timing.clock() - begun)))}`);
+  let seen = 0;
+  const stopped = () => {
+    const epochs = epochsOf(result).length;
+    // Once an epoch is over: a device that became hot will not tell its law.
+    if (epochs > Math.max(seen, 1)) {
+      const { drift } = measuredOf(result, frames.length);
+      if (drift > MOST_DRIFT) throw new Error(troubleOf({ drift }));
+    }
+    seen = epochs;
+    return state.stop;
+  };
+  state.wasHidden = document.hidden;
+  const prepare = preparing(painter, drawn);
+  await timeTogether([...drawn.keys()], prepare, settings, result.timer, told, stopped, result);
+  result.limited = result.epochs.length < EPOCHS && !state.stop;
+  await prepare([]);
+}
+
+/* Waits until the page is seen again; the seconds that took, 0 where it was seen all the time. */
+async function away() {
+  if (!state.wasHidden && !document.hidden) return 0;
+  const begun = timing.clock();
+  while (document.hidden) {
+    $("notice").textContent = "The page is hidden: it waits until it is in front again, for browsers slow hidden pages down.";
+    $("notice").hidden = false;
+    await new Promise((seen) => document.addEventListener("visibilitychange", seen, { once: true }));
+  }
+  $("notice").hidden = true;
+  state.wasHidden = false;
+  return timing.clock() - begun + 1e-9;
+}
+
+/* Fits what was timed, however it ended. */
+async function conclude(result) {
+  const rest = async (share) => {
+    progress(0.95 + 0.05 * share, "fitting the law");
+    await pause();
+  };
+  state.profile = await profileOf(state.page, result, rest);
+  if (state.profile) {
+    const { seconds, r2_over, r2_within } = state.profile.law;
+    result.law = { seconds: Object.fromEntries(Object.keys(state.page.terms).map((name, j) => [name, seconds[j]])), r2_over, r2_within };
+  }
+}
+
+document.addEventListener("visibilitychange", () => { state.wasHidden ||= document.hidden; });
+open();

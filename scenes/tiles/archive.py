@@ -1,0 +1,155 @@
+"""Where map tiles lie: what all archives have, folders of tiles, and one tile in a file."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from scenes.scene import SceneError
+
+MOST_BYTES = 64 * 2**20
+"""Of an unpacked tile; clients expect some hundred kilobytes."""
+
+_FILE = re.compile(r"(?:(\d{1,2})[/_-](\d{1,10})[/_-](\d{1,10}))?[^/]*\.(mvt|pbf)(\.gz)?$")
+"""A tile's file, and its zoom, column and row if its path tells them."""
+
+_EXTRA = 'pip install "raster-harness[tiles]"'
+
+
+class Place(NamedTuple):
+    """A tile's zoom, column from the west and row from the north."""
+
+    zoom: int
+    x: int
+    y: int
+
+    def __str__(self) -> str:
+        return "/".join(map(str, self))
+
+
+class Archive(ABC):
+    """Tiles that can be counted before any is read.
+
+    zooms : that there are, in order; () for files that do not say where they belong
+    attribution : what the archive says of whose data they are
+    """
+
+    zooms: tuple[int, ...] = ()
+    attribution: str = ""
+
+    @abstractmethod
+    def __init__(self, path: Path) -> None:
+        """Look at what the path holds; raises SceneError where that is no tiles."""
+
+    @abstractmethod
+    def names(self, zoom: int | None) -> Sequence[Any]:
+        """The tiles of a zoom, in an order in which neighbours are near; None for all."""
+
+    @abstractmethod
+    def packed(self, name: Any) -> bytes | None:
+        """A tile's bytes as they are stored; None if there is no such tile."""
+
+    def read(self, name: Any) -> bytes | None:
+        """A tile's bytes, unpacked; raises ValueError where they cannot be."""
+        data = self.packed(name)
+        return None if data is None else unpacked(data)
+
+
+def unpacked(data: bytes) -> bytes:
+    """A tile as the format defines it; its first bytes say how it is packed.
+
+    Raises ValueError if it cannot be unpacked, or has more than `MOST_BYTES` then.
+    """
+    if data[:2] == b"\x1f\x8b":
+        stream = zlib.decompressobj(wbits=31)
+        return _whole(stream.decompress(data, MOST_BYTES), ended=stream.eof)
+    if data[:4] == b"\x28\xb5\x2f\xfd":
+        stream = needed("zstandard").ZstdDecompressor().decompressobj()
+        return _whole(stream.decompress(data), ended=stream.eof)
+    return data
+
+
+def unpacked_brotli(data: bytes) -> bytes:
+    """The same for Brotli, whose bytes do not say that they are."""
+    stream = needed("brotli").Decompressor()
+    return _whole(stream.process(data, output_buffer_limit=MOST_BYTES), ended=stream.is_finished())
+
+
+def _whole(data: bytes, *, ended: bool) -> bytes:
+    if ended and len(data) < MOST_BYTES:
+        return data
+    raise ValueError("its packed bytes are cut off, or unpack to more than 64 MiB")
+
+
+def attribution_of(metadata: bytes) -> str:
+    """Whose data the tiles are, by an archive's metadata in JSON; "" where it does not say."""
+    with suppress(ValueError, AttributeError):
+        return str(json.loads(metadata).get("attribution") or "")
+    return ""
+
+
+def needed(package: str) -> Any:
+    """An optional package; SceneError where it is not installed."""
+    try:
+        return import_module(package)
+    except ImportError:
+        raise SceneError(
+            f"these tiles need the package {package.split('.')[0]}: {_EXTRA}"
+        ) from None
+
+
+class Folder(Archive):
+    """A file, or a folder of files named z/x/y.mvt or z-x-y.pbf, or otherwise; packed or not."""
+
+    def __init__(self, path: Path) -> None:
+        found = {}
+        folder = path if path.is_dir() else path.parent
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            name = file.relative_to(folder).as_posix()
+            match = _FILE.search(name)
+            if match and file.is_file():
+                place = match[1] and Place(*map(int, match.groups()[:3]))
+                found[place or name] = file
+        if not found:
+            raise SceneError(
+                f"{path} holds no tiles: zoom=, layers=, tiles= and pixels= are for .pmtiles, "
+                ".mbtiles, .mvt and .pbf files, and folders of these"
+            )
+        self._files = found
+        placed = [name for name in found if isinstance(name, Place)]
+        if len(placed) == len(found):
+            self.zooms = tuple(sorted({place.zoom for place in placed}))
+        with suppress(OSError):
+            self.attribution = attribution_of((path / "metadata.json").read_bytes())
+
+    def names(self, zoom: int | None) -> Sequence[Any]:
+        """In the order of their paths."""
+        if zoom is None:
+            return list(self._files)
+        return [place for place in self._files if place[0] == zoom]
+
+    def packed(self, name: Any) -> bytes | None:
+        """A file's bytes."""
+        file = self._files.get(name)
+        return None if file is None else file.read_bytes()
+
+
+def column_and_row(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
+    """The tile of a place, in web Mercator; latitudes beyond it are those of its edge.
+
+    >>> column_and_row(24.94, 60.17, 14)
+    (9327, 4742)
+    """
+    side = 2**zoom
+    sine = math.sin(math.radians(min(max(latitude, -85.0511), 85.0511)))
+    x = (longitude / 360.0 + 0.5) * side
+    y = (0.5 - math.atanh(sine) / (2.0 * math.pi)) * side
+    return min(max(int(x), 0), side - 1), min(max(int(y), 0), side - 1)

@@ -1,0 +1,49 @@
+"""MBTiles: map tiles in an SQLite database."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from scenes.readers import cut_off
+from scenes.scene import SceneError
+from scenes.tiles.archive import Archive, Place
+
+
+class MBTiles(Archive):
+    """An SQLite database of tiles; its rows count from the south."""
+
+    def __init__(self, path: Path) -> None:
+        cut_off.refuse(path)
+        self._uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+        facts = dict(self._ask("SELECT name, value FROM metadata"))
+        kind = facts.get("format", "pbf")
+        if kind != "pbf":
+            raise SceneError(f"{path} holds tiles of format {kind}: give one of vector tiles")
+        self.attribution = str(facts.get("attribution") or "")
+        rows = self._ask(
+            "SELECT DISTINCT zoom_level FROM tiles WHERE zoom_level BETWEEN 0 AND 30 ORDER BY 1"
+        )
+        self.zooms = tuple(int(zoom) for (zoom,) in rows)
+
+    def _ask(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        with closing(sqlite3.connect(self._uri, uri=True)) as database:
+            return database.execute(query, values).fetchall()
+
+    def names(self, zoom: int | None) -> Sequence[Any]:
+        """Column by column."""
+        rows = self._ask(
+            "SELECT tile_column, tile_row FROM tiles WHERE zoom_level = ? ORDER BY 1, 2 DESC",
+            (zoom,),
+        )
+        return [Place(zoom, x, 2**zoom - 1 - y) for x, y in rows] if zoom is not None else []
+
+    def packed(self, name: Any) -> bytes | None:
+        """What the database has for a place."""
+        place = (name.zoom, name.x, 2**name.zoom - 1 - name.y)
+        query = "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?"
+        found = self._ask(query, place)
+        return found[0][0] if found else None

@@ -1,0 +1,133 @@
+"""PMTiles: an archive of map tiles that is read a directory at a time."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenes.readers import cut_off
+from scenes.scene import SceneError
+from scenes.tiles.archive import (
+    Archive,
+    Place,
+    attribution_of,
+    needed,
+    unpacked,
+    unpacked_brotli,
+)
+
+_DEEPEST = 30
+
+
+class PMTiles(Archive):
+    """A PMTiles archive, version 3, read by the package pmtiles a directory at a time.
+
+    header : as that package gives it
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._format = needed("pmtiles.tile")
+        try:
+            self.header = self._format.deserialize_header(self._bytes(0, 127))
+        except (self._format.MagicNumberNotFound, self._format.SpecVersionUnsupported) as error:
+            why = "is no PMTiles archive" if "Magic" in type(error).__name__ else "is not version 3"
+            raise SceneError(f"{path} {why}: give one, or write it again") from None
+        header, kinds = self.header, self._format.TileType
+        for part in ("metadata", "leaf_directory", "tile_data"):
+            self._bytes(header[f"{part}_offset"] + header[f"{part}_length"], 0)
+        if header["tile_type"] not in (kinds.MVT, kinds.UNKNOWN):
+            kind = header["tile_type"].name
+            raise SceneError(f"{path} holds {kind} tiles: give one of Mapbox vector tiles (MVT)")
+        self._unpack: Callable[[bytes], bytes] = unpacked
+        if header["tile_compression"] == self._format.Compression.BROTLI:
+            self._unpack = unpacked_brotli
+        self.zooms = tuple(range(header["min_zoom"], min(header["max_zoom"], _DEEPEST) + 1))
+        metadata = self._bytes(header["metadata_offset"], header["metadata_length"])
+        self.attribution = attribution_of(unpacked(metadata))
+
+    def _bytes(self, start: int, count: int) -> bytes:
+        with self._path.open("rb") as stream:
+            size = self._path.stat().st_size
+            if start + count > size:
+                where = f"it has {size} bytes, and byte {start + count} is asked for"
+                raise cut_off.refused(self._path, where)
+            stream.seek(start)
+            return stream.read(count)
+
+    def names(self, zoom: int | None) -> Sequence[Any]:
+        """Along the Hilbert curve, as the archive numbers them."""
+        zoom = self.zooms[-1] if zoom is None else zoom
+        first, last = ((4**level - 1) // 3 for level in (zoom, zoom + 1))
+        self._runs = _Runs(self._entries(first, last), first, last, self._format)
+        return self._runs
+
+    def _entries(self, first: int, last: int) -> Iterator[Any]:
+        """The entries of tiles from `first` to before `last`, through all directories."""
+        header = self.header
+        todo = [(header["root_offset"], header["root_length"])]
+        seen: set[int] = set()
+        while todo:
+            place = todo.pop()
+            if place[0] in seen:
+                raise ValueError("a directory of it is within itself")
+            seen.add(place[0])
+            entries = self._format.deserialize_directory(self._bytes(*place))
+            ends = [entry.tile_id for entry in entries[1:]] + [last]
+            leaves = []
+            for entry, end in zip(entries, ends, strict=True):
+                if entry.tile_id >= last or (entry.run_length == 0 and end <= first):
+                    continue
+                if entry.run_length:
+                    yield entry
+                else:
+                    leaves.append((header["leaf_directory_offset"] + entry.offset, entry.length))
+            todo += reversed(leaves)
+
+    def packed(self, name: Any) -> bytes | None:
+        """What the archive has for a place of the zoom whose names were asked for last."""
+        entry = self._runs.entry_of(self._format.zxy_to_tileid(*name))
+        if entry is None:
+            return None
+        return self._bytes(self.header["tile_data_offset"] + entry.offset, entry.length)
+
+    def read(self, name: Any) -> bytes | None:
+        """A tile's bytes, unpacked as the header says."""
+        data = self.packed(name)
+        return None if data is None else self._unpack(data)
+
+
+class _Runs(Sequence[Place]):
+    """Tiles of a PMTiles archive, of which a run of many may be one entry."""
+
+    def __init__(self, entries: Iterator[Any], first: int, last: int, form: Any) -> None:
+        self._form = form
+        self._entries: list[Any] = []
+        self._starts: list[int] = []
+        self._before = [0]
+        for entry in entries:
+            start = max(entry.tile_id, first)
+            end = min(entry.tile_id + entry.run_length, last)
+            if start < end and (not self._starts or start > self._starts[-1]):
+                self._entries.append(entry)
+                self._starts.append(start)
+                self._before.append(self._before[-1] + end - start)
+
+    def __len__(self) -> int:
+        return self._before[-1]
+
+    def __getitem__(self, number: Any) -> Any:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        run = bisect_right(self._before, number) - 1
+        tile = self._starts[run] + number - self._before[run]
+        return Place(*self._form.tileid_to_zxy(tile))
+
+    def entry_of(self, tile: int) -> Any:
+        """The entry that holds a tile, by its number; None if none does."""
+        run = bisect_right(self._starts, tile) - 1
+        if run < 0 or tile - self._entries[run].tile_id >= self._entries[run].run_length:
+            return None
+        return self._entries[run]

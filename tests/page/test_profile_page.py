@@ -1,0 +1,405 @@
+"""The page that profiles a device, on a GPU that charges known costs, and on SwiftShader."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.errors import BAD_INPUT
+from harness.figures.intervals import mean_interval
+from harness.figures.ratios import Ratio
+from harness.measuring.timing import EMPTY, Times
+from harness.page.profile_data import STEPS
+from harness.profile import design, law
+from harness.profile.advice import CRITERIA
+from harness.profile.aspects import aspects
+from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.measured import CONTROL, Measured, of_times
+from harness.profile.words import seconds
+from harness.study import cost_model
+from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.harness.test_cli import assert_one_line
+from tests.measuring.test_run import inline
+from tests.page.test_hostile import MARKUP
+from tests.page.world import WORLD, measured, opened, told
+from tests.profile.charging import COSTS
+
+
+@pytest.fixture(scope="module")
+def page(profile_page) -> Path:
+    return profile_page
+
+
+@pytest.fixture(scope="module")
+def whole(profiled) -> dict[str, Any]:
+    return profiled
+
+
+def test_the_page_is_small_and_its_draws_are_those_of_python(browser, page):
+    assert page.stat().st_size < 500_000
+    browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate(f"{WORLD}; null")
+    for seed in (0, 5_000_000_003):
+        browser.evaluate(f"globalThis.made = designOf({seed}); null")
+        draws = design.draws(seed)
+        for step in (1, 16):
+            sums = browser.evaluate(f"sumsOf(made, {step})")
+            assert sums == [design.snapped(draw, step).checksum for draw in draws]
+    assert browser.requests == [f"{page.resolve().as_uri()}"]
+
+
+def test_what_it_holds_is_counted_by_the_exact_reference(browser, page):
+    browser.open(page, REPORT_READY, fragment="wait")
+    grids = browser.evaluate("state.page.grids")
+    assert list(grids) == [str(step) for step in STEPS]
+    for step, place in ((1, 20), (4, 80), (16, 100)):
+        draw = design.snapped(design.draws()[place], step)
+        told = {name: values[place] for name, values in grids[str(step)]["counters"].items()}
+        assert told == counters(draw)
+        assert grids[str(step)]["checksums"][place] == draw.checksum
+
+
+@pytest.fixture(scope="module")
+def synthetic() -> dict[str, Any]:
+    """Times that follow a law, with errors of their own and of each epoch."""
+    draws = design.draws()
+    rows = design_of([counters(draw) for draw in draws])
+    truth = np.array([COSTS.get(name, 0.0) for name in TERMS])
+    random = np.random.default_rng(0)
+    missed = np.exp(0.05 * random.standard_normal(len(rows)))
+    epochs = rows @ truth * missed * np.exp(0.01 * random.standard_normal((8, len(rows))))
+    return {"draws": draws, "rows": rows, "epochs": epochs}
+
+
+def chances(epochs: int, groups: int, number: int) -> list[dict[str, list[float]]]:
+    """Return what `law.fit` takes from chance with seed 0."""
+    random = np.random.default_rng(0)
+    return [
+        {
+            "chosen": random.integers(epochs, size=epochs).tolist(),
+            "signs": random.choice([-1.0, 1.0], groups).tolist(),
+        }
+        for _ in range(number)
+    ]
+
+
+def test_its_law_is_that_of_python(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    fitted = browser.evaluate("state.page.fitted")
+    places = fitted["places"]
+    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
+    groups = [draws[place].group for place in places]
+    ours = law.fit(rows[places], epochs[:, places], groups, resamples=20)
+    few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
+    drawn = chances(len(epochs), max(fitted["labels"]) + 1, 20)
+    given = json.dumps({"epochs": epochs.tolist(), "drawn": drawn})
+    theirs = browser.evaluate(f"{WORLD}; fitAs({given})")
+    assert theirs["rows"] == rows.tolist()
+    assert theirs["seconds"] == pytest.approx(ours.seconds.tolist(), rel=1e-6)
+    # Student's quantile is expanded in the page.
+    for place, end in enumerate(("low", "high")):
+        assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-3, abs=1e-15)
+    assert theirs["shown"] == ours.shown.tolist()
+    assert theirs["r2_over"] == pytest.approx(ours.r2_over, abs=1e-9)
+    assert theirs["r2_within"] == pytest.approx(ours.r2_within, abs=1e-9)
+    assert [list(TERMS)[place] for place in theirs["fewest"]] == list(few)
+
+
+def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
+    groups = [draw.group for draw in draws]
+    ours = law.fit(rows, epochs, groups, resamples=20)
+    times = Measured(epochs, np.ones(8), COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
+    low, high = ours.intervals.T.tolist()
+    shown = {"seconds": ours.seconds.tolist(), "low": low, "high": high}
+    given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
+    theirs = browser.evaluate(
+        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
+        "state.page.grids[1].counters, state.page.draws.length);"
+        "return aspectsOf(state.page, rows, given, given.law); })()"
+    )
+    for own, other in zip(aspects(draws, rows, times, ours), theirs, strict=True):
+        for name in ("area", "aspects"):
+            assert other[name] == own[name]
+        for name in ("ratios", "low", "high", "lanes", "lanes_alone", "doubled_at"):
+            assert other[name] == pytest.approx(own[name], rel=1e-3)
+        shares = {
+            each["name"]: [each["value"], each["low"], each["high"]] for each in other["shares"]
+        }
+        assert list(shares) == list(own["shares"])
+        for name, ends in own["shares"].items():
+            assert shares[name] == pytest.approx(ends, rel=1e-6, abs=1e-9)
+
+
+def test_rounds_tell_it_what_they_tell_python(browser, page):
+    """Of a machine whose speed changes, draws that are noisy, and a control a little apart."""
+    browser.open(page, REPORT_READY, fragment="wait")
+    random = np.random.default_rng(1)
+    epochs, size = [2, 3, 2, 2], 6
+    speed = np.exp(0.1 * random.standard_normal(sum(epochs)))
+    names = [*map(str, range(size)), CONTROL, EMPTY]
+    samples = {
+        name: (1e-3 * (1 + place) * speed * random.uniform(0.95, 1.05, len(speed))).tolist()
+        for place, name in enumerate([*names[:size], "3", EMPTY])
+    }
+    samples[CONTROL] = (np.array(samples["3"]) * random.uniform(1.0, 1.04, len(speed))).tolist()
+    ours = of_times({name: Times(1, samples[name], epochs) for name in names}, names[:size])
+    told = {name: {"samples_s": values} for name, values in samples.items()}
+    given = json.dumps({"times": told, "epochs": [2, 0, 3, 2, 2]})
+    theirs = browser.evaluate(f"measuredOf({given}, {size})")
+    assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
+    assert theirs["drift"] == pytest.approx(ours.drift)
+    assert theirs["empty_s"] == pytest.approx(ours.empty_s)
+    control = [theirs["control"][name] for name in ("value", "low", "high")]
+    wanted = [ours.control.value, ours.control.low, ours.control.high]
+    # Student's quantile with three degrees of freedom is 1 % too small by its expansion.
+    assert np.log(control) == pytest.approx(np.log(wanted), rel=0.02, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "drift", "trouble"),
+    [
+        (0.99, 1.01, 1.4, ""),
+        (0.99, 1.01, 1.6, "speed changed by a factor of 1.60"),
+        (1.01, 1.09, 1.0, ""),
+        (1.04, 1.09, 1.0, "One draw under two names took 1.065 times"),
+        (0.9, 0.96, 1.0, "One draw under two names"),
+    ],
+)
+def test_what_makes_times_untrustworthy_is_told(browser, page, low, high, drift, trouble):
+    browser.open(page, REPORT_READY, fragment="wait")
+    control = json.dumps({"value": (low + high) / 2, "low": low, "high": high})
+    found = browser.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
+    assert trouble in found
+    assert bool(found) == bool(trouble)
+
+
+def test_its_advice_is_the_least_of_the_criteria(browser, page):
+    browser.open(page, REPORT_READY, fragment="wait")
+    scenes = browser.evaluate("state.page.scenes")
+    assert list(scenes) == ["city"]
+    rows = {name: np.array(each) for name, each in scenes["city"].items()}
+    assert list(rows) == ["ear-clipping", *CRITERIA]
+    assert {each.shape for each in rows.values()} == {(8, len(cost_model.TERMS) - 1)}
+    for place, term in enumerate(cost_model.TERMS[1:]):
+        coefficients = [0.0] * len(cost_model.TERMS)
+        coefficients[1 + place] = 1e-9
+        found = browser.evaluate(f"adviceOf(state.page, {coefficients})")
+        sums = {name: each[:, place].sum() for name, each in rows.items()}
+        least = min(CRITERIA, key=lambda name: sums[name])
+        assert found["triangulator"] == least, term
+        for name in CRITERIA:
+            assert found["regret"][name] == pytest.approx(sums[name] / sums[least] - 1, abs=1e-9)
+        logs = np.log(rows[least][:, place] / rows["ear-clipping"][:, place])
+        (saved,) = found["saved"]
+        assert saved["value"] == pytest.approx(1 - np.exp(logs.mean()))
+        if np.ptp(logs) > 1e-6:
+            ends = [1 - np.exp(end) for end in mean_interval(logs)]
+            reach = ends[0] - ends[1]
+            assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
+            assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
+    assert browser.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
+
+
+@pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
+def test_it_writes_seconds_as_python_does(browser, page, value):
+    browser.open(page, REPORT_READY, fragment="wait")
+    assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == seconds(value)
+
+
+def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
+    result = whole["result"]
+    assert result["complete"]
+    assert result["problem"] is None
+    assert result["differing"] == 0
+    assert len(result["epochs"]) >= 12
+    for name, value in result["law"]["seconds"].items():
+        assert value == pytest.approx(COSTS.get(name, 0.0), rel=0.01, abs=1e-12)
+    assert result["law"]["r2_within"] > 0.99
+    assert whole["answer"].startswith(
+        "On a test's GPU, a triangle costs 50 ns, a 4x4 block 30 ns, a pixel of its box's width "
+        "and height 7 ns and a round of arithmetic 300 ps. Thin triangles take twice as long from"
+    )
+    assert whole["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
+    assert "A draw by itself costs 20 µs." in whole["words"]
+    assert "Nothing is shown for triangles set up, vertices" in whole["words"]
+    assert "Triangulate by optimal:" in whole["words"]
+    assert " on city (" in whole["words"]
+    assert "Times are the wall clock's, for the device has no GPU timer." in whole["traps"]
+    assert "nothing here says that the device sorts triangles into tiles" in whole["traps"]
+    assert whole["panels"] == 2
+    assert "twice at" in whole["thin"]
+    assert whole["widths"] == [360, 360]
+
+
+def test_its_coefficients_are_those_that_python_fits(whole, page, browser):
+    browser.open(page, REPORT_READY, fragment="wait")
+    plain = browser.evaluate("state.page.plain")
+    rows = np.array(browser.evaluate("state.page.grids[1].predicted"))[plain["places"]]
+    truth = rows @ np.array(whole["coefficients"])
+    found = cost_model.solve(rows, truth, plain["labels"])
+    assert found == pytest.approx(whole["coefficients"], rel=1e-3, abs=1e-14)
+
+
+def test_a_gpu_timer_is_used_where_there_is_one(browser, page):
+    opened(browser, page, "timer: true, noise: 0")
+    result = measured(browser)
+    assert result["timer"]["timer"] == "gpu"
+    assert "The GPU's timer goes in steps of" in told(browser, "traps")
+
+
+def test_a_lost_gpu_keeps_what_was_measured_and_tells_its_law(browser, page):
+    opened(browser, page, "at: { 4500: ({ lose }) => lose() }")
+    result = measured(browser)
+    assert "lost the GPU (it was unplugged)" in result["problem"]
+    assert not result["complete"]
+    assert sum(result["epochs"]) > 8
+    assert result["law"]["seconds"]["triangles"] == pytest.approx(5e-8, rel=0.1)
+    assert "What was measured is kept" in told(browser, "notice")
+    assert not browser.evaluate("$('save').disabled")
+
+
+def test_a_gpu_lost_at_once_leaves_what_it_counted(browser, page):
+    opened(browser, page, "at: { 300: ({ lose }) => lose() }")
+    result = measured(browser)
+    assert len(result["draws"]) == 123
+    assert result["law"] is None
+    assert "All counters of 123 draws are the exact ones." in told(browser, "answer")
+    assert "Too little was timed to say what a triangle costs." in told(browser, "answer")
+
+
+def test_a_hidden_page_waits_and_draws_its_round_again(browser, page):
+    slow = "slower: (drawn) => (drawn === 4000 ? 50 : 1)"
+    opened(browser, page, f"at: {{ 4000: () => hide() }}, {slow}")
+    result = measured(browser)
+    for each in result["times"].values():
+        assert max(each["samples_s"]) < 1.1 * min(each["samples_s"])
+    assert result["complete"]
+    assert result["hidden"]
+    assert {len(each["samples_s"]) for each in result["times"].values()} == {sum(result["epochs"])}
+    assert "it waits until it is in front again" in browser.evaluate("hide.said")
+    assert "The page was hidden for a while" in told(browser, "traps")
+    assert browser.evaluate("$('notice').hidden")
+
+
+def test_a_gpu_that_becomes_hot_ends_with_a_sentence(browser, page):
+    opened(browser, page, "slower: (drawn) => 1 + drawn / 6000")
+    result = measured(browser)
+    assert "The device's speed changed by a factor of" in result["problem"]
+    assert not result["complete"]
+    assert "The device's speed changed by a factor of" in told(browser, "notice")
+
+
+def test_a_slow_device_is_measured_in_fewer_parts_and_it_says_so(browser, page):
+    opened(browser, page, "scale: 200")
+    result = measured(browser)
+    assert result["limited"]
+    assert 4 <= len(result["epochs"]) < 12
+    assert result["law"]["seconds"]["triangles"] == pytest.approx(200 * 5e-8, rel=0.1)
+    assert "The time limit of 4 minutes ended it after" in told(browser, "traps")
+
+
+def test_a_far_too_slow_device_is_told_so(browser, page):
+    opened(browser, page, "scale: 20000")
+    result = measured(browser)
+    assert result["law"] is None
+    assert "ended it before a first round" in told(browser, "answer")
+
+
+def test_counters_that_differ_are_said(browser, page):
+    opened(browser, page, "wrong: 7")
+    assert measured(browser)["differing"] == 1
+    assert "Counters differ from the exact ones in 1 of 123 draws." in told(browser, "answer")
+
+
+def test_a_browser_that_makes_other_draws_is_refused(browser, page):
+    opened(browser, page)
+    browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
+    assert measured(browser)["draws"] == []
+    assert "their checksums differ" in told(browser, "notice")
+
+
+def test_a_stop_keeps_what_was_counted(browser, page):
+    opened(browser, page, "at: { 3000: () => { $('stop').click(); } }")
+    result = measured(browser)
+    assert not result["complete"]
+    assert not result["limited"]
+    assert "Stopped. What was measured is kept." in told(browser, "notice")
+
+
+def test_without_webgpu_it_says_which_browsers_have_it(browser, page):
+    browser.open(page, MEASURED)
+    assert "WebGPU is in Chrome" in told(browser, "notice")
+    assert told(browser, "answer") == "Nothing was measured."
+    assert browser.evaluate("$('save').disabled")
+
+
+def test_names_that_are_markup_run_no_script(browser, page):
+    opened(browser, page, f"describe: {json.dumps(MARKUP)}")
+    browser.evaluate(
+        f"const {{ draws, terms, scenes }} = state.page, markup = {json.dumps(MARKUP)};"
+        "for (const draw of draws) draw.name += markup;"
+        "for (const term of Object.values(terms)) term.noun += markup;"
+        "scenes[markup] = scenes.city; null"
+    )
+    measured(browser)
+    assert MARKUP in told(browser, "answer")
+    assert MARKUP in told(browser, "terms")
+    assert MARKUP in told(browser, "words")
+    assert not browser.evaluate("'hacked' in window")
+    assert browser.evaluate("document.querySelectorAll('img, b').length") == 0
+
+
+def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
+    for arguments in ((), ("somewhere", "--profile")):
+        code, _, err = harness("page", *arguments)
+        assert code == BAD_INPUT
+        assert_one_line(err, "give its folder, or --profile alone")
+    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.page.profile_data.SCENES", {})
+    code, out, _ = harness("page", "--profile", "--out", "p.html")
+    assert code == 0
+    assert "p.html (0.1 MB); open it in a browser" in out
+    assert "What a triangle costs on this device" in Path("p.html").read_text()
+
+
+@pytest.mark.parametrize("work", [0, 64])
+def test_a_draws_arithmetic_reaches_its_shader(browser, page, work):
+    browser.open(page, REPORT_READY, fragment="wait")
+    browser.evaluate("globalThis.GPUBufferUsage = {}; null")
+    painter = "{ buffer: (content) => content, group() {}, hasTimer: false }"
+    frame = f"{{ size: 8, points: [], owner: [], work: {work} }}"
+    drawing = f"new Drawing({painter}, {frame}, [])"
+    assert browser.evaluate(f"new Uint32Array({drawing}.buffers[3].buffer)[2]") == work
+
+
+def test_noise_makes_no_draw_shorter_than_nothing(browser, page, synthetic):
+    browser.open(page, REPORT_READY, fragment="wait")
+    epochs = synthetic["epochs"].tolist()
+    nothing = {"seconds": [0.0] * 13, "low": [0.0] * 13, "high": [0.0] * 13}
+    given = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
+    found = browser.evaluate(
+        f"(() => {{ const given = {given}; const rows = designRows(state.page, "
+        "state.page.grids[1].counters, state.page.draws.length);"
+        "return aspectsOf(state.page, rows, given, given.law); })()"
+    )
+    assert all(ratio > 0 for each in found for ratio in each["ratios"])
+
+
+@pytest.fixture(scope="module")
+def gpu_browser() -> Iterator[Chromium]:
+    chromium = Chromium(WEBGPU_FLAGS)
+    yield chromium
+    chromium.close()
+
+
+def test_swiftshader_counts_what_the_page_expects(gpu_browser, page):
+    gpu_browser.open(page, REPORT_READY, fragment="wait")
+    differing = gpu_browser.evaluate(f"{WORLD}; differencesOf([1, 40, 60, 75, 90, 110])")
+    assert differing == [0] * 12

@@ -1,0 +1,184 @@
+"""What a profiling page saved becomes a profile; what contradicts itself is refused in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.commands import running
+from harness.errors import BAD_INPUT, INCONCLUSIVE
+from harness.page.profile_result import FORMAT
+from harness.profile import advice, words
+from harness.profile.advice import OWN
+from harness.study.calibration_draws import read_coefficients
+from tests.harness.test_cli import assert_one_line
+from tests.measuring.test_run import inline
+from tests.page.conftest import saved_as
+from tests.page.test_hostile import MARKUP, hostile
+from tests.profile.charging import COSTS
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Workers are in this process, and advice looks at few polygons."""
+    monkeypatch.setattr("harness.measuring.worker.Worker", inline)
+    monkeypatch.setattr("harness.profile.law.RESAMPLES", 20)
+    monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
+    monkeypatch.setattr(advice, "POLYGONS", 8)
+
+
+@pytest.fixture
+def saved(profiled, tmp_path) -> Callable[..., str]:
+    """Write what the page saved, changed by a function of the result, with a digest that fits."""
+
+    def write(change: Callable[[dict[str, Any]], object] = lambda result: None) -> str:
+        result = deepcopy(profiled["result"])
+        change(result)
+        return str(saved_as(result, tmp_path / "saved.json", FORMAT))
+
+    return write
+
+
+def test_the_pages_file_is_a_profile(harness, profiled):
+    Path("saved.json").write_text(profiled["saved"])
+    code, out, err = harness("import", "saved.json", "--out", "p.json", "--device", "my phone")
+    assert code == 0, err
+    assert err == ""
+    assert out.startswith("On my-phone:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
+    content = json.loads(Path("p.json").read_text())
+    for term in content["terms"]:
+        assert term["seconds"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-12)
+    assert content["device"]["rasteriser"] == "webgpu"
+    assert not content["device"]["software"]
+    assert content["device"]["timer"]["timer"] == "wall"
+    assert sum(content["rounds"]) == sum(profiled["result"]["epochs"])
+    coefficients = read_coefficients(Path("p.json"))
+    assert list(coefficients.values()) == pytest.approx(
+        profiled["coefficients"], rel=0.01, abs=1e-12
+    )
+    (recipe,) = running.recipes((OWN,), 0, Path("p.json"), ())
+    assert dict(recipe.calibration or ()) == coefficients
+    assert Path("p.png").stat().st_size > 10_000
+
+
+def times(result: dict[str, Any], name: str) -> list[float]:
+    return result["times"][name]["samples_s"]
+
+
+def slower(result: dict[str, Any], first: int) -> None:
+    """Let all draws take twice as long from a round on."""
+    for each in result["times"].values():
+        each["samples_s"][first:] = [2 * value for value in each["samples_s"][first:]]
+
+
+def without(number: int) -> Callable[[dict[str, Any]], None]:
+    """Leave all epochs out but the first few, from all times alike."""
+
+    def change(result: dict[str, Any]) -> None:
+        del result["epochs"][number:]
+        for each in result["times"].values():
+            del each["samples_s"][sum(result["epochs"]) :]
+
+    return change
+
+
+FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
+    "design": (lambda r: r["page"].update(design=2), "its draws are of design 2, not 1"),
+    "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
+    "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
+    "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
+    "draws": (lambda r: r["draws"].pop(), "its draws are not those of seed 0"),
+    "counter": (
+        lambda r: r["draws"][3].update(quads=r["draws"][3]["quads"] + 1),
+        "differ from the exact reference in 1 draws, not in 0",
+    ),
+    "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
+    "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
+    "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "is not that of its times"),
+    "terms": (lambda r: r["law"]["seconds"].pop("near"), "its law has other terms"),
+    "times": (lambda r: slower(r, 0), "is not that of its times"),
+    "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),
+    "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
+    "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
+    "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
+    "missing": (lambda r: r["times"].pop("40"), "not all of its 123 draws were timed"),
+    "strange": (lambda r: r["times"].update({"x": r["times"]["4"]}), "not all of its 123 draws"),
+    "few": (without(3), "after 3 of at least 4 epochs"),
+    "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),
+    "no timer": (lambda r: r.update(timer=None), "tell no law"),
+    "field": (lambda r: r.update(more=1), "more: Extra inputs are not permitted"),
+    "lacking": (lambda r: r.pop("draws"), "draws: Field required"),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_what_contradicts_itself_is_refused_in_one_line(harness, saved, name):
+    change, message = FORGED[name]
+    code, out, err = harness("import", saved(change))
+    assert code == BAD_INPUT
+    assert out == ""
+    assert_one_line(err, message)
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("0.0", "0.1", 1), "damaged since the page saved it"),
+        (lambda text: text[: len(text) // 2], "no JSON"),
+        (lambda text: text.replace("device profile", "device story", 1), "not a file that a"),
+    ],
+)
+def test_a_damaged_file_is_refused(harness, profiled, change, message):
+    Path("saved.json").write_text(change(profiled["saved"]))
+    code, _, err = harness("import", "saved.json")
+    assert code == BAD_INPUT
+    assert_one_line(err, message)
+
+
+def test_options_of_runs_are_refused(harness, saved):
+    code, _, err = harness("import", saved(), "--summary", "s.json")
+    assert code == BAD_INPUT
+    assert_one_line(err, "neither --run nor --summary")
+
+
+def test_what_went_wrong_on_the_page_is_said(harness, saved):
+    def change(result: dict[str, Any]) -> None:
+        without(5)(result)
+        result |= {"complete": False, "problem": "The browser lost\nthe GPU.", "hidden": True}
+        result["limited"], result["law"] = True, None
+
+    code, _, err = harness("import", saved(change))
+    assert code == 0
+    for told in ("a problem: The browser lost the GPU.", "was stopped", "hidden", "time limit"):
+        assert told in err
+    assert Path("results/profiles/webgpu-a-test-s-gpu-chrome.json").exists()
+
+
+def test_a_device_that_became_slower_is_kept_apart(harness, saved):
+    def change(result: dict[str, Any]) -> None:
+        slower(result, sum(result["epochs"]) // 2)
+        result["law"] = None
+
+    code, _, err = harness("import", saved(change), "--out", "p.json")
+    assert code == INCONCLUSIVE
+    assert_one_line(err, "speed changed by a factor of 2")
+    assert Path("p.refused.json").exists()
+
+
+def test_names_that_are_markup_are_names(harness, saved):
+    def change(result: dict[str, Any]) -> None:
+        for part in ("device", "browser", "started", "ended", "timer"):
+            result[part] = hostile(result[part], "")
+
+    code, out, err = harness("import", saved(change), "--out", "profiles/p.json")
+    assert code == 0, err
+    assert MARKUP not in out
+    assert MARKUP not in Path("profiles/p.svg").read_text()
+    rows = words.devices_table(Path("profiles"))[1]
+    assert "<" not in "".join(rows[0])

@@ -1,0 +1,176 @@
+"""Map tiles on every device: cut at the tile's edge, each a call of its own; equal everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from harness.errors import UsageError
+from harness.frame import Frame
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
+from harness.pictures.heatmaps import lane_maps
+from harness.rasterisers import Options, Rasteriser, get
+from harness.rasterisers.agreement import disagreements
+from harness.rasterisers.opengl.buffers import BoundMesh
+from harness.rasterisers.pyrender import Pyrender
+from harness.rasterisers.reference import outlines
+from harness.rasterisers.submission_order import submission
+from tests.rasterisers.pixels import covered
+
+DEVICES = [
+    ("opengl", "llvmpipe"),
+    ("opengl", "zink"),
+    ("osmesa", "osmesa"),
+    ("bounding-box", "llvmpipe"),
+    ("scanline", "llvmpipe"),
+    ("webgpu", "llvmpipe"),
+    ("webgpu", "lavapipe"),
+]
+NATIVE = Options()
+SHUFFLED = Options(order="shuffled", seed=1)
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
+def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
+    """Run a task on a device in a process of its own; skipped where it is not installed."""
+    rasteriser, name = request.param
+    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
+    if device is None:
+        pytest.skip(f"{rasteriser} on {name} is not installed")
+    with Worker(name, device.environment) as worker:
+        yield (
+            rasteriser,
+            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
+        )
+
+
+@pytest.fixture(scope="session")
+def tiles(scattered) -> tuple[Frame, np.ndarray]:
+    """Two tiles of 128 px in a viewport of 256 px, with triangles that reach over their edges."""
+    frame, triangles = scattered(seed=3, size=256, number=160, grid=128)
+    cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 100, 160]))
+    return cut, triangles
+
+
+def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
+    rasteriser, call = on_device
+    for options in (NATIVE, SHUFFLED):
+        drawn = call(tasks.count, *tiles, options)
+        exact = reference.count(*tiles, NATIVE)
+        exact["hits"] = exact["fragments"]
+        exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
+        assert len(exact) >= 1
+        assert disagreements(tiles[0], drawn, exact) == []
+    # What is drawn later hides what was drawn before, so this is of the order, too.
+    assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+    # The picture is the viewport's again where no scissor is set, and the other way round.
+    whole = replace(tiles[0], scissor=None)
+    image = call(tasks.image, whole, tiles[1], NATIVE)
+    assert np.array_equal(image, reference.image(whole, tiles[1], NATIVE))
+    assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+
+
+def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
+    """Against pictures in which each pixel is marked, one triangle at a time."""
+    frame, triangles = tiles
+    counted = reference.count(frame, triangles, NATIVE)
+    quads = outlines(frame, [np.array([[0, 1, 2]], np.int32)] * 160)
+    for number, rows in enumerate(triangles):
+        inside, helpers = lane_maps(frame, rows[None])
+        assert not inside[:64].any()
+        assert not inside[:, 192:].any()
+        assert counted["fragments"][number] == inside.sum()
+        assert counted["helper_lanes"][number] == helpers.sum()
+        assert counted["quads"][number] == quads[number] == (inside + helpers).sum() // 4
+
+
+def test_a_window_is_what_lies_within_of_a_picture_of_edge_functions(reference, loose):
+    rng = np.random.default_rng(4)
+    corners = rng.integers(0, 32, (60, 3, 2)) * 128
+    frame, triangles = loose(corners, 16)
+    cut = replace(frame, scissor=(4, 6, 8, 6))
+    counted = reference.count(cut, triangles, NATIVE)
+    for number in range(60):
+        mask = covered(corners[number])
+        assert counted["fragments"][number] == mask[6:12, 4:12].sum()
+        blocks = mask[6:12, 4:12].reshape(3, 2, 4, 2).any(axis=(1, 3))
+        assert counted["quads"][number] == blocks.sum()
+
+
+def test_bins_are_those_that_meet_the_window(tiles, loose):
+    binning = get("binning")(get("binning").devices()[0])
+    big = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
+    frame, triangles = loose(big, 256)
+    cut = replace(frame, scissor=(64, 64, 128, 128))
+    assert binning.count(frame, triangles, NATIVE)["tiles_64"].tolist() == [16]
+    counted = binning.count(cut, triangles, NATIVE)
+    assert counted["tiles_64"].tolist() == [4]
+    triangle = shapely.Polygon(big)
+    bins = [shapely.box(x, y, x + 4096, y + 4096) for x in _bins(16) for y in _bins(16)]
+    exact = sum(shapely.intersection(each, triangle).area > 0 for each in bins)
+    assert counted["tiles_16_exact"].tolist() == [exact]
+
+
+def _bins(side: int) -> range:
+    return range(64 * 256, 192 * 256, side * 256)
+
+
+def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):
+    frame, triangles = tiles
+    assert frame.draws(triangles) == [slice(0, 100), slice(100, 160)]
+    assert frame.draws(triangles[120:]) == [slice(0, 0), slice(0, 40)]
+    assert replace(frame, tiles=None).draws(triangles) == [slice(0, 160)]
+    for order in ("walk", "vertex-cache", "morton", "shuffled"):
+        rows = submission(frame, triangles, Options(order=order))
+        assert {*map(tuple, np.sort(rows))} == {*map(tuple, np.sort(triangles))}
+        assert (frame.owner(rows[:100]) < 100).all()
+        by_neighbour = order in ("walk", "vertex-cache")  # none has any
+        assert np.array_equal(rows, triangles) == by_neighbour
+
+
+def test_what_a_later_tile_hides_is_drawn_all_the_same(llvmpipe, loose, monkeypatch):
+    layer = [[0, 0], [512 * 256, 0], [0, 512 * 256]]
+    frame, triangles = loose(layer * 3, 256)
+    cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
+    assert llvmpipe.count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
+    calls: list[slice] = []
+    draw = BoundMesh.draw_rows
+    monkeypatch.setattr(
+        BoundMesh, "draw_rows", lambda mesh, rows, *more: (calls.append(rows), draw(mesh, rows))
+    )
+    with llvmpipe.prepare(cut, triangles, NATIVE) as drawing:
+        drawing.sample(2)
+    assert calls == 2 * [slice(0, 1), slice(1, 2), slice(2, 3)]
+
+
+def test_tiles_without_triangles_are_timed_too(on_device, tiles):
+    _, call = on_device
+    for rows in (tiles[1], np.empty((0, 3), np.int32)):
+        assert call(_seconds, (tiles[0], rows)) > 0
+
+
+def _seconds(name: str, device: Any, case: Any) -> float:
+    with tasks._opened(name, device).prepare(*case, NATIVE) as drawing:
+        return drawing.sample(3).wall
+
+
+class Uncut(Pyrender):
+    """A third party's that knows nothing of scissors."""
+
+    def __init__(self) -> None:
+        pass
+
+
+def test_what_cannot_cut_says_so(tiles):
+    uncut: Rasteriser = Uncut()
+    with pytest.raises(UsageError, match="pyrender cannot cut at a tile's edge; use opengl"):
+        uncut.image(*tiles, NATIVE)
+    assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None

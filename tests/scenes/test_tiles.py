@@ -1,0 +1,493 @@
+"""Map tiles: the same polygons as other readers find, whole, and what is lost has a name."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import brotli
+import mapbox_vector_tile
+import numpy as np
+import pyogrio.raw
+import pytest
+import shapely
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
+from pmtiles.tile import (
+    Compression,
+    Entry,
+    TileType,
+    serialize_directory,
+    serialize_header,
+    zxy_to_tileid,
+)
+from pmtiles.writer import write
+
+from harness.errors import UsageError
+from harness.frame import SUBPIXEL, View, frame_of, view_of
+from scenes import Scene, SceneError, load
+from scenes.real.helsinki_tiles import FILE
+from scenes.tiles import archive
+from scenes.tiles.archive import Place, column_and_row, unpacked
+from scenes.tiles.pmtiles import PMTiles
+from scenes.tiles.vector_tile import decode
+from scenes.tiles.wire import varints
+from tests.paths import ROOT
+
+HERE = ROOT / "tests" / "scenes"
+STREETS = sorted((HERE / "tiles").glob("*.mvt*"))
+FIXTURES = json.loads((HERE / "mvt_fixtures.json").read_text())["tiles"]
+CONTRADICTED = {"016": "003", "057": "051"}
+"""Called valid, but one that is called invalid has the same fault: 016 has even the same bytes."""
+
+Ring = tuple[tuple[int, int], ...]
+
+
+def tile_of(name: str) -> bytes:
+    """One of the tiles that three programs wrote: GDAL, and two versions of Mapbox's."""
+    if name == "helsinki":
+        tiles = PMTiles(FILE)
+        return tiles.read(tiles.names(14)[0]) or b""
+    return unpacked(next(each for each in STREETS if each.name.startswith(name)).read_bytes())
+
+
+@pytest.fixture(params=["helsinki", "12-3188-1888", "14-9384-9577"])
+def tile(request: pytest.FixtureRequest) -> bytes:
+    return tile_of(request.param)
+
+
+def rings(polygons: Any) -> list[list[Ring]]:
+    """The rings of polygons, each begun at its least point, in an order of their own.
+
+    Rings without area are left out, which GDAL keeps: here they are notes.
+    """
+    found = []
+    for polygon in polygons:
+        own = []
+        for ring in (polygon.exterior, *polygon.interiors):
+            if shapely.Polygon(ring).area == 0:
+                continue
+            points = [(round(x), round(y)) for x, y in ring.coords[:-1]]
+            turned = [points[k:] + points[:k] for k in range(len(points))]
+            turned += [each[::-1] for each in turned]
+            own.append(tuple(min(turned)))
+        found.append([own[0], *sorted(own[1:])])
+    return sorted(found)
+
+
+def test_polygons_are_those_that_mapbox_vector_tile_decodes(tile):
+    other = mapbox_vector_tile.decode(tile, default_options={"y_coord_down": True})
+    layers = decode(tile)
+    assert {layer.name for layer in layers} == set(other)
+    for layer in layers:
+        shapes = [
+            shapely.geometry.shape(each["geometry"]) for each in other[layer.name]["features"]
+        ]
+        areal = [part for part in shapely.get_parts(shapes) if part.geom_type == "Polygon"]
+        assert rings(layer.polygons) == rings(areal)
+    assert sum(len(layer.polygons) for layer in layers) > 10
+
+
+def test_polygons_are_those_that_gdal_decodes_buffer_included(tile, tmp_path):
+    file = tmp_path / "tile.mvt"
+    file.write_bytes(tile)
+    over = 0
+    for layer in decode(tile):
+        if not len(layer.polygons):
+            continue
+        found = pyogrio.raw.read(file, layer=layer.name, columns=[], CLIP="NO")[2]
+        up = shapely.transform(layer.polygons, lambda xy: xy * [1, -1] + [0, 4096])
+        wrong = set(layer.feature[~shapely.is_valid(up)])  # GDAL may mend these
+        for number, geometry in enumerate(shapely.from_wkb(found)):
+            parts = [part for part in shapely.get_parts(geometry) if part.geom_type == "Polygon"]
+            if number not in wrong:
+                assert rings(up[layer.feature == number]) == rings(parts), number
+        assert len(wrong) < 0.01 * len(found)
+        over += (shapely.bounds(up) < 0).any()
+    assert over
+
+
+@pytest.mark.parametrize("name", list(FIXTURES))
+def test_fixtures_of_the_format_are_read_or_refused_in_a_line(name):
+    fixture = FIXTURES[name]
+    notes: list[str] = []
+    try:
+        for layer in decode(base64.b64decode(fixture["base64"])):
+            notes += [why for _, why in layer.dropped]
+    except ValueError as error:
+        notes.append(str(error))
+    assert all(0 < len(note) < 100 and "\n" not in note for note in notes)
+    assert bool(notes) == (not fixture["valid"] or name in CONTRADICTED)
+
+
+def test_fixtures_that_are_called_valid_but_are_not():
+    assert FIXTURES["016"]["base64"] == FIXTURES["003"]["base64"]
+    assert not FIXTURES["003"]["valid"]
+
+
+def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
+    """A tile of polygons in whole units, y down."""
+    features = [{"geometry": polygon.wkt, "properties": {}} for polygon in polygons]
+    content = [{"name": layer, "features": features}]
+    return mapbox_vector_tile.encode(content, default_options={"y_coord_down": True, **more})
+
+
+corner = st.tuples(st.integers(-80, 4176), st.integers(-80, 4176))
+
+
+@given(st.lists(st.tuples(corner, st.integers(1, 50), st.integers(1, 50)), min_size=1, max_size=5))
+def test_boxes_come_back_as_they_were_encoded(corners):
+    boxes = [shapely.box(x, y, x + width, y + height) for (x, y), width, height in corners]
+    (layer,) = decode(encoded(boxes))
+    assert rings(layer.polygons) == rings(boxes)
+    assert layer.feature.tolist() == list(range(len(boxes)))
+
+
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=20))
+def test_numbers_of_every_size_are_read(numbers):
+    data = b"".join(_varint(number) for number in numbers)
+    assert varints(data).tolist() == numbers
+    if numbers:
+        with pytest.raises(ValueError, match="cut off"):
+            varints(data[:-1] + b"\xff")
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 127:
+        out.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def saved(path: Path, polygons: list[Any], **more: Any) -> str:
+    path.write_bytes(encoded(polygons, **more))
+    return str(path)
+
+
+COURT = shapely.Polygon(
+    [(0, 0), (4096, 0), (4096, 2048), (0, 2048)], [[(8, 8), (8, 24), (24, 24), (24, 8)]]
+)
+
+
+def test_a_tile_is_in_pixels_with_y_up(tmp_path):
+    scene = load(saved(tmp_path / "one.mvt", [COURT]) + ":pixels=256")
+    assert scene.units == "px"
+    assert scene.polygons[0].bounds == (0, 128, 256, 256)
+    assert scene.polygons[0].interiors[0].bounds == (0.5, 254.5, 1.5, 255.5)
+    assert scene.tiling.names == ("one.mvt",)
+    assert scene.attributes.to_dict("list") == {"tile": ["one.mvt"], "layer": ["land"]}
+
+
+@pytest.mark.parametrize("pixels", [256, 512, 1024])
+def test_units_are_on_the_grid_and_cut_where_the_tile_ends(pixels):
+    scene = load(f"helsinki-tiles:zoom=15,tiles=9,pixels={pixels}")
+    frame = frame_of(scene, view_of(scene))
+    assert frame.view == View(pixels, 0.0, "tile")
+    left, bottom, width, height = frame.scissor
+    assert (left, bottom, width, height) == (64, 64, pixels, pixels)
+    assert frame.width == frame.height == pixels + 128
+    assert frame.dropped == frame.repaired == ()
+    unit = SUBPIXEL * pixels // 4096
+    assert (frame.points % unit == 0).all()
+    points = shapely.get_coordinates(np.array(scene.polygons)) + 64
+    assert set(map(tuple, (points * SUBPIXEL).tolist())) == set(map(tuple, frame.points.tolist()))
+    # A polygon over the edge has vertices on both sides of it: nothing was clipped.
+    assert frame.points.min() < 64 * SUBPIXEL
+    assert not any("rounded" in note for note in scene.notes)
+    assert frame.tiles.tolist() == scene.tiling.first.tolist()
+
+
+@pytest.mark.parametrize(("reach", "margin"), [(0, 0), (1, 64), (512, 64), (513, 128), (4096, 512)])
+def test_the_viewport_holds_what_reaches_over_the_edge(tmp_path, reach, margin):
+    path = _raw(tmp_path / "one.mvt", [shapely.box(-reach, 0, 10, 4096 + reach)])
+    scene = load(path + ":pixels=512")
+    frame = frame_of(scene, view_of(scene))
+    assert frame.scissor == (margin, margin, 512, 512)
+    assert frame.width == 512 + 2 * margin
+    assert frame.points.min() == (margin * 8 - reach) * 32
+
+
+def test_tiles_keep_their_polygons_where_others_vanish(tmp_path):
+    line = shapely.box(0, 0, 1, 1)  # of 1/512 px
+    for name, shapes in (("a", [line, COURT]), ("b", [line]), ("c", [COURT, line, COURT])):
+        _raw(tmp_path / f"{name}.mvt", shapes)
+    scene = load(f"{tmp_path}:pixels=8")
+    assert scene.tiling.first.tolist() == [0, 2, 3, 6]
+    frame = frame_of(scene, view_of(scene))
+    assert [number for number, _ in frame.dropped] == [0, 2, 4]
+    assert frame.tiles.tolist() == [0, 1, 1, 3]
+
+
+def test_other_extents_are_rounded_and_that_is_said(tmp_path):
+    path = saved(tmp_path / "one.mvt", [COURT], extents=5000)
+    assert any("1/5000 of 512 px" in note for note in load(path + ":pixels=512").notes)
+    assert not any("rounded" in note for note in load(path + ":pixels=1250").notes)
+
+
+def test_polygons_of_each_tile_stay_together():
+    scene = load("helsinki-tiles:zoom=15,tiles=9")
+    named = scene.attributes["tile"].to_list()
+    assert [named[k] for k in scene.tiling.first[:-1]] == list(scene.tiling.names)
+    assert len(dict.fromkeys(named)) == len(scene.tiling.names) == 9
+    first = scene.head(scene.tiling.first[1] + 3)
+    assert first.tiling.names == scene.tiling.names[:2]
+    assert first.tiling.first.tolist() == [0, scene.tiling.first[1], scene.tiling.first[1] + 3]
+    exact = scene.head(scene.tiling.first[2])
+    assert exact.tiling.names == scene.tiling.names[:2]
+
+
+def test_only_the_layers_and_tiles_that_are_asked_for():
+    every = load("helsinki-tiles:zoom=16,tiles=99")
+    assert every.notes[0] == "24 of 24 tiles of zoom 16, 24 with polygons"
+    assert set(every.attributes["layer"]) == {"area", "building"}
+    some = load("helsinki-tiles:zoom=16,tiles=5,layers=building")
+    assert some.notes[0] == "5 of 24 tiles of zoom 16, 5 with polygons"
+    assert set(some.attributes["layer"]) == {"building"}
+    places = PMTiles(FILE).names(16)
+    assert some.tiling.names == tuple(str(places[k]) for k in (2, 7, 12, 16, 21))
+    around = load("helsinki-tiles:zoom=16,tiles=24.94,60.168,24.945,60.17")
+    corners = [column_and_row(24.94, 60.168, 16), column_and_row(24.945, 60.17, 16)]
+    assert around.tiling.names[0] == "16/{}/{}".format(*np.min(corners, axis=0))
+    assert len(around.tiling.names) <= 4
+
+
+def invalid(tmp_path: Path) -> Scene:
+    """A bow-tie that crosses itself at a fraction, two squares that touch, one far out, a line."""
+    bow_tie = shapely.Polygon([(0, 0), (31, 30), (31, 0), (0, 20)])
+    touching = shapely.Polygon(
+        [(50, 50), (60, 60), (50, 70), (40, 60), (50, 50), (60, 40), (40, 40)]
+    )
+    far = shapely.box(-5000, 0, 10, 10)
+    return load(_raw(tmp_path / "bad.mvt", [bow_tie, touching, far, COURT]) + ":pixels=512")
+
+
+def _raw(path: Path, polygons: list[Any]) -> str:
+    """A tile of polygons as they are: the package would mend them."""
+    features = b""
+    for polygon in polygons:
+        x = y = 0
+        numbers: list[int] = []
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = [(int(px), int(py)) for px, py in ring.coords[:-1]]
+            for number, (px, py) in enumerate(points):
+                numbers += [9] * (number == 0) + [(len(points) - 1) << 3 | 2] * (number == 1)
+                numbers += [_zigzag(px - x), _zigzag(py - y)]
+                x, y = px, py
+            numbers.append(15)
+        geometry = b"".join(map(_varint, numbers))
+        feature = b"\x18\x03\x22" + _varint(len(geometry)) + geometry
+        features += b"\x12" + _varint(len(feature)) + feature
+    layer = b"\x0a\x04land\x78\x02" + features
+    path.write_bytes(b"\x1a" + _varint(len(layer)) + layer)
+    return str(path)
+
+
+def _zigzag(value: int) -> int:
+    return (value << 1) ^ (value >> 63)
+
+
+def test_what_is_not_valid_is_named_and_never_put_between_units(tmp_path):
+    scene = invalid(tmp_path)
+    assert [which for which, _ in scene.dropped] == [
+        "bad.mvt land feature 0",
+        "bad.mvt land feature 2",
+    ]
+    crossing, far = (why for _, why in scene.dropped)
+    assert crossing.startswith(
+        "self-intersects at 12.4 12.0; left out (earcut's triangles have 115"
+    )
+    assert far == "reaches further than a tile over its tile's edge"
+    assert [which for which, _ in scene.repaired] == ["bad.mvt land feature 1"]
+    assert scene.attributes["layer"].to_list() == ["land"] * len(scene.polygons)
+    points = shapely.get_coordinates(np.array(scene.polygons)) * 8
+    assert (points == np.rint(points)).all()
+    assert len(scene.polygons) == 3
+
+
+def test_a_ring_without_area_is_named_and_does_not_say_what_is_outside(tmp_path):
+    line = shapely.Polygon([(0, 0), (9, 0), (5, 0)])
+    (court,) = (shapely.Polygon(COURT.exterior.coords, [r.coords for r in COURT.interiors]),)
+    rings_of_one = shapely.Polygon(line.exterior, [court.exterior, *court.interiors])
+    scene = load(_raw(tmp_path / "line.mvt", [rings_of_one]) + ":pixels=512")
+    assert scene.dropped == [("line.mvt land feature 0", "has a ring without area")]
+    assert scene.repaired == []
+    assert [polygon.area for polygon in scene.polygons] == [COURT.area / 64]
+
+
+@pytest.mark.parametrize("move", [(-4097, 0), (4097, 0), (0, -4097), (0, 4097)])
+def test_what_reaches_further_than_a_tile_is_left_out(tmp_path, move):
+    box = shapely.box(*move, *np.add(move, 4096))
+    near = shapely.box(*np.sign(move) * 4096, *np.add(np.sign(move) * 4096, 4096))
+    scene = load(_raw(tmp_path / "far.mvt", [box, near]) + ":pixels=512")
+    assert [which for which, _ in scene.dropped] == ["far.mvt land feature 0"]
+    assert len(scene.polygons) == 1
+
+
+def test_a_directory_within_itself_is_refused_at_once(tmp_path):
+    path = tmp_path / "round.pmtiles"
+    leaf = serialize_directory([Entry(0, 0, 30, 0)])
+    header = dict.fromkeys(("metadata_offset", "leaf_directory_offset", "tile_data_offset"), 127)
+    header |= {"root_offset": 127, "root_length": len(leaf), "metadata_length": 0}
+    header |= {"leaf_directory_length": len(leaf), "tile_data_length": 0, "clustered": True}
+    header |= {"min_zoom": 0, "max_zoom": 3, "tile_type": TileType.MVT}
+    header |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.GZIP}
+    entry = Entry(0, 0, len(leaf), 0)
+    leaf = serialize_directory([entry])
+    path.write_bytes(serialize_header({**header, "root_length": len(leaf)}) + leaf)
+    with pytest.raises(SceneError, match="a directory of it is within itself"):
+        load(f"{path}:zoom=3")
+
+
+def archives(folder: Path, tiles: dict[Place, bytes], compression: Compression) -> dict[str, str]:
+    """The same tiles as PMTiles, MBTiles and files in a folder."""
+    pmtiles = folder / "a.pmtiles"
+    with write(str(pmtiles)) as writer:
+        for place, data in sorted(tiles.items(), key=lambda item: zxy_to_tileid(*item[0])):
+            writer.write_tile(zxy_to_tileid(*place), data)
+        header = {"tile_type": TileType.MVT, "tile_compression": compression}
+        writer.finalize(header, {"attribution": "(c) us"})
+    mbtiles = folder / "a.mbtiles"
+    with sqlite3.connect(mbtiles) as database:
+        database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
+        database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
+        facts = [("format", "pbf"), ("attribution", "(c) us")]
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", facts)
+        rows = [(z, x, 2**z - 1 - y, data) for (z, x, y), data in tiles.items()]
+        database.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", rows)
+    database.close()
+    for (z, x, y), data in tiles.items():
+        file = folder / "tiles" / str(z) / str(x) / f"{y}.pbf"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    (folder / "tiles" / "metadata.json").write_text('{"attribution": "(c) us"}')
+    return {"pmtiles": str(pmtiles), "mbtiles": str(mbtiles), "folder": str(folder / "tiles")}
+
+
+def two(folder: Path, packed: Any, compression: Compression) -> dict[str, str]:
+    """Two tiles of zoom 3, one below the other."""
+    tile = packed(encoded([COURT]))
+    return archives(folder, {Place(3, 4, 2): tile, Place(3, 4, 3): tile}, compression)
+
+
+PACKED = {
+    "none": (bytes, Compression.NONE),
+    "gzip": (gzip.compress, Compression.GZIP),
+    "zstd": (zstandard.ZstdCompressor().compress, Compression.ZSTD),
+}
+
+
+@pytest.mark.parametrize("how", list(PACKED))
+def test_all_archives_hold_the_same(how, tmp_path):
+    for path in two(tmp_path, *PACKED[how]).values():
+        scene = load(f"{path}:zoom=3")
+        assert set(scene.tiling.names) == {"3/4/2", "3/4/3"}
+        assert scene.credit == "(c) us"
+        assert [polygon.area for polygon in scene.polygons] == [COURT.area / 64] * 2
+        one = load(f"{path}:zoom=3,tiles=1,50,40,60")
+        assert one.tiling.names == ("3/4/2",)
+        with pytest.raises(SceneError, match=r"has no zoom 9; it has 3 to 3"):
+            load(f"{path}:zoom=9")
+
+
+def test_brotli_is_what_the_header_says(tmp_path):
+    path = two(tmp_path, brotli.compress, Compression.BROTLI)["pmtiles"]
+    assert len(load(f"{path}:zoom=3").polygons) == 2
+
+
+def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
+    path = tmp_path / "many.pmtiles"
+    rng = np.random.default_rng(6)
+    contents = [rng.bytes(rng.integers(1, 300)) for _ in range(20_000) for _ in range(2)]
+    contents[1::2] = contents[::2]  # each run is of two
+    with write(str(path)) as writer:
+        first = zxy_to_tileid(8, 0, 0)
+        for number in range(40_000):  # so many that there are leaves
+            writer.write_tile(first + number, contents[number])
+        writer.finalize({"tile_type": TileType.MVT, "tile_compression": Compression.NONE}, {})
+    tiles = PMTiles(path)
+    assert tiles.header["leaf_directory_length"] > 0
+    names = tiles.names(8)
+    assert len(names) == 40_000
+    assert names[0] == Place(8, 0, 0)
+    for number in (0, 1, 11_111, 19_999):
+        assert zxy_to_tileid(*names[number]) == first + number
+        assert tiles.packed(names[number]) == contents[number]
+    assert len(tiles.names(7)) == 0
+    assert tiles.packed(Place(8, 255, 0)) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("helsinki-tiles:zoom=11", "has no zoom 11; it has 12 to 16"),
+        ("helsinki-tiles:layers=bilding", "has no layer 'bilding'; did you mean building?"),
+        ("helsinki-tiles:tiles=0", "neither a number from 1 to 100000 nor west,south,east,north"),
+        ("helsinki-tiles:tiles=5,4,3,2", "nor west,south,east,north in degrees"),
+        ("helsinki-tiles:tiles=0,0,1,1", "holds no polygon in what tiles=0,0,1,1 choose"),
+        ("helsinki-tiles:zoom=16,tiles=-170,-80,170,80", "more than 100000 tiles: give a smaller"),
+        ("helsinki-tiles:pixels=511", "pixels=511 is no even number from 8 to 4096"),
+        ("FOLDER:pixels=512", "holds no tiles: zoom=, layers=, tiles= and pixels= are for"),
+        ("FOLDER/a.gpkg:zoom=3", "a.gpkg holds no tiles"),
+        ("FOLDER/a.pmtiles:zoom=3", "is no PMTiles archive: give one, or write it again"),
+        ("FOLDER/png.pmtiles:zoom=0", "holds PNG tiles: give one of Mapbox vector tiles"),
+        ("FOLDER/png.mbtiles:zoom=0", "holds tiles of format png: give one of vector tiles"),
+        ("FOLDER/no.mbtiles:zoom=0", "cannot be read as map tiles: no such table: metadata"),
+        ("FOLDER/b.mvt:zoom=3", "does not say at which zoom its tiles are: leave zoom= out"),
+        ("FOLDER/b.mvt:pixels=512", "no usable polygon: tile b.mvt cannot be read: wire type 6"),
+        ("FOLDER/c.mvt:pixels=512", "cannot be read: its packed bytes are cut off"),
+    ],
+)
+def test_what_cannot_be_read_is_said_in_a_line(text, message, tmp_path):
+    for name, data in {"a.gpkg": b"x", "a.pmtiles": bytes(200), "b.mvt": b"\x1e"}.items():
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "c.mvt").write_bytes(gzip.compress(encoded([COURT]))[:-9])
+    with write(str(tmp_path / "png.pmtiles")) as writer:
+        writer.write_tile(0, b"png")
+        writer.finalize({"tile_type": TileType.PNG, "tile_compression": Compression.NONE}, {})
+    for name in ("png", "no"):
+        with sqlite3.connect(tmp_path / f"{name}.mbtiles") as database:
+            database.execute(f"CREATE TABLE {'metadata' if name == 'png' else 'x'} (name, value)")
+            if name == "png":
+                database.execute("INSERT INTO metadata VALUES ('format', 'png')")
+        database.close()
+    if text == "FOLDER:pixels=512":
+        tmp_path = tmp_path / "empty"
+        tmp_path.mkdir()
+    with pytest.raises(SceneError, match=message.replace("(", r"\(")) as error:
+        load(text.replace("FOLDER", str(tmp_path)))
+    assert "\n" not in str(error.value)
+
+
+def test_a_damaged_tile_of_several_is_a_note(tmp_path):
+    for number in range(3):
+        data = encoded([COURT])
+        (tmp_path / f"{number}.mvt").write_bytes(data if number else data[:-3])
+    scene = load(f"{tmp_path}:tiles=3")
+    assert scene.tiling.names == ("1.mvt", "2.mvt")
+    assert scene.dropped[0][0] == "tile 0.mvt"
+    assert scene.dropped[0][1].startswith("cannot be read: a field of")
+
+
+def test_without_the_extra_a_line_says_how_to_get_it(monkeypatch, tmp_path):
+    def absent(name: str) -> Any:
+        raise ImportError(name)
+
+    monkeypatch.setattr(archive, "import_module", absent)
+    with pytest.raises(SceneError, match=r'need the package pmtiles: pip install "raster-harness'):
+        load(f"{FILE}:zoom=14")
+
+
+def test_a_file_without_such_options_is_read_as_before():
+    heap = load(str(FILE))
+    assert heap.tiling is None
+    assert heap.units == "m"
+    with pytest.raises(UsageError, match="view tile is not for box scenes"):
+        frame_of(heap, View(512, fit="tile"))
+    with pytest.raises(UsageError, match="view box is not for tile scenes"):
+        frame_of(load("helsinki-tiles:tiles=1"), View(512))
