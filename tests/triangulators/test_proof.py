@@ -228,3 +228,15 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
     assert program.weights == pytest.approx(heavy * program.scale, rel=1e-12)
     assert program.most == 7.0 * program.scale
     assert program.free.sum() == len(c.edges) - len(c.points) + 1
+
+
+def test_triangles_have_their_numbers_among_the_candidates(monkeypatch):
+    """Every one, whichever corner is first; what is beyond the last has none."""
+    outline, start, _ = ring(monkeypatch, 0)
+    sight = sight_of(outline, start)
+    c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
+    numbers = np.arange(len(c.triangles))
+    for turned in range(3):
+        assert np.array_equal(_numbers(c, np.roll(c.triangles, turned, axis=1)), numbers)
+    n = len(c.points)
+    assert _numbers(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]
