@@ -6,7 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import typer
 from rich.console import Console
@@ -22,12 +22,14 @@ QUICK_TIMEOUT_S = 60.0
 MOST_REPEATS = 1000
 """Processes that everything may be timed in; a thousand is hours of the smallest run."""
 
+NO_CONTEXT = cast("typer.Context", None)
+"""What `study` runs with, which gives no options by the command line."""
+
 Fit = Literal["box", "circle"]
 """`harness.frame.FitMode` but for tiles; that takes long to import: a test compares them."""
 
 
 def run(
-    context: typer.Context,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -106,6 +108,7 @@ def run(
     as_json: options.Json = False,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
+    context: typer.Context = NO_CONTEXT,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store it all."""
     from harness.commands import running

@@ -182,8 +182,10 @@ def load_ahead(*, plots: bool) -> None:
     threading.Thread(target=load, daemon=True).start()
 
 
-def refuse_view_of_tiles(context: typer.Context, scene: str) -> None:
+def refuse_view_of_tiles(context: typer.Context | None, scene: str) -> None:
     """Raise UsageError if the user gives map tiles a view, which they have of themselves."""
+    if context is None:
+        return
     sources = [context.get_parameter_source(name) for name in ("resolution", "rotation", "fit")]
     given = any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)
     if given and is_tiled(scene):
