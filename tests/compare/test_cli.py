@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.compare.differences import machines_differ
+from harness.compare.differences import environment_changes, machines_differ
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT
@@ -101,6 +101,13 @@ def test_machines_differ_only_where_both_are_known():
     assert not machines_differ(one, one)
     assert not machines_differ(one, {})
     assert not machines_differ({}, other)
+
+
+def test_a_package_that_changed_is_reported():
+    one, other = ({"environment": {"packages": {"numpy": each}}} for each in ("2.3.0", "2.4.0"))
+    assert environment_changes(one, other) == ["environment: numpy was 2.3.0, is 2.4.0"]
+    assert environment_changes(one, one) == []
+    assert environment_changes(one, {"environment": {"packages": None}}) == []
 
 
 def test_a_driver_update_is_reported_not_refused(runs):

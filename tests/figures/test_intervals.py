@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import quantile_test
 
+from harness.figures import intervals
 from harness.figures.intervals import mean_interval, median_interval, median_over
 from harness.figures.ratios import (
     FASTER,
@@ -41,6 +42,18 @@ def test_the_interval_of_a_mean_follows_the_skew():
     low, high = mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 6.0, 9.0]))
     mean = 22.5 / 8
     assert high - mean > 1.5 * (mean - low) > 0
+
+
+def test_the_interval_of_a_mean_is_the_studentised_bootstraps():
+    """From its definition: deviations of resampled means, in their own standard errors."""
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 15.0, 20.0])
+    drawn = values[np.random.default_rng(0).integers(10, size=(intervals.RESAMPLES, 10))]
+    error = [np.sqrt(np.square(row - row.mean()).sum() / 9) for row in (values, *drawn)]
+    t = np.sort((drawn.mean(axis=1) - values.mean()) / error[1:])
+    count, tail = len(t), intervals.TAIL
+    low, high = (t[int(np.ceil(share * count)) - 1] for share in (tail, 1 - tail))
+    wanted = (values.mean() - high * error[0], values.mean() - low * error[0])
+    assert mean_interval(values) == pytest.approx(wanted, rel=1e-9)
 
 
 @pytest.mark.parametrize("values", [[1.0] * 5, [0.0] * 24, [0.0] * 11 + [1.0], [1, 2, 3, 4, 5]])

@@ -313,6 +313,19 @@ def test_draws_that_another_program_disturbed_hardly_count():
     assert found == pytest.approx(1.0, abs=0.02)
 
 
+def test_the_interval_of_a_coefficient_leaves_out_a_fortieth_at_each_end(
+    designed_draws_0, monkeypatch
+):
+    """The fit itself finds 1; resamples find 0, 1, 2, ... up to 400."""
+    found = iter([1.0, *map(float, range(401))])
+    monkeypatch.setattr(
+        cost_model, "solve", lambda design, *_, **__: np.full(design.shape[1], next(found))
+    )
+    design, labels = designed_draws_0
+    made = cost_model.fit(design, design.sum(axis=1), labels, resamples=401)
+    assert set(made.intervals.values()) == {(10.0, 390.0)}
+
+
 def test_a_draw_may_have_nothing_of_a_term():
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
     found = cost_model.solve(design, design @ [3.0, 2.0], [0, 0, 1, 1])
