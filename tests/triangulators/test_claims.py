@@ -291,3 +291,21 @@ def test_what_crosses_does_not_depend_on_how_large_it_is():
                 inside = all(at.distance(shapely.Point(points[k])) > 1e-9 for k in (a, b, c, d))
                 assert crossed or not inside
     assert crossings > 100
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[1.0, 2.0], [1, 2.5], ["1"], np.array([1, 2], np.uint64), [2**63], [None], [[1], [2, 3]]],
+)
+def test_what_is_not_whole_in_64_bits_is_no_evidence(values):
+    with pytest.raises((Refused, ValueError)):
+        checker._whole(values, "numbers")
+
+
+def test_whole_numbers_are_taken_in_whichever_array_they_come():
+    for values in ([1, -2], np.array([1, -2], object), np.array([1, -2], np.int8)):
+        found = checker._whole(values, "numbers")
+        assert (found.dtype, found.tolist()) == (np.int64, [1, -2])
+    wide = checker._whole([2**70, -1], "numbers", object)
+    assert wide.tolist() == [2**70, -1]
+    assert checker._whole([], "numbers").dtype == np.int64
