@@ -83,11 +83,8 @@ def _is_least(value: Any) -> bool:
 
 
 def _is_options(value: Any) -> bool:
-    plain = str | int | float | bool
     return isinstance(value, dict) and all(
-        type(each) is type(USUAL_OPTIONS[name])
-        if name in USUAL_OPTIONS
-        else isinstance(each, plain)
+        name in USUAL_OPTIONS and type(each) is type(USUAL_OPTIONS[name])
         for name, each in value.items()
     )
 

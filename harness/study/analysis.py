@@ -118,7 +118,9 @@ def without_twins(records: Sequence[Record]) -> list[Record]:
     """Return the records of one polygon and view, the first of each triangulation."""
     seen: dict[tuple[float, ...], Record] = {}
     for record in records:
-        seen.setdefault(tuple(round(record["predicted"][name], 6) for name in SAME), record)
+        predicted = record["predicted"]
+        if all(name in predicted for name in SAME):  # damage can take one away
+            seen.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
     return list(seen.values())
 
 

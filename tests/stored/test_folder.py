@@ -176,3 +176,16 @@ def test_a_run_is_written_by_one_process_at_a_time(tmp_path):
     with Store.resume(tmp_path) as store:
         store.append(record("b"))
     assert [each["key"] for each in read_run(tmp_path).records] == [A, B]
+
+
+@pytest.mark.parametrize(
+    ("options", "kept"),
+    [({"samples": 4}, 1), ({}, 1), ({"samplec": 4}, 0), ({"work": 1.5}, 0), ({"seed": True}, 0)],
+)
+def test_an_option_of_drawing_that_there_is_not_is_damage(tmp_path, options, kept):
+    with Store.create(tmp_path / "run") as store:
+        store.write_facts({})
+        store.append(record("a", options=options))
+    run = read_run(tmp_path / "run")
+    assert len(run.records) == kept
+    assert len(run.problems) == 1 - kept
