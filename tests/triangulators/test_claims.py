@@ -107,13 +107,14 @@ def test_a_bound_above_the_cost_is_refused(monkeypatch):
         certificate_of(*about(SQUARE, best), forged)
 
 
+@pytest.mark.parametrize("size", [1.0, 2.0**-9])
 @pytest.mark.parametrize("low", [1, 0], ids=["reflex", "flat"])
 @pytest.mark.parametrize("first", range(4))
-def test_a_pair_that_is_not_strictly_convex_blocks_an_exclusion(first, low):
+def test_a_pair_that_is_not_strictly_convex_blocks_an_exclusion(first, low, size):
     # The only diagonal runs up from a corner that is reflex, or lies on the segment that would
     # cross the diagonal. That segment is the shorter one.
     corners = [(0, low), (1, 0), (0, 10), (-1, 0)]
-    polygon = shapely.Polygon(corners[first:] + corners[:first])
+    polygon = shapely.Polygon(np.array(corners[first:] + corners[:first]) * size)
     triangles = triangulate(polygon, "ear-clipping")
     outline, sites, cost = about(polygon, triangles)
     true = certify(polygon, triangles).evidence

@@ -17,6 +17,7 @@ from triangulators.certificate.sight import Fans, fans_of, sight_of
 from triangulators.checking import boxes, checker, exclusions, potentials, visible_pairs
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visible_pairs import visible
+from triangulators.polygon import boundary
 from triangulators.starting.segments import inner_segments
 from triangulators.starting.starts import best_start
 
@@ -72,6 +73,9 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
     for polygon in [*touching_polygons(5, 150), *touching_polygons(6, 60), *holed]:
         ours, checkers = edges_of_both(polygon)
         assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
+        small = boundary(shapely.transform(polygon, lambda points: points * 2.0**-14))
+        again = np.sort(visible(small.points, small.edges, small.site), axis=1)
+        assert again.tolist() == checkers.tolist()
 
 
 def test_starts_find_the_same_segments_in_a_third_way():
