@@ -12,9 +12,6 @@ from harness.commands.options import Dask, Layer, Limit, Quiet, Where
 from harness.errors import UsageError, refuse_failed
 from harness.progress import Reporter
 
-MODELS = (".glb", ".gltf", ".obj", ".ply", ".stl")
-"""Suffixes of 3D models that can be written as they were, with other diagonals."""
-
 SAID_AFTER_S = 3.0
 COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
 
@@ -190,7 +187,11 @@ def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
         return True
     if out is None:
         raise UsageError("say where to write: -o FILE")
-    return out.suffix.lower() in MODELS and is_model(source)
+    if not is_model(source):
+        return False
+    from harness.models.in_place import FORMATS
+
+    return out.suffix.lower() in FORMATS
 
 
 def _in_place(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from harness.models.mesh import Mesh
+from harness.models.mesh import Mesh, sides_of
 from triangulators.geometry.half_edges import link
 
 UNIT = 0.25
@@ -58,8 +58,7 @@ class Faces(NamedTuple):
 
 def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
     """Return the flat faces, and how many groups of coplanar triangles are none, by reason."""
-    normals, thick = _normals(mesh)
-    pairs = _neighbours(mesh, normals, thick)
+    pairs = _neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
     _, group = connected_components(graph, directed=False)
@@ -67,29 +66,29 @@ def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
     slots = np.flatnonzero(size[group] > 1)
     slots = slots[np.argsort(group[slots], kind="stable")]
     face = np.unique(group[slots], return_inverse=True)[1]
-    return _tested(mesh, slots, face, normals)
+    return _tested(mesh, slots, face)
 
 
-def _normals(mesh: Mesh) -> tuple[Floats, NDArray[np.bool_]]:
-    """(m, 3) normals as long as twice the area, and (m,) which triangles are not thin."""
+def _thick(mesh: Mesh) -> NDArray[np.bool_]:
+    """(m,) which triangles are not thin, and have corners that are numbers."""
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
-    normals = np.cross(sides[:, 0], sides[:, 1])
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
     with np.errstate(invalid="ignore"):
-        thick = np.linalg.norm(normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
-    return normals, thick & np.isfinite(corners).all(axis=(1, 2))
+        high = np.linalg.norm(mesh.normals, axis=1) > THIN * UNIT * mesh.tolerance * longest
+    return np.asarray(high & np.isfinite(corners).all(axis=(1, 2)))
 
 
-def _neighbours(mesh: Mesh, normals: Floats, thick: NDArray[np.bool_]) -> Ints:
+def _neighbours(mesh: Mesh) -> Ints:
     """(e, 2) pairs of triangles that belong to one face."""
+    thick = _thick(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
     twin = np.asarray(link(corner), dtype=np.int64)
     edges = np.flatnonzero(twin > np.arange(len(twin)))
     edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
     edges = edges[~_crowded(mesh, edges)]
     kept = [
-        part[_together(mesh, normals, part, twin[part])]
+        part[_together(mesh, part, twin[part])]
         for part in np.split(edges, range(_AT_A_TIME, len(edges), _AT_A_TIME))
     ]
     chosen = np.concatenate(kept)
@@ -98,18 +97,17 @@ def _neighbours(mesh: Mesh, normals: Floats, thick: NDArray[np.bool_]) -> Ints:
 
 def _crowded(mesh: Mesh, edges: Ints) -> NDArray[np.bool_]:
     """(e,) which half-edges are of an edge that has more than two triangles."""
-    corner, ahead = mesh.triangles.reshape(-1), mesh.triangles[:, [1, 2, 0]].reshape(-1)
-    keys = np.minimum(corner, ahead) * len(mesh.positions) + np.maximum(corner, ahead)
+    keys = sides_of(mesh.triangles)
     ordered = np.sort(keys)
     return np.isin(keys[edges], ordered[2:][ordered[2:] == ordered[:-2]])
 
 
-def _together(mesh: Mesh, normals: Floats, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
+def _together(mesh: Mesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
     """Whether the triangles on both sides of each half-edge belong to one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
-    one, other = normals[edge // 3], normals[twin // 3]
+    one, other = mesh.normals[edge // 3], mesh.normals[twin // 3]
     normal = one + other
     alike = ((one * normal).sum(axis=1) > 0.0) & ((other * normal).sum(axis=1) > 0.0)
     points = mesh.positions[quads]
@@ -130,7 +128,7 @@ def _together(mesh: Mesh, normals: Floats, edge: Ints, twin: Ints) -> NDArray[np
     return np.asarray(alike & (bend <= mesh.tolerance) & (off <= 1.0) & same)
 
 
-def _tested(mesh: Mesh, slots: Ints, face: Ints, normals: Floats) -> tuple[Faces, Counter[str]]:
+def _tested(mesh: Mesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
     """Return the groups of triangles that are flat faces; slots, face : (t,), groups in order."""
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(
@@ -138,7 +136,7 @@ def _tested(mesh: Mesh, slots: Ints, face: Ints, normals: Floats) -> tuple[Faces
     )
     owner, vertices = np.divmod(keys, max(len(mesh.positions), 1))
     triangles = triangles.reshape(-1, 3)
-    normal = _sums(normals[slots], face, count)
+    normal = _sums(mesh.normals[slots], face, count)
     points, bend = _in_planes(mesh.positions[vertices], owner, normal)
     whole = np.rint(points / (UNIT * mesh.tolerance))
     a, b, c = np.moveaxis(whole[triangles], 1, 0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile
-from harness.models.mesh import STEPS, Mesh, Part, tolerance_of
+from harness.models.mesh import Mesh, Part, tolerance_of
 
 HARMLESS = ("KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metadata")
 """Extensions of a primitive that say nothing of its triangles' order."""
@@ -143,8 +143,7 @@ class _Columns:
             self._fixed.append(given)
             return
         if values.dtype.kind == "f":
-            known = np.abs(given[np.isfinite(given)])
-            step = STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
+            step = tolerance_of(given)
         else:
             step = 1.0 / _FULL[values.dtype.str[1:]] if normalized else 1.0
             given = given * step

@@ -16,7 +16,7 @@ from harness.errors import UsageError
 from harness.models.diagonals import choose, cost_named
 from harness.models.flat_faces import flat_faces
 from harness.models.gltf import GltfModel
-from harness.models.mesh import Mesh, Part
+from harness.models.mesh import HALF, Mesh, Part, edge_numbers, sides_of
 from harness.models.obj import ObjModel
 from harness.models.ply import PlyModel
 from harness.models.stl import StlModel
@@ -55,8 +55,6 @@ FORMATS: dict[str, Callable[[Path], Model]] = {
 
 
 Ints = NDArray[np.int64]
-_HALF = 32
-"""Bits for a vertex in the number of an edge."""
 
 
 @dataclass
@@ -171,9 +169,9 @@ def _made(part: Part, criterion: str, changes: Changes) -> _Made:
     owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.starts))
     changed = chosen.changed[owner]
     made.face[faces.slots[changed]] = owner[changed]
-    after = _distinct(_edges(chosen.triangles[changed]))
-    fresh = after[~_among(after, _distinct(_edges(faces.triangles[changed])))]
-    ends = np.stack([fresh >> _HALF, fresh & ((1 << _HALF) - 1)], axis=1)
+    after = _distinct(sides_of(chosen.triangles[changed]))
+    fresh = after[~_among(after, _distinct(sides_of(faces.triangles[changed])))]
+    ends = np.stack([fresh >> HALF, fresh & ((1 << HALF) - 1)], axis=1)
     face_of = np.zeros(len(faces.points), dtype=np.int64)
     face_of[faces.triangles] = owner[:, None]
     made.diagonals, made.whose = faces.vertices[ends], face_of[ends[:, 0]]
@@ -191,8 +189,8 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
     points = np.concatenate([part.mesh.positions for part in parts])
     place = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)
     places = np.split(place, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
-    before = [_edges(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
-    after = [_edges_of(at[each.diagonals]) for each, at in zip(made, places, strict=True)]
+    before = [sides_of(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
+    after = [edge_numbers(at[each.diagonals]) for each, at in zip(made, places, strict=True)]
     taken = _distinct(np.concatenate(before))
     own, times = np.unique(np.concatenate(after), return_counts=True)
     shared = own[(times > 1) | _among(own, taken)]
@@ -206,17 +204,6 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
         changes.after += _length(part.mesh, each.triangles[changed])
         if len(bad):
             changes.left["a diagonal would be an edge of other triangles, too"] += len(bad)
-
-
-def _edges(triangles: Ints) -> Ints:
-    """(3 m,) a number for each side of triangles (m, 3), the same in both directions."""
-    return _edges_of(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
-
-
-def _edges_of(ends: Ints) -> Ints:
-    """(d,) a number for each edge (d, 2), the same in both directions."""
-    one, other = ends.T
-    return np.asarray((np.minimum(one, other) << _HALF) + np.maximum(one, other))
 
 
 def _distinct(values: Ints) -> Ints:
@@ -235,8 +222,7 @@ def _among(values: Ints, known: Ints) -> NDArray[np.bool_]:
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:
     """(m,) areas of the triangles; those that are no numbers are 0."""
-    one, two, three = np.moveaxis(mesh.positions[mesh.triangles], 1, 0)
-    areas = np.linalg.norm(np.cross(two - one, three - one), axis=1) / 2
+    areas = np.linalg.norm(mesh.normals, axis=1) / 2
     return np.where(np.isfinite(areas), areas, 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 
 STEPS = 4.0
 """Steps of single precision, at the largest coordinate, by which a flat face may be bent."""
+
+
+HALF = 32
+"""Bits for a vertex in the number of an edge."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,12 @@ class Mesh:
     affine: NDArray[np.float64]
     fixed: NDArray[np.float64]
     tolerance: float
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Return (m, 3) normals of the triangles, as long as twice their area."""
+        sides = np.diff(self.positions[self.triangles], axis=1)
+        return np.asarray(np.cross(sides[:, 0], sides[:, 1]))
 
     def with_triangles(self, triangles: NDArray[np.int64]) -> Mesh:
         """Return others of the same vertices."""
@@ -50,8 +61,18 @@ class Part:
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
 
 
-def tolerance_of(positions: NDArray[np.float64]) -> float:
-    """Return what rounding to single precision explains, in the units of positions (n, 3)."""
-    known = np.abs(positions[np.isfinite(positions)])
-    largest = float(known.max(initial=0.0))
-    return STEPS * float(np.spacing(np.float32(largest)))
+def tolerance_of(values: NDArray[np.float64]) -> float:
+    """Return what rounding to single precision explains, in the units of the values, (n, k)."""
+    known = np.abs(values[np.isfinite(values)])
+    return STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
+
+
+def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (d,) a number for each edge (d, 2), the same in both directions."""
+    one, other = ends.T
+    return np.asarray((np.minimum(one, other) << HALF) + np.maximum(one, other))
+
+
+def sides_of(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (3 m,) the numbers of the sides of triangles (m, 3)."""
+    return edge_numbers(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.mesh import STEPS, Mesh, Part, tolerance_of
+from harness.models.mesh import Mesh, Part, tolerance_of
 from harness.models.text_file import TextFile, text_step, text_tolerance, write_bytes
 
 _KINDS = {
@@ -49,6 +49,7 @@ class PlyModel:
 
     def __init__(self, path: Path) -> None:
         self._text = TextFile(path)
+        self._spans: NDArray[np.int64] | None = None  # of a text: where the indices stand
         self._read()
 
     def _read(self) -> None:
@@ -155,12 +156,14 @@ class PlyModel:
             if least is None:
                 fixed.append(column)
             elif values.dtype.kind == "f":
-                largest = np.float32(np.abs(column[np.isfinite(column)]).max(initial=0.0))
-                affine.append(column / max(least, STEPS * float(np.spacing(largest))))
+                affine.append(column / max(least, tolerance_of(column)))
             else:
                 affine.append(column)
-        text = hasattr(self, "_spans")
-        tolerance = text_tolerance(positions, self._step) if text else tolerance_of(positions)
+        tolerance = (
+            tolerance_of(positions)
+            if self._spans is None
+            else text_tolerance(positions, self._step)
+        )
         columns = [np.zeros(len(self._indices)), *self._others.values()]
         owner = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
         whole = Mesh(positions, self._indices, np.hstack(affine), np.hstack(fixed), tolerance)
@@ -173,7 +176,7 @@ class PlyModel:
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
-        if hasattr(self, "_spans"):
+        if self._spans is not None:
             words = [b"%d" % number for number in range(len(part.mesh.positions))]
             self._text.replace(self._spans[part.source], part.mesh.triangles, triangles, words)
         else:
@@ -181,7 +184,7 @@ class PlyModel:
 
     def write(self, out: Path) -> list[Path]:
         """Write the model; returns the files."""
-        if hasattr(self, "_spans"):
+        if self._spans is not None:
             return self._text.write(out)
         data, rows = self._text.data, self._rows.tobytes()
         return write_bytes(out, data[: self._place] + rows + data[self._place + len(rows) :])
