@@ -7,7 +7,7 @@ import math
 import re
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -35,6 +35,37 @@ class Place(NamedTuple):
         return "/".join(map(str, self))
 
 
+def first_of(zoom: int) -> int:
+    """The number of the first tile of a zoom, where all of the world's are numbered by zooms.
+
+    >>> [first_of(zoom) for zoom in range(4)]
+    [0, 1, 5, 21]
+    """
+    return (4**zoom - 1) // 3
+
+
+def zoom_of(number: int) -> int:
+    """The zoom of a tile so numbered.
+
+    >>> [zoom_of(number) for number in (0, 1, 4, 5, 20, 21)]
+    [0, 1, 1, 2, 2, 3]
+    """
+    return ((3 * number + 1).bit_length() - 1) // 2
+
+
+class Run(NamedTuple):
+    """Tiles that follow each other in an archive and have the same bytes: mostly one.
+
+    number : of the first, as the archive numbers its tiles, those of a zoom in a row
+    count : how many they are
+    size : bytes of one, as it is stored
+    """
+
+    number: int
+    count: int
+    size: int
+
+
 class Archive(ABC):
     """Tiles that can be counted before any is read.
 
@@ -52,6 +83,17 @@ class Archive(ABC):
     @abstractmethod
     def names(self, zoom: int | None) -> Sequence[Any]:
         """The tiles of a zoom, in an order in which neighbours are near; None for all."""
+
+    @abstractmethod
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """All tiles of a zoom, by growing numbers, one by one: there may be many millions."""
+
+    @abstractmethod
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """The name of the first tile of each run, and its count; by number, without `last`.
+
+        Both are of one zoom.
+        """
 
     @abstractmethod
     def packed(self, name: Any) -> bytes | None:
@@ -125,8 +167,10 @@ class Folder(Archive):
             )
         self._files = found
         placed = [name for name in found if isinstance(name, Place)]
+        self._names: list[Any] = list(found)
         if len(placed) == len(found):
             self.zooms = tuple(sorted({place.zoom for place in placed}))
+            self._names = sorted(placed, key=lambda place: place.zoom)
         with suppress(OSError):
             self.attribution = attribution_of((path / "metadata.json").read_bytes())
 
@@ -135,6 +179,16 @@ class Folder(Archive):
         if zoom is None:
             return list(self._files)
         return [place for place in self._files if place[0] == zoom]
+
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """Numbered zoom by zoom, in the order of their paths."""
+        for number, name in enumerate(self._names):
+            if zoom is None or name[0] == zoom:
+                yield Run(number, 1, self._files[name].stat().st_size)
+
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """One by one."""
+        yield from ((name, 1) for name in self._names[first:last])
 
     def packed(self, name: Any) -> bytes | None:
         """A file's bytes."""

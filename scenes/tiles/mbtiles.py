@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from scenes.readers import cut_off
 from scenes.scene import SceneError
-from scenes.tiles.archive import Archive, Place
+from scenes.tiles.archive import Archive, Place, Run, first_of, zoom_of
 
 
 class MBTiles(Archive):
@@ -40,6 +40,32 @@ class MBTiles(Archive):
             (zoom,),
         )
         return [Place(zoom, x, 2**zoom - 1 - y) for x, y in rows] if zoom is not None else []
+
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """Numbered column by column; what lies beyond the map is no tile."""
+        assert zoom is not None
+        side = 2**zoom
+        query = (
+            "SELECT tile_column, tile_row, length(tile_data) FROM tiles WHERE zoom_level = ? "
+            "AND tile_column BETWEEN 0 AND ? AND tile_row BETWEEN 0 AND ? ORDER BY 1, 2 DESC"
+        )
+        with closing(sqlite3.connect(self._uri, uri=True)) as database:
+            for x, y, size in database.execute(query, (zoom, side - 1, side - 1)):
+                yield Run(first_of(zoom) + x * side + side - 1 - y, 1, size or 0)
+
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """One by one."""
+        zoom = zoom_of(first)
+        side, begin = 2**zoom, first_of(zoom)
+        query = (
+            "SELECT tile_column, tile_row FROM tiles WHERE zoom_level = ? "
+            "AND tile_column BETWEEN ? AND ? AND tile_row BETWEEN 0 AND ? ORDER BY 1, 2 DESC"
+        )
+        columns = (first - begin) // side, (last - 1 - begin) // side
+        for x, y in self._ask(query, (zoom, *columns, side - 1)):
+            place = Place(zoom, x, side - 1 - y)
+            if first <= begin + x * side + place.y < last:
+                yield place, 1
 
     def packed(self, name: Any) -> bytes | None:
         """What the database has for a place."""
