@@ -55,7 +55,8 @@ def chosen(text: str) -> tuple[str, Chosen] | None:
     """
     name, given = parsed(text)
     archives = any(_ARCHIVE.search(each.name) for each in [Path(name), *_inside(name)])
-    if not (given or archives or _TILE.search(name) or is_folder(name)):
+    asked = not {"zoom", "layers", "pixels"}.isdisjoint(given)
+    if not (asked or archives or _TILE.search(name) or is_folder(name)):
         return None
     return name, _chosen(**arguments_for(name, _chosen, given))
 
@@ -111,8 +112,9 @@ def _zooms(path: str, archive: Archive, zooms: tuple[int, int] | None) -> Iterab
     first, last = zooms or (archive.zooms[0], archive.zooms[-1])
     found = [zoom for zoom in archive.zooms if first <= zoom <= last]
     if not found:
+        which = f"zoom {first}" if first == last else f"zooms {first} to {last}"
         there = f"it has {archive.zooms[0]} to {archive.zooms[-1]}"
-        raise SceneError(f"{path} has no zoom {first} to {last}; {there}")
+        raise SceneError(f"{path} has no {which}; {there}")
     return found
 
 
