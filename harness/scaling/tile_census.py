@@ -74,20 +74,20 @@ class _Found:
         self.known.update(tile.known)
         if tile.damage:
             self.damaged.append((tile.name, tile.damage))
-            self.counts["damaged", "tile that cannot be read"] += tile.count
+            self.counts["damaged", "tile that cannot be read"] += tile.times
         for name, extent, own in tile.layers:
             if not (len(own.polygons) or own.dropped):
                 continue
             group = (tile.zoom, name)
             sums = self.groups.setdefault(group, Sums.empty(len(self.options.triangulators)))
-            sums.tiles += tile.count if len(own.polygons) else 0
-            sums.dropped += tile.count * len(own.dropped)
-            sums.repaired += tile.count * len(own.repaired)
+            sums.tiles += tile.times if len(own.polygons) else 0
+            sums.dropped += tile.times * len(own.dropped)
+            sums.repaired += tile.times * len(own.repaired)
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
                 for reason, count in counted_notes(kind, notes).items():
-                    self.counts[reason] += tile.count * count
+                    self.counts[reason] += tile.times * count
             self.extents.add(extent)
-            self.waiting.append(_Some(group, own.polygons, tile.count))
+            self.waiting.append(_Some(group, own.polygons, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:
             self.count()
 

@@ -57,12 +57,12 @@ class Run(NamedTuple):
     """Tiles that follow each other in an archive and have the same bytes: mostly one.
 
     number : of the first, as the archive numbers its tiles, those of a zoom in a row
-    count : how many they are
+    times : how many they are
     size : bytes of one, as it is stored
     """
 
     number: int
-    count: int
+    times: int
     size: int
 
 
@@ -90,7 +90,7 @@ class Archive(ABC):
 
     @abstractmethod
     def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
-        """The name of the first tile of each run, and its count; by number, without `last`.
+        """The name of the first tile of each run, and how many they are; by number, without `last`.
 
         Both are of one zoom.
         """

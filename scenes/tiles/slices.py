@@ -127,7 +127,7 @@ def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
             tiles = size = 0
         if not tiles:
             first = run.number
-        last, tiles, size = run.number + run.count, tiles + 1, size + run.size
+        last, tiles, size = run.number + run.times, tiles + 1, size + run.size
     if tiles:
         yield first, last, tiles
 
@@ -145,7 +145,7 @@ class Tile(NamedTuple):
     """What was read of a tile.
 
     zoom : None where the archive does not say
-    count : tiles in a row that have the same bytes
+    times : tiles in a row that have the same bytes
     layers : of those that were asked for, name, extent, and polygons
     known : names of all layers
     damage : why it cannot be read; "" where it can
@@ -153,7 +153,7 @@ class Tile(NamedTuple):
 
     name: str
     zoom: int | None
-    count: int
+    times: int
     layers: list[tuple[str, int, Usable]]
     known: list[str]
     damage: str
@@ -167,7 +167,7 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
     with damage.refused(path, "map tiles"):
         archive = opened(existing(path))
         found = archive.between(*numbers)
-        for name, count in found:
+        for name, times in found:
             zoom = name.zoom if archive.zooms and isinstance(name, Place) else None
             notes: list[Note] = []
             known: list[str] = []
@@ -180,4 +180,4 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
                     for layer in decoded
                     if what.layers is None or layer.name in what.layers
                 ]
-            yield Tile(str(name), zoom, count, layers, known, notes[0][1] if notes else "")
+            yield Tile(str(name), zoom, times, layers, known, notes[0][1] if notes else "")
