@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from harness.figures.index_bytes import index_sizes
 from harness.figures.registry import INDEX, LEAST, OUTLINE
+from harness.figures.tiles import TILES
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -93,6 +94,7 @@ def measured(
         OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
         **_least_of(triangulation.parts, counters, limits.get(LEAST)),
         **_index_of(case, frame, triangulation),
+        **_tiles_of(frame, counters),
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
@@ -110,6 +112,18 @@ def _index_of(case: Case, frame: Frame, triangulation: FrameTriangulation) -> Re
         return {}
     rows = submission(frame, frame.join(triangulation.parts), case.options)
     return {INDEX: index_sizes(frame, rows)}
+
+
+def _tiles_of(frame: Frame, counters: Counters) -> Record:
+    """Return the sums of each counter a tile, where the frame is of tiles."""
+    if frame.tiles is None:
+        return {}
+    sums = {
+        name: np.diff(np.concatenate([[0], np.cumsum(values)])[frame.tiles]).tolist()
+        for name, values in counters.items()
+        if values.ndim
+    }
+    return {TILES: sums}
 
 
 def _outline_of(

@@ -82,6 +82,13 @@ def _is_least(value: Any) -> bool:
     return _is_table(value) and all(name in value for name in OF_LEAST)
 
 
+def _is_tiles(value: Any) -> bool:
+    if not isinstance(value, dict) or not all(isinstance(each, list) for each in value.values()):
+        return False
+    one_length = len({len(each) for each in value.values()}) <= 1
+    return one_length and all(_is_number(number) for each in value.values() for number in each)
+
+
 def _is_options(value: Any) -> bool:
     return isinstance(value, dict) and all(
         name in USUAL_OPTIONS and type(each) is type(USUAL_OPTIONS[name])
@@ -109,6 +116,7 @@ _FIELDS: dict[str, Callable[[Any], bool]] = {
     **dict.fromkeys((*TABLES, "index"), _is_table),
     "fit": lambda value: value in FITS,
     "least": _is_least,
+    "tiles": _is_tiles,
     "options": _is_options,
     "time": _is_time,
     "triangulate_samples_s": lambda value: isinstance(value, list) and all(map(_is_number, value)),

@@ -11,15 +11,17 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
+from harness.figures.tiles import TILES
 from harness.frame import Frame
 from harness.measuring import tasks
+from harness.measuring.records import _tiles_of
 from harness.measuring.worker import Worker
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
-from harness.rasterisers.reference import outlines
+from harness.rasterisers.reference import Reference, outlines
 from harness.rasterisers.submission_order import submission
 from tests.rasterisers.pixels import covered
 
@@ -174,3 +176,14 @@ def test_what_cannot_cut_says_so(tiles):
     with pytest.raises(UsageError, match="pyrender cannot cut at a tile's edge; use opengl"):
         uncut.image(*tiles, NATIVE)
     assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
+
+
+def test_a_record_holds_each_counters_sum_a_tile(tiles):
+    frame, triangles = tiles
+    cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
+    counters = Reference().count(cut, triangles, NATIVE)
+    kept = _tiles_of(cut, counters)[TILES]
+    assert set(kept) == set(counters)
+    for name, values in counters.items():
+        assert kept[name] == [values[:100].sum(), 0, values[100:].sum()]
+    assert _tiles_of(replace(frame, tiles=None), counters) == {}
