@@ -161,6 +161,7 @@ STUDY = TABLES + SENTENCES
 
 STUDY_PLAN = (
     r"(?s)^.*?\n---\n",
+    r"(?s)## Second question.*?\n---\n",
     r"Run on 2026-11-23",
     r"\b95 %",
     r"(?m)^\d\. ",
