@@ -5,7 +5,8 @@ from __future__ import annotations
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import Row, interval, one, percent, some, table_row, three, two, whole
 
-LANES, BYTES, VIEWS = (f"map-tiles/{name}.csv" for name in ("lanes", "bytes", "views"))
+FILES = ("lanes", "bytes", "views", "times", "machine")
+LANES, BYTES, VIEWS, TIMES, MACHINE = (f"map-tiles/{name}.csv" for name in FILES)
 BASE, REFINED, FLIPS = "ear-clipping", "earcut-refine", "flips:l1"
 BEST, BEST_Q = "optimal:half-perimeter", "optimal:expected-quads"
 PLACES = {"helsinki": "Helsinki", "sanfrancisco": "San Francisco"}
@@ -77,18 +78,104 @@ def orders() -> list[str]:
     return lines
 
 
+def _kept(name: str, where: dict[str, str], **view: float) -> str:
+    """Return from least to most the share of the saving that stays in views."""
+    chosen = one(VIEWS, triangulator=name, pitch=0, scale=1.0, turn=0, **where)
+    full = 1.0 - float(chosen["ratio"])
+    rows = some(VIEWS, triangulator=name, **view, **where)
+    kept = [(1.0 - float(row["ratio"])) / full for row in rows]
+    return f"{two(min(kept))} to {two(max(kept))}"
+
+
 def views() -> list[str]:
     """Return, for each zoom, the share of the saving that stays in other views."""
+    turns = [(name, turn) for name in (BEST, BEST_Q) for turn in (0, 30)]
+    return [
+        table_row(_named(where), *(_kept(name, where, pitch=0, turn=turn) for name, turn in turns))
+        for where in _subjects()
+    ]
+
+
+def tilted() -> list[str]:
+    """Return the same for views of a tilted camera."""
+    ways = [(n, pitch, turn) for n in (BEST, BEST_Q) for pitch in (30, 60) for turn in (0, 30)]
+    return [
+        table_row(_named(where), *(_kept(n, where, pitch=p, turn=turn) for n, p, turn in ways))
+        for where in _subjects()
+    ]
+
+
+def _time(where: dict[str, str], place: str, name: str) -> Row:
+    return one(TIMES, where=place, name=name, **where)
+
+
+def _ms(where: dict[str, str], place: str, name: str) -> float:
+    return float(_time(where, place, name)["ms"])
+
+
+def drawn() -> list[str]:
+    """Return, for each zoom, the time to draw a tile, in ratio to ear clipping's."""
     lines = []
     for where in _subjects():
         cells = []
+        for name in (REFINED, FLIPS, BEST, BEST_Q):
+            row = _time(where, "draw", name)
+            cells.append(f"{three(row['ratio'])} {interval(row['low'], row['high'], three)}")
+        slower = two(one(MACHINE, **where)["slower"])
+        lines.append(table_row(_named(where), slower, two(_ms(where, "draw", BASE)), *cells))
+    return lines
+
+
+def made() -> list[str]:
+    """Return, for each zoom, ms a tile to triangulate it in a client and on a server."""
+    ways = [("browser", name) for name in ("earcut", "refine", "l1")]
+    ways += [("python", "mapbox_earcut")]
+    ways += [("server", name) for name in (REFINED, FLIPS, BEST, BEST_Q)]
+    return [
+        table_row(_named(where), *(two(_ms(where, *way)) for way in ways)) for where in _subjects()
+    ]
+
+
+RATES = (1, 10, 100)
+"""Mbit/s."""
+
+
+def _download_ms(where: dict[str, str], name: str, rate: float) -> float:
+    """Return what the triangles' bytes take a tile."""
+    row = _best(name, "gzip", where)
+    tiles = int(one(LANES, triangulator=name, **where)["tiles"])
+    return int(row["added"]) / tiles * 8 / (rate * 1e3)
+
+
+def _saved_ms(where: dict[str, str], name: str, base: str = BASE) -> float:
+    """Return what a draw of a tile takes less than the base's, by ratios."""
+    ratios = [float(_time(where, "draw", each)["ratio"]) for each in (base, name)]
+    return _ms(where, "draw", BASE) * (ratios[0] - ratios[1])
+
+
+def _draws(cost: float, saved: float) -> str:
+    """Return after how many draws a cost in ms has paid."""
+    if cost <= 0:
+        return "at once"
+    return "never" if saved <= 0 else whole(cost / saved)
+
+
+def _at_rates(cells: list[str]) -> str:
+    return " / ".join(cells)
+
+
+def paid() -> list[str]:
+    """Return, for each zoom, when triangles in a tile, and flips in the client, have paid."""
+    lines = []
+    for where in _subjects():
+        earcut, flips = _ms(where, "browser", "earcut"), _ms(where, "browser", "l1")
+        cells = [_at_rates([two(_download_ms(where, BEST, rate)) for rate in RATES])]
         for name in (BEST, BEST_Q):
-            chosen = one(VIEWS, triangulator=name, scale=1.0, turn=0, **where)
-            full = 1.0 - float(chosen["ratio"])
-            for turn in (0, 30):
-                rows = some(VIEWS, triangulator=name, turn=turn, **where)
-                kept = [(1.0 - float(row["ratio"])) / full for row in rows]
-                cells.append(f"{two(min(kept))} to {two(max(kept))}")
+            costs = [_download_ms(where, name, rate) - earcut for rate in RATES]
+            cells.append(_at_rates([_draws(cost, _saved_ms(where, name)) for cost in costs]))
+        cells.append(_draws(flips, _saved_ms(where, FLIPS)))
+        costs = [_download_ms(where, BEST, rate) - earcut - flips for rate in RATES]
+        cells.append(_at_rates([_draws(cost, _saved_ms(where, BEST, FLIPS)) for cost in costs]))
         lines.append(table_row(_named(where), *cells))
     return lines
 
@@ -135,6 +222,26 @@ TABLES: list[Held] = [
         orders,
     ),
     Table("| data, zoom | H, upright | H, turned | Q, upright | Q, turned |", views),
+    Table(
+        "| data, zoom | H, 30 | H, 30, turned | H, 60 | H, 60, turned | Q, 30 | Q, 30, turned |"
+        " Q, 60 | Q, 60, turned |",
+        tilted,
+    ),
+    Table(
+        "| data, zoom | slower | ear clipping, ms a tile | earcut-refine | L1 flips |"
+        " optimum for H | optimum for Q |",
+        drawn,
+    ),
+    Table(
+        "| data, zoom | npm earcut | its refine | L1 flips | mapbox_earcut | earcut-refine |"
+        " flips:l1 | optimum for H | optimum for Q |",
+        made,
+    ),
+    Table(
+        "| data, zoom | download, ms a tile | H has paid after draws | Q has paid after |"
+        " flips in the client after | H against these after |",
+        paid,
+    ),
 ]
 
 SENTENCES: list[Held] = [
