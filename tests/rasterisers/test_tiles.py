@@ -80,6 +80,19 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
 
 
+def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
+    device = next((each for each in get("opengl").devices() if each.name == "softpipe"), None)
+    if device is None:
+        pytest.skip("softpipe is not installed")
+    with Worker(device.name, device.environment) as worker:
+        drawn = worker.call(tasks.count, "opengl", device, *tiles, NATIVE, timeout_s=120)
+    exact = reference.count(*tiles, NATIVE)
+    assert disagreements(tiles[0], drawn, exact)
+    for name in ("fragments", "quads", "helper_lanes"):
+        assert drawn[name].sum() == pytest.approx(exact[name].sum(), rel=0.01)
+        assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=0.02)
+
+
 def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
     """Against pictures in which each pixel is marked, one triangle at a time."""
     frame, triangles = tiles
