@@ -118,10 +118,12 @@ def ratio_interval(
 
 
 def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard errors of ratios, one a row, by leaving out each value in turn (the jackknife)."""
-    n = base.shape[1]
+    """Standard errors of ratios, one a row, by leaving out each value in turn (the jackknife).
+
+    They lack a factor that is the same for all rows and cancels in the studentised bootstrap.
+    """
     rest = base.sum(axis=1, keepdims=True) - base
-    errors: NDArray[np.float64] = np.sqrt((n - 1) / n * ((residuals / rest) ** 2).sum(axis=1))
+    errors: NDArray[np.float64] = np.sqrt(((residuals / rest) ** 2).sum(axis=1))
     return errors
 
 

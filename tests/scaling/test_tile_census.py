@@ -193,6 +193,22 @@ def test_entries_beside_leaves_are_in_order(tmp_path):
     ]  # fmt: skip
 
 
+def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
+    """Damage may give one number to two entries: a tile is there once."""
+    numbers = [first_of(3) + each for each in (0, 2, 2, 5)]
+    root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
+    places = {"metadata_offset": 127, "root_offset": 127, "leaf_directory_offset": 127}
+    places |= {"tile_data_offset": 127 + len(root), "root_length": len(root)}
+    lengths = {"metadata_length": 0, "leaf_directory_length": 0, "tile_data_length": 4}
+    about = {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
+    about |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
+    path = tmp_path / "a.pmtiles"
+    path.write_bytes(serialize_header({**places, **lengths, **about}) + root + b"aaaa")
+    found = [run.number - first_of(3) for run in PMTiles(path).runs(3)]
+    assert found == [0, 2, 5]
+    assert len(PMTiles(path).names(3)) == 3
+
+
 def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
     tiles = {Place(5, k, 7): encoded([COURT]) for k in range(4)}
     file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
