@@ -23,14 +23,18 @@ from harness.page.saved import Finite, Part, Share, Text, Whole
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.measured import CONTROL
-from harness.profile.profile import profile
+from harness.profile.measured import CONTROL, Measured
+from harness.profile.profile import fitted_of, profile
+from harness.study import cost_model
 
 FORMAT = "raster-harness device profile"
 
 LIKE = 0.02
 """By which what the page's law says of a draw and what ours says may differ: both fit until no
 time changes by 1e-4."""
+
+LATER = ("covering", "rows")
+"""Terms that the first pages did not know."""
 
 Count = Annotated[int, Field(ge=0, le=2**31)]
 
@@ -118,7 +122,7 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
     }
     found = measured.of_times(times, names)
     content, law = profile(draws, found, _facts(result, name), page.seed)
-    _refuse_other_law(file, result, content, law.seconds)
+    _refuse_other_law(file, result, draws, found, content, law.seconds)
     return Imported(content, found.trouble, _warnings(result))
 
 
@@ -141,15 +145,29 @@ def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
 
 
 def _refuse_other_law(
-    file: Path, result: Result, content: Mapping[str, Any], seconds: NDArray[np.float64]
+    file: Path,
+    result: Result,
+    draws: list[Draw],
+    found: Measured,
+    content: Mapping[str, Any],
+    seconds: NDArray[np.float64],
 ) -> None:
-    """The law that the page showed must say the same of each draw as the one of its times."""
+    """The law that the page showed must say the same of each draw as the one of its times.
+
+    An older page's law lacks terms of `LATER`; then one is fitted without them.
+    """
     if result.law is None:
         return
-    if list(result.law.seconds) != list(TERMS):
+    known = [name for name in TERMS if name in result.law.seconds]
+    if known != list(result.law.seconds) or {*TERMS} - {*known} - {*LATER}:
         raise UsageError(f"{file}: its law has other terms")
     rows = design_of([each["counters"] for each in content["times"]])
-    shown = rows @ np.array([result.law.seconds[name] for name in TERMS])
+    if known != list(TERMS):
+        rows = rows[:, [list(TERMS).index(name) for name in known]]
+        fitted, _ = fitted_of(draws)
+        labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
+        seconds = cost_model.solve(rows[fitted], found.seconds[fitted], labels)
+    shown = rows @ np.array([result.law.seconds[name] for name in known])
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")
 
