@@ -11,9 +11,11 @@ Of each scene, 24 polygons are drawn by ten triangulators, by optimal:calibrated
 coefficients, and by six random ones, timed together group by group. Writes <profile>-judged.csv
 beside the others: of each scene
 
-r2_over, r2_within : of log time as the profile's coefficients predict it, over all draws and
-    within polygons, with this session's own draw of nothing (it depends on the viewport), and one
-    factor, `speed`, for how fast the machine was in ratio to the profile's session
+law_over, law_within : R2 of log time as the profile's law and exact counters predict it, over all
+    draws and within polygons, with this session's own draw of nothing (it depends on the viewport),
+    and one factor for how fast the machine was in ratio to the profile's session
+r2_over, r2_within : the same of the profile's coefficients, which optimal:calibrated minimises, and
+    of criteria alone; `speed` is that factor
 r2_most : what r2_within would be if only noise were left, by how the two halves of the rounds agree
     (C. Spearman and W. Brown, 1910)
 regret, low, high : what a triangulator costs above the best of all but the random ones, mean
@@ -40,6 +42,7 @@ from harness.measuring.settings import TimingSettings
 from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
+from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -62,7 +65,8 @@ ALWAYS = (
 """Triangulators whose regret is told: as if always taken."""
 
 COLUMNS = (
-    *("scene", "resolution", "polygons", "draws", "r2_over", "r2_within", "r2_most", "speed"),
+    *("scene", "resolution", "polygons", "draws", "law_over", "law_within"),
+    *("r2_over", "r2_within", "r2_most", "speed"),
     *("triangulator", "advice", "regret", "low", "high"),
 )
 
@@ -136,16 +140,16 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
     seconds = timed.ratios * float(np.median(timed.reference_s))
     empty = float(np.median(timed.empty_s))
     cost = cost_model.predict({**profile["coefficients"], "draw": 0.0}, study.design_of(draws))
-    speed = float(np.median((seconds - empty) / cost))
-    predicted = empty + speed * cost
+    by_law, _ = as_predicted(seconds, empty, law_of(profile, draws))
+    predicted, speed = as_predicted(seconds, empty, cost)
     held = HeldOut(study.design_of(draws), seconds, timed.halves, polygons)
     common = {
         "scene": scene,
         "resolution": given.resolution,
         "polygons": len(held.rows),
         "draws": len(draws),
-        "r2_over": f"{cost_model.r_squared(np.log(seconds), np.log(predicted)):.4f}",
-        "r2_within": f"{cost_model.r_squared_within(seconds, predicted, polygons):.4f}",
+        **explained("law", seconds, by_law, polygons),
+        **explained("r2", seconds, predicted, polygons),
         "r2_most": f"{reliability(held):.4f}",
         "speed": f"{speed:.3f}",
     }
@@ -165,6 +169,30 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
             "advice": int(name == advice),
             **{k: f"{v:.5f}" for k, v in (("regret", mean), ("low", low), ("high", high))},
         }
+
+
+def law_of(profile: dict[str, Any], draws: list[study.Draw]) -> NDArray[np.float64]:
+    """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
+    each = {term["name"]: term["seconds"] for term in profile["terms"]} | {"draw": 0.0}
+    rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in draws])
+    return np.asarray(rows @ np.array([each[name] for name in TERMS]))
+
+
+def as_predicted(
+    seconds: NDArray[np.float64], empty: float, cost: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Return what this session's draws should take, and its speed in ratio to the profile's."""
+    speed = float(np.median((seconds - empty) / cost))
+    return empty + speed * cost, speed
+
+
+def explained(
+    name: str, seconds: NDArray[np.float64], predicted: NDArray[np.float64], polygons: list[str]
+) -> dict[str, str]:
+    """Return R2 of log time over all draws and within polygons, as columns."""
+    over = cost_model.r_squared(np.log(seconds), np.log(predicted))
+    within = cost_model.r_squared_within(seconds, predicted, polygons)
+    return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 
 def reliability(held: HeldOut) -> float:
