@@ -46,6 +46,7 @@ def profile(
     from harness.measuring.worker import Worker
     from harness.profile import design, measured
     from harness.profile import profile as profiles
+    from harness.profile.counted import counters
     from harness.rasterisers.base import Options
 
     reporter = Reporter(quiet=quiet)
@@ -67,7 +68,7 @@ def profile(
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             **bench.describe()[backend.label],
         }
-        content, _ = profiles.profile(draws, found, facts, seed)
+        content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
         add_advice(content, bench, found.trouble)
     finally:
         bench.close()

@@ -6,12 +6,11 @@ it saved. So nothing of it is believed but the times, and what contradicts them 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
@@ -36,6 +35,7 @@ time changes by 1e-4."""
 LATER = ("covering", "rows")
 """Terms that the first pages did not know."""
 
+Counted = Mapping[str, int]
 Count = Annotated[int, Field(ge=0, le=2**31)]
 
 
@@ -107,7 +107,8 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         )
     step = result.device.step or 1
     draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
-    _refuse_other_draws(file, result, draws)
+    exact = [counters(draw) for draw in draws]
+    _refuse_other_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
     if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
@@ -121,21 +122,22 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
     }
     found = measured.of_times(times, names)
-    content, law = profile(draws, found, _facts(result, name), page.seed)
-    _refuse_other_law(file, result, draws, found, content, law.seconds)
+    _refuse_other_law(file, result, draws, exact, found)
+    content = profile(draws, exact, found, _facts(result, name), page.seed)
     return Imported(content, found.trouble, _warnings(result))
 
 
-def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
+def _refuse_other_draws(
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]
+) -> None:
     """What was drawn and counted must be the design's, and differ from it as the page says."""
     told = [each.checksum for each in result.draws]
     own = [draw.checksum for draw in draws]
     if told != own[: len(told)] or (result.times and len(told) != len(own)):
         raise UsageError(f"{file}: its draws are not those of seed {result.page.seed}")
-    exact = [counters(draw) for draw in draws[: len(told)]]
     differing = sum(
         (each.fragments, each.quads) != (known["fragments"], known["quads"])
-        for each, known in zip(result.draws, exact, strict=True)
+        for each, known in zip(result.draws, exact[: len(told)], strict=True)
     )
     if differing != result.differing:
         raise UsageError(
@@ -145,29 +147,22 @@ def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
 
 
 def _refuse_other_law(
-    file: Path,
-    result: Result,
-    draws: list[Draw],
-    found: Measured,
-    content: Mapping[str, Any],
-    seconds: NDArray[np.float64],
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], found: Measured
 ) -> None:
     """The law that the page showed must say the same of each draw as the one of its times.
 
-    An older page's law lacks terms of `LATER`; then one is fitted without them.
+    An older page's law lacks terms of `LATER`; then the one of its times has none of these either.
     """
     if result.law is None:
         return
     known = [name for name in TERMS if name in result.law.seconds]
     if known != list(result.law.seconds) or {*TERMS} - {*known} - {*LATER}:
         raise UsageError(f"{file}: its law has other terms")
-    rows = design_of([each["counters"] for each in content["times"]])
-    if known != list(TERMS):
-        rows = rows[:, [list(TERMS).index(name) for name in known]]
-        fitted, _ = fitted_of(draws)
-        labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
-        seconds = cost_model.solve(rows[fitted], found.seconds[fitted], labels)
-    shown = rows @ np.array([result.law.seconds[name] for name in known])
+    rows = design_of(exact)[:, [list(TERMS).index(name) for name in known]]
+    fitted, _ = fitted_of(draws)
+    labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
+    seconds = cost_model.solve(rows[fitted], found.seconds[fitted], labels)
+    shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")
 

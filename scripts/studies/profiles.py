@@ -111,7 +111,8 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
         control=Ratio(*profile["control"], rounds=0),
         rounds=profile["rounds"],
     )
-    content, _ = profiles.profile(draws, found, profile["device"], profile["seed"])
+    counted = [counters(draw) for draw in draws]
+    content = profiles.profile(draws, counted, found, profile["device"], profile["seed"])
     content["advice"] = profile.get("advice")
     content["refused"] = content["refused"] or bool(found.trouble)
     return {name: content[name] for name in profile}

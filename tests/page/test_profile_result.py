@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from copy import deepcopy
@@ -13,7 +14,7 @@ import pytest
 from harness.commands import running
 from harness.errors import BAD_INPUT, INCONCLUSIVE
 from harness.page.profile_result import FORMAT, LATER
-from harness.profile import advice, words
+from harness.profile import advice, design, words
 from harness.profile.advice import OWN
 from harness.profile.counted import TERMS
 from harness.study.calibration_draws import read_coefficients
@@ -24,9 +25,13 @@ from tests.page.test_hostile import MARKUP, hostile
 from tests.profile.charging import COSTS
 
 
+DRAWS = functools.cache(design.draws)
+
+
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
-    """Workers are in this process, and advice looks at few polygons."""
+    """Draws are made once, workers are in this process, and advice looks at few polygons."""
+    monkeypatch.setattr(design, "draws", DRAWS)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
     monkeypatch.setattr("harness.profile.law.RESAMPLES", 20)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
