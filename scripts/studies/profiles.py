@@ -135,7 +135,9 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
             precision=0.002, budget_s=given.budget, warm_up_s=0.02, min_batch_s=3e-3, paired=False
         )
         options = Options(order="walk")
-        timed = study.time_draws(backend, bench, settings, options, reporter, draws, scene)
+        timed = study.time_draws(
+            backend, bench, settings, options, reporter, draws, scene, polygons
+        )
     finally:
         bench.close()
     seconds = timed.ratios * float(np.median(timed.reference_s))

@@ -24,7 +24,6 @@ from tests.page.conftest import saved_as
 from tests.page.test_hostile import MARKUP, hostile
 from tests.profile.charging import COSTS
 
-
 DRAWS = functools.cache(design.draws)
 
 
