@@ -110,9 +110,9 @@ def retriangulate(
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
     existing(str(source))
-    cut_off.refuse(source)
+    cut_off.check(source)
     cost_named(criterion)
-    with damage.refused(str(source), f"a model ({source.suffix})"):
+    with damage.clear_errors(str(source), f"a model ({source.suffix})"):
         model = kind(source)
         groups = list(model.groups())
     changes = Changes()

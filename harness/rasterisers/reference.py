@@ -92,15 +92,15 @@ class _Filling(Drawing):
         self.window = frame.window
         self.colours = colours(frame.owner(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
-        self._fill(self.triangles[:0])  # compiles
+        self._rasterise(self.triangles[:0])  # compiles
 
     def sample(self, repeats: int) -> Sample:
         start = time.perf_counter()
         for _ in range(repeats):
-            self._fill(self.triangles)
+            self._rasterise(self.triangles)
         return Sample(wall=time.perf_counter() - start)
 
-    def _fill(self, triangles: Triangles) -> None:
+    def _rasterise(self, triangles: Triangles) -> None:
         spans.fill(self.points, triangles, self.colours, self.picture, self.window)
 
     def close(self) -> None:

@@ -67,7 +67,7 @@ def read(
     check_pixels(pixels)
     found = _Found()
     file = existing(path)
-    with damage.refused(path, "map tiles"):
+    with damage.clear_errors(path, "map tiles"):
         archive = opened(file)
         zoom = _zoom(path, archive, zoom)
         names = archive.names(zoom)

@@ -93,7 +93,7 @@ def cut(path: str, zooms: tuple[int, int] | None) -> Slices:
     file = existing(path)
     rows: list[tuple[int, int] | None] = []
     sizes: list[int] = []
-    with damage.refused(path, "map tiles"):
+    with damage.clear_errors(path, "map tiles"):
         archive = opened(file)
         for zoom in _zooms(path, archive, zooms):
             for first, last, size in _cut(archive.runs(zoom)):
@@ -164,7 +164,7 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
 
     Raises SceneError if the file is missing or cannot be read.
     """
-    with damage.refused(path, "map tiles"):
+    with damage.clear_errors(path, "map tiles"):
         archive = opened(existing(path))
         found = archive.between(*numbers)
         for name, times in found:
