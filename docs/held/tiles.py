@@ -7,8 +7,8 @@ import math
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import Row, interval, one, percent, some, table_row, three, two, whole
 
-FILES = ("lanes", "bytes", "views", "times", "machine", "client")
-LANES, BYTES, VIEWS, TIMES, MACHINE, CLIENT = (f"map-tiles/{name}.csv" for name in FILES)
+FILES = ("lanes", "bytes", "views", "times", "machine", "client", "many")
+LANES, BYTES, VIEWS, TIMES, MACHINE, CLIENT, MANY = (f"map-tiles/{name}.csv" for name in FILES)
 BASE, REFINED, FLIPS = "ear-clipping", "earcut-refine", "flips:l1"
 BEST, BEST_Q = "optimal:half-perimeter", "optimal:expected-quads"
 PLACES = {"helsinki": "Helsinki", "sanfrancisco": "San Francisco"}
@@ -182,6 +182,21 @@ def paid() -> list[str]:
     return lines
 
 
+def many() -> list[str]:
+    """Return, for each archive, what a census of it took."""
+    names = ("seconds", "core_seconds", "worker_mb", "command_mb")
+    return [
+        table_row(
+            whole(row["polygons"]),
+            whole(row["tiles"]),
+            whole(int(row["file_bytes"]) / 1e6),
+            *(whole(row[name]) for name in names),
+            whole(row["load"]),
+        )
+        for row in some(MANY)
+    ]
+
+
 def _saved(name: str) -> list[float]:
     return [1.0 - float(one(LANES, triangulator=name, **each)["ratio"]) for each in _subjects()]
 
@@ -224,6 +239,11 @@ TABLES: list[Held] = [
         orders,
     ),
     Table("| data, zoom | H, upright | H, turned | Q, upright | Q, turned |", views),
+    Table(
+        "| polygons | tiles | file, MB | seconds | core seconds | a worker, MB |"
+        " the command, MB | load |",
+        many,
+    ),
     Table(
         "| data, zoom | H, 30 | H, 30, turned | H, 60 | H, 60, turned | Q, 30 | Q, 30, turned |"
         " Q, 60 | Q, 60, turned |",
