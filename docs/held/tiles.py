@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+from collections.abc import Callable
+
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import Row, interval, one, percent, some, table_row, three, two, whole
+from docs.held.lookups import Row, fixed, interval, one, percent, some, table_row, three, two, whole
 
 FILES = ("lanes", "bytes", "views", "times", "machine", "client", "many")
 LANES, BYTES, VIEWS, TIMES, MACHINE, CLIENT, MANY = (f"map-tiles/{name}.csv" for name in FILES)
+AGAIN = "map-tiles/times-again.csv"
 BASE, REFINED, FLIPS = "ear-clipping", "earcut-refine", "flips:l1"
 BEST, BEST_Q = "optimal:half-perimeter", "optimal:expected-quads"
 PLACES = {"helsinki": "Helsinki", "sanfrancisco": "San Francisco"}
@@ -287,6 +290,53 @@ SENTENCES: list[Held] = [
 ]
 
 
+def _least_and_most(column: str, form: Callable[[object], str]) -> list[str]:
+    found = [float(row[column]) for row in some(MACHINE)]
+    return [form(min(found)), form(max(found))]
+
+
+def one_digit(value: object) -> str:
+    """Write with one digit after the point."""
+    return fixed(value, 1)
+
+
+def _meeting() -> list[str]:
+    """Return of how many ratios of draw times the intervals of two runs meet."""
+    pairs = [
+        (row, one(AGAIN, where="draw", **{key: row[key] for key in ("data", "zoom", "name")}))
+        for row in some(TIMES, where="draw")
+        if row["name"] != BASE
+    ]
+    meet = sum(
+        float(a["low"]) <= float(b["high"]) and float(b["low"]) <= float(a["high"])
+        for a, b in pairs
+    )
+    return [whole(meet), whole(len(pairs))]
+
+
+def _of_earcut(name: str) -> list[str]:
+    found = [_ms(w, "browser", name) / _ms(w, "browser", "earcut") for w in _subjects()]
+    return [two(min(found)), two(max(found))]
+
+
+def _range(found: list[int]) -> list[str]:
+    return [whole(min(found)), whole(max(found))]
+
+
+def _flips_pay() -> list[int]:
+    pairs = ((_ms(w, "browser", "l1"), _saved_ms(w, FLIPS)) for w in _subjects())
+    return [math.ceil(cost / saved) for cost, saved in pairs]
+
+
+def _pays_beside_flips() -> list[int]:
+    found = []
+    for where in _subjects():
+        spared = _ms(where, "browser", "earcut") + _ms(where, "browser", "l1")
+        cost = _download_ms(where, BEST, 10) - spared
+        found.append(math.ceil(cost / _saved_ms(where, BEST, FLIPS)))
+    return found
+
+
 def _pixels(*columns: str) -> list[str]:
     return [whole(sum(int(row[name]) for row in some(CLIENT))) for name in columns]
 
@@ -297,6 +347,18 @@ SENTENCES += [
         lambda: _pixels("differ", "pixels", "left_out"),
     ),
     Sentence("The other {} lie less than 1/16 px from", lambda: _pixels("clipped")),
+    Sentence(
+        "the load was {} to {} on its two cores, and the reference draw took {} to {} of the best"
+        " time known",
+        lambda: [*_least_and_most("load", one_digit), *_least_and_most("slower", two)],
+    ),
+    Sentence(
+        "`refine` takes more: {} to {} of earcut's time once more. Flips take {} to {}, so",
+        lambda: [*_of_earcut("refine"), *_of_earcut("l1")],
+    ),
+    Sentence("of {} of {} ratios the two intervals meet", _meeting),
+    Sentence("need no byte, have paid after {} to {} draws,", lambda: _range(_flips_pay())),
+    Sentence("in the tile needs {} to {} draws at 10 Mbit/s", lambda: _range(_pays_beside_flips())),
     Sentence("For {} pixels there is neither reason.", lambda: _pixels("other")),
 ]
 
@@ -308,7 +370,8 @@ STUDY_PLAN = (
     r"Run on 2026-11-23",
     r"\b95 %",
     r"(?m)^\d\. ",
-    r"zoom 1[45]|0\.7 to 1\.4|30 degrees",
+    r"by 30 and by 60|[HQ], [36]0|1[01]\. It holds|quads of 2x2 pixels",
+    r"zooms? 1[2-6]( and 13)?|0\.7 to\s+1\.4|[36]0 degrees|1, 10 and 100|(1|10|100) Mbit/s|blocks of 4x4",
     r"0 of 262,144|less than 1/16 px|all 40 tiles",  # tests/ports/test_map_client.py
 )
 """The plan was registered before anything was measured; it is never changed."""
