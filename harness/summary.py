@@ -25,6 +25,7 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
+from harness.figures.views import views_told
 from harness.pictures.style import plain_table
 from harness.stored import atomic
 from harness.stored.folder import Record
@@ -55,7 +56,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        lines = [*_proven(good), *_judged(good)]
+        lines = [*views_told(good), *_proven(good), *_judged(good)]
         if decision:
             lines += [line for line in (explained(decision), advice(members)) if line]
         for line in lines:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from harness.figures.index_bytes import index_sizes
 from harness.figures.registry import INDEX, LEAST, OUTLINE
+from harness.figures.views import VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -93,6 +94,7 @@ def measured(
         OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
         **_least_of(triangulation.parts, counters, limits.get(LEAST)),
         **_index_of(case, frame, triangulation),
+        **_views_of(frame, counters),
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
@@ -106,10 +108,23 @@ def _rounds_of(samples_s: Sequence[float]) -> Record:
 
 def _index_of(case: Case, frame: Frame, triangulation: FrameTriangulation) -> Record:
     """Return the bytes that a map's tiles would have more if they held these triangles."""
-    if frame.tiles is None:
+    if frame.tiles is None or frame.viewing is not None:
         return {}
     rows = submission(frame, frame.join(triangulation.parts), case.options)
     return {INDEX: index_sizes(frame, rows)}
+
+
+def _views_of(frame: Frame, counters: Counters) -> Record:
+    """Return the counters of each view of a model, where they are known of each piece."""
+    if frame.viewing is None:
+        return {}
+    first = frame.viewing.first
+    sums = {
+        name: np.diff(np.concatenate([[0], np.cumsum(values)])[first]).tolist()
+        for name, values in counters.items()
+        if values.ndim
+    }
+    return {VIEWS: {"names": list(frame.viewing.names), **sums}}
 
 
 def _outline_of(

@@ -81,15 +81,15 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     cost = cost_named(criterion)
     sizes = np.diff(faces.starts)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
-    outlines = _outlines(faces)
-    found, done = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
+    clean = outlines(faces)
+    found, done = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
     counts = np.diff(found.starts)
     number = np.repeat(np.arange(len(done)), counts)
     kept = done[number]  # the other rows of `found` hold anything
-    first = _begins(outlines.polygons)[number[kept]]
-    own = outlines.vertices[found.triangles[kept] + first[:, None]]
+    first = _begins(clean.polygons)[number[kept]]
+    own = clean.vertices[found.triangles[kept] + first[:, None]]
     begins = np.r_[0, np.cumsum(counts[done])]
-    _take(faces.points, faces.starts, outlines.face[done], (own, begins), result, left)
+    _take(faces.points, faces.starts, clean.face[done], (own, begins), result, left)
     rest = np.repeat(left, sizes)
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
@@ -139,7 +139,7 @@ def _gains(
     return found
 
 
-class _Outlines(NamedTuple):
+class Outlines(NamedTuple):
     """Faces whose outline is a valid polygon through all of their vertices, once each.
 
     face : (c,) their numbers; vertices : (n,) which of `Faces.points` each of the polygons' is
@@ -150,7 +150,8 @@ class _Outlines(NamedTuple):
     vertices: Ints
 
 
-def _outlines(faces: Faces) -> _Outlines:
+def outlines(faces: Faces) -> Outlines:
+    """Return the faces whose outline is clean; the outer ring, which turns left, comes first."""
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
@@ -169,7 +170,7 @@ def _outlines(faces: Faces) -> _Outlines:
         sound[face[~valid]] = False
         vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
     polygons = Ragged(faces.points[vertices], ring_ends, polygon_ends)
-    return _Outlines(np.flatnonzero(sound), polygons, vertices)
+    return Outlines(np.flatnonzero(sound), polygons, vertices)
 
 
 @njit(nogil=True)
@@ -222,15 +223,21 @@ def _rings(
 
 def _valid(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.bool_]:
     """(c,) which polygons are valid."""
+    return np.asarray(shapely.is_valid(shapes(points, ring_ends, polygon_ends)), np.bool_)
+
+
+def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.object_]:
+    """(c,) polygons, valid or not, of vertices (n, 2), where rings end, and where polygons do."""
     if len(polygon_ends) == 0:
-        return np.ones(0, dtype=np.bool_)
+        return np.empty(0, dtype=object)
     starts = np.r_[0, ring_ends[:-1]]
     closed = np.insert(points, ring_ends, points[starts], axis=0)
     offsets = np.r_[0, ring_ends + np.arange(1, len(ring_ends) + 1)]
-    made = shapely.from_ragged_array(
-        shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
+    return np.asarray(
+        shapely.from_ragged_array(
+            shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
+        )
     )
-    return np.asarray(shapely.is_valid(made))
 
 
 def _begins(polygons: Ragged) -> Ints:

@@ -104,17 +104,10 @@ def retriangulate(
         that is no sum over triangles
     """
     begun = time.perf_counter()
-    kind = FORMATS.get(source.suffix.lower())
-    if kind is None:
-        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
-    existing(str(source))
-    cut_off.refuse(source)
     cost_named(criterion)
-    with damage.refused(str(source), f"a model ({source.suffix})"):
-        model = kind(source)
-        groups = list(model.groups())
+    model, groups = opened(source)
     changes = Changes()
     drawn: list[Drawn] = []
     for parts in groups:
@@ -130,6 +123,26 @@ def retriangulate(
         changes.files = model.write(out)
     changes.seconds = time.perf_counter() - begun
     return changes
+
+
+def opened(source: Path) -> tuple[Model, list[list[Part]]]:
+    """Return a model and its parts, those together that may touch.
+
+    Raises
+    ------
+    SceneError
+        for a file that is not there, is damaged, or holds its triangles packed
+    UsageError
+        for one that is no model, by its suffix
+    """
+    kind = FORMATS.get(source.suffix.lower())
+    if kind is None:
+        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
+    existing(str(source))
+    cut_off.refuse(source)
+    with damage.refused(str(source), f"a model ({source.suffix})"):
+        model = kind(source)
+        return model, list(model.groups())
 
 
 @dataclass

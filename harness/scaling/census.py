@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from harness.export.apart import triangulate_many
 from harness.export.export import counted_notes
-from harness.export.writer import Output
 from harness.rasterisers.reference import predict
 from harness.scaling.dataset import Kind
 from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
 from harness.scaling.snapping import on_pixels
 from harness.stored.folder import UNREADABLE
+from harness.stored.output import Output
 from scenes.files import Chunk, read_chunks
 from triangulators.batch.triangulate_many import Ragged, ragged
 

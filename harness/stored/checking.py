@@ -26,7 +26,7 @@ NUMBERS = (
 )
 TEXTS = ("reason", "scene_hash", "host")
 TABLES = ("counters", "predicted")
-FITS = ("box", "circle", "tile")
+FITS = ("box", "circle", "tile", "view")
 USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 """Options of drawing: what older runs did not have is as these."""
 
@@ -82,6 +82,17 @@ def _is_least(value: Any) -> bool:
     return _is_table(value) and all(name in value for name in OF_LEAST)
 
 
+def _is_views(value: Any) -> bool:
+    if not isinstance(value, dict) or not isinstance(value.get("names"), list):
+        return False
+    return all(
+        isinstance(each, list)
+        and len(each) == len(value["names"])
+        and all(map(_is_text if name == "names" else _is_number, each))
+        for name, each in value.items()
+    )
+
+
 def _is_options(value: Any) -> bool:
     return isinstance(value, dict) and all(
         name in USUAL_OPTIONS and type(each) is type(USUAL_OPTIONS[name])
@@ -111,6 +122,7 @@ _FIELDS: dict[str, Callable[[Any], bool]] = {
     "least": _is_least,
     "options": _is_options,
     "time": _is_time,
+    "views": _is_views,
     "triangulate_samples_s": lambda value: isinstance(value, list) and all(map(_is_number, value)),
 }
 
