@@ -114,6 +114,11 @@ class Frame:
         left, bottom, width, height = self.scissor
         return np.array([left, bottom, left + width - 1, bottom + height - 1], np.int64)
 
+    @property
+    def depths(self) -> NDArray[np.int32] | None:
+        """(n,) depths of the points, 0 to 2**24, where what is hidden is not drawn; else None."""
+        return None if self.viewing is None else self.viewing.depths
+
     @cached_property
     def polygons(self) -> tuple[Polygon, ...]:
         """The p polygons in px; coordinates are multiples of 1/256 px inside the viewport."""

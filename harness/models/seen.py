@@ -20,6 +20,7 @@ from harness.models.faces_in_planes import Flat, flat_of
 from harness.models.in_place import opened
 from harness.models.mesh import Part
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
+from harness.rasterisers.depth import DEEPEST
 from scenes.scene import Scene, SceneError, Viewing
 from scenes.spec import arguments_for, parsed
 
@@ -31,9 +32,6 @@ NEAREST, FARTHEST = 1.1, 1000.0
 
 MOST = 20_000_000
 """Vertices of all views together."""
-
-DEEPEST = 1 << 24
-"""Depth of what is farthest."""
 
 _AROUND = 1.05
 """Radii before and behind the middle at which what is seen begins and ends."""
