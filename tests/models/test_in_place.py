@@ -284,6 +284,17 @@ def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, ou
     assert done.left == {"a diagonal would be an edge of other triangles, too": 2}
 
 
+def test_triangles_that_join_a_strip_are_no_neighbours(tmp_path, out):
+    """They have two edges in the same place, which would make three with a face's."""
+    builder = Builder()
+    joining = [(2, 2, 0), (0, 0, 2)]
+    builder.primitive(KITE, [LONG[0], *joining, LONG[1]])
+    retriangulate(builder.write(tmp_path / "joined.glb"), out)
+    (rows,) = triangles_of(out)
+    assert rows[1:3] == [sorted(each) for each in joining]
+    assert [rows[0], rows[3]] == CUT_SHORT
+
+
 SPOILT = {
     "a triangle twice": [*LONG, (0, 1, 2)],
     "an edge of three triangles": [*LONG, (0, 2, 1)],
