@@ -39,7 +39,8 @@ def run(
         str | None,
         typer.Option(
             help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
-            "Shapefile, SVG, WKT and more), or module:function. See: raster-harness list scenes.",
+            "Shapefile, SVG, WKT and more), a model from all sides (part.glb:views=24), or "
+            "module:function. See: raster-harness list scenes.",
         ),
     ] = None,
     layer: options.Layer = None,

@@ -62,5 +62,10 @@ def views_told(members: Sequence[Record]) -> list[str]:
             lines.append(f"{record['triangulator']} in ratio to {base['triangulator']}: {told}")
     if not lines:
         return []
+    ties = base["counters"].get("depth_ties", 0)
+    if ties:
+        lines.append(
+            f"{ties:,} depth tests of {base['triangulator']} are ties: rounding decides them"
+        )
     count = len(base[VIEWS]["names"])
     return [f"over {count} views, ratios of sums and their 95 % intervals:", *lines]

@@ -66,6 +66,18 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
     assert told[2].startswith(f"optimal:edge-length in ratio to original: helper lanes {ratio},")
 
 
+def test_ties_of_depth_are_told():
+    def record(name: str, ties: int) -> dict[str, object]:
+        found = {"helper_lanes": 9, "quads": 5, "depth_ties": ties}
+        views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
+        about = {"triangulator": name, "status": "ok", "base": "original"}
+        return {**about, "counters": found, "views": views}
+
+    told = views_told([record("original", 1234), record("delaunay", 1)])
+    assert told[-1] == "1,234 depth tests of original are ties: rounding decides them"
+    assert "ties" not in views_told([record("original", 0), record("delaunay", 1)])[-1]
+
+
 def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
     out = tmp_path / "out"
     first = measure(plan(model), out)

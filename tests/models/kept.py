@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 
 WIDTHS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 Change = str
@@ -30,6 +31,15 @@ def lost(before: Path, after: Path) -> list[Change]:
     if kind == ".ply":
         return _ply(one, other)
     return _stl(one, other)
+
+
+def closed(path: Path) -> bool:
+    """Whether each edge has two triangles, where those are left out that a strip is joined by."""
+    mesh = trimesh.load(path, force="mesh", process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
+    a, b, c = mesh.faces.T
+    mesh.update_faces((a != b) & (b != c) & (c != a))
+    return bool(mesh.is_watertight)
 
 
 def parsed(path: Path) -> tuple[dict[str, Any], list[bytes]]:

@@ -10,22 +10,13 @@ import pytest
 import trimesh
 
 from harness.models.in_place import retriangulate
-from tests.models.kept import lost, parsed
+from tests.models.kept import closed, lost, parsed
 from tests.models.thirty import MODELS
 
 UNCHANGED = {"no-indices.glb", "sheet.glb"}
 """Models in which no two triangles share vertices, and whose sides would hang together."""
 
 OPEN = {"fan.glb", "sheet.glb"}
-
-
-def closed(path) -> bool:
-    """Whether each edge has two triangles, where those are left out that a strip is joined by."""
-    mesh = trimesh.load(path, force="mesh", process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
-    a, b, c = mesh.faces.T
-    mesh.update_faces((a != b) & (b != c) & (c != a))
-    return bool(mesh.is_watertight)
 
 
 def test_there_are_thirty_in_five_formats():

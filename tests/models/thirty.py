@@ -276,13 +276,17 @@ def strip(path: Path) -> Path:
     return model.saved(path)
 
 
-def fan(path: Path) -> Path:
-    """A disk of slivers, from one corner: it is open, and has no thickness."""
+def fan(path: Path, *, listed: bool = False) -> Path:
+    """A disk of slivers, from one corner: it is open. `listed`: the same as single triangles."""
     model = Model()
     angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     points = np.column_stack([9 * np.cos(angles), 7 * np.sin(angles), 0 * angles]).astype("<f4")
     about = {"POSITION": model.places(points)}
-    model.json["meshes"][0]["primitives"].append({"attributes": about, "mode": 6})
+    made: dict[str, Any] = {"attributes": about, "mode": 6}
+    if listed:
+        rows = np.array([(k, k + 1, 0) for k in range(1, len(points) - 1)])
+        made = {"attributes": about, "indices": model.corners(rows)}
+    model.json["meshes"][0]["primitives"].append(made)
     return model.saved(path)
 
 
