@@ -59,6 +59,11 @@ def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
     return Shape(points, normals, uv.astype("<f4"), triangles.reshape(-1, 3), rows[:, 0])
 
 
+def moved(shape: Shape, *by: float) -> Shape:
+    """Return a shape elsewhere: where two cut into each other, their order decides a pixel."""
+    return shape._replace(points=shape.points + np.float32(by))
+
+
 def picture() -> bytes:
     """A PNG of colours that change slowly, so that a place that is a little off shows little."""
     ramp = np.linspace(0, 255, 64)
@@ -191,10 +196,10 @@ def morphed(path: Path) -> Path:
     shear = np.column_stack(
         [SHAPE.points[:, 1] / 4, SHAPE.points[:, 2] / 8, SHAPE.points[:, 0] / 2]
     )
-    moved, tilted = np.full_like(SHAPE.points, 0.5), np.full_like(SHAPE.normals, 0.1)
+    shifted, tilted = np.full_like(SHAPE.points, 0.5), np.full_like(SHAPE.normals, 0.1)
     primitive["targets"] = [
         {"POSITION": model.places(shear.astype("<f4"))},
-        {"POSITION": model.places(moved), "NORMAL": model.values(tilted)},
+        {"POSITION": model.places(shifted), "NORMAL": model.values(tilted)},
     ]
     model.json["meshes"][0]["weights"] = [0.25, 0.0]
     return model.saved(path)
@@ -209,10 +214,9 @@ def several(path: Path) -> Path:
     ]
     first = model.add(SHAPE)
     first["material"] = 0
-    moved = SHAPE._replace(points=SHAPE.points + np.float32([0, 0, 30]))
-    second = model.add(moved)
+    second = model.add(moved(SHAPE, 0, 0, 30))
     second |= {"material": 1, "indices": first["indices"]}
-    third = model.add(shape_of(solid(2.0, 4.0)))
+    third = model.add(moved(shape_of(solid(2.0, 4.0)), 0, 30, 0))
     third["material"] = 1
     return model.saved(path)
 
@@ -231,10 +235,10 @@ def instanced(path: Path) -> Path:
 def instanced_by_extension(path: Path) -> Path:
     model = Model()
     model.add(SHAPE)
-    moved = model.values(np.array([(0, 0, 0), (30, 0, 0)], "<f4"))
+    places = model.values(np.array([(0, 0, 0), (30, 0, 0)], "<f4"))
     del model.json["bufferViews"][-1]["target"]
     name = "EXT_mesh_gpu_instancing"
-    model.node(mesh=0, extensions={name: {"attributes": {"TRANSLATION": moved}}})
+    model.node(mesh=0, extensions={name: {"attributes": {"TRANSLATION": places}}})
     model.json |= {"extensionsUsed": [name]}
     return model.saved(path)
 
@@ -324,7 +328,7 @@ def few(path: Path) -> Path:
     small = shape_of(solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
     del primitive["attributes"]["NORMAL"]
-    model.add(shape_of(solid(1.3, 5.0)), "<u4")
+    model.add(moved(shape_of(solid(1.3, 5.0)), 12, 0, 0), "<u4")
     return model.saved(path)
 
 
