@@ -23,6 +23,14 @@ _ROUNDING = 1e-6
 """Share of a face's cost that may come from rounding its points: no gain."""
 
 
+WORK = (1.0, 10.0, 20.0, 45.0)
+"""Nanoseconds of the cube of a vertex that the optimum takes, by the number of holes (measured)."""
+
+MOST_WORK = 2e9
+"""Of these, how many are spent on a part; faces beyond that get flips. No clock is asked, so that
+the same model gets the same diagonals on every machine."""
+
+
 @njit(nogil=True)
 def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
     """Return the least height of a triangle."""
@@ -81,7 +89,7 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     cost = cost_named(criterion)
     sizes = np.diff(faces.starts)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
-    clean = outlines(faces)
+    clean = _affordable(outlines(faces))
     found, done = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
     counts = np.diff(found.starts)
     number = np.repeat(np.arange(len(done)), counts)
@@ -148,6 +156,25 @@ class Outlines(NamedTuple):
     face: Ints
     polygons: Ragged
     vertices: Ints
+
+
+def _affordable(clean: Outlines) -> Outlines:
+    """Return as many of the outlines as `MOST_WORK` allows, those that are quickest first."""
+    _, ring_ends, polygon_ends = clean.polygons
+    rings = np.diff(polygon_ends, prepend=0)
+    sizes = np.diff(_begins(clean.polygons))
+    factors = np.append(WORK, 0.0)[np.minimum(rings - 1, len(WORK))]
+    work = factors * sizes.astype(np.float64) ** 3
+    quickest = np.argsort(work, kind="stable")
+    kept = np.zeros(len(work), np.bool_)
+    kept[quickest[np.cumsum(work[quickest]) <= MOST_WORK]] = True
+    if kept.all():
+        return clean
+    own = np.repeat(kept, sizes)
+    lengths = np.diff(ring_ends, prepend=0)[np.repeat(kept, rings)]
+    ends = np.cumsum(lengths), np.cumsum(rings[kept])
+    polygons = Ragged(np.asarray(clean.polygons.coordinates)[own], *ends)
+    return Outlines(clean.face[kept], polygons, clean.vertices[own])
 
 
 def outlines(faces: Faces) -> Outlines:
