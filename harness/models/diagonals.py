@@ -26,7 +26,7 @@ _ROUNDING = 1e-6
 WORK = (1.0, 10.0, 20.0, 45.0)
 """Nanoseconds of the cube of a vertex that the optimum takes, by the number of holes (measured)."""
 
-MOST_WORK = 2e9
+MOST_WORK = 1e9
 """Of these, how many are spent on a part; faces beyond that get flips. No clock is asked, so that
 the same model gets the same diagonals on every machine."""
 
