@@ -71,13 +71,13 @@ def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices
     file = existing(path)
     reader = reader_of(file)
     if reader.function == "scenes.readers.geoparquet:read":
-        with damage.refused(path, reader.kind):
+        with damage.clear_errors(path, reader.kind):
             return _of_parquet(Source(file, layer), where)
     sliced = file.suffix.lower() in RANDOM and where is None
     identity = _identity(file, _edges(file))
     if not sliced:
         return Slices(identity, [None], [0])
-    with damage.refused(path, reader.kind):
+    with damage.clear_errors(path, reader.kind):
         name, _ = layer_of(Source(file, layer))
         count = pyogrio.read_info(file, layer=name, force_feature_count=True)["features"]
     whole = [(start, min(start + MOST, count)) for start in range(0, count, MOST)]

@@ -1,9 +1,10 @@
-"""Measures how triangulating a data set scales: rate, memory, Dask's overhead, the time left shown.
+r"""Measures how triangulating a data set scales: rate, memory, Dask's overhead, time left.
 
-    PYTHONPATH=. .venv/bin/python scripts/scale.py FOLDER --footprints 10000000 --workers 2
+    PYTHONPATH=. .venv/bin/python scripts/scale.py FOLDER --footprints 1000000 10000000 \
+        --workers 2 --out results/reference/scale.jsonl
 
-Makes the footprints in FOLDER/data, which is kept, and prints one JSON object a line. The overhead
-is a ratio of times measured in turns, so that a machine that others use, too, slows both.
+Makes the footprints in FOLDER/data-N, which are kept, and prints one JSON object a line. The
+overhead is a ratio of times measured in turns, so that a machine that others use, too, slows both.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from harness.machine.processor import processor
 from harness.progress import Reporter
 from harness.scaling.cluster import DaskCrew
 from harness.scaling.dataset import MANIFEST, Dataset
@@ -45,27 +47,34 @@ def main() -> None:
     """Read the command line and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--footprints", type=int, default=1_000_000)
+    parser.add_argument("--footprints", type=int, nargs="+", default=[1_000_000])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=5, help="turns of the overhead; 0 for none")
+    parser.add_argument("--out", type=Path, help="file that gets the lines, too")
     chosen = parser.parse_args()
-    data = chosen.folder / "data"
-    write(data, chosen.footprints)
-    if chosen.rounds:
-        tell("empty tasks", empty_tasks())
-        tell("overhead", overhead(data, chosen.folder, chosen.rounds))
+    lines = []
+
+    def tell(name: str, figures: dict[str, object]) -> None:
+        """Print a line, and keep it."""
+        load = [round(each, 1) for each in psutil.getloadavg()]
+        about = {"figure": name, "cpu": processor()["label"], "load": load}
+        lines.append(json.dumps({**about, **figures}))
+        print(lines[-1], flush=True)
+
     out = chosen.folder / "out"
-    shutil.rmtree(out, ignore_errors=True)
-    found, seconds = whole_command(data, out, chosen.workers)
-    tell(f"{chosen.footprints:,} footprints", found)
+    for footprints in sorted(chosen.footprints):
+        data = chosen.folder / f"data-{footprints}"
+        write(data, footprints)
+        if chosen.rounds and footprints == min(chosen.footprints):
+            tell("empty tasks", empty_tasks())
+            tell("overhead", overhead(data, chosen.folder, chosen.rounds))
+        shutil.rmtree(out, ignore_errors=True)
+        found, seconds = whole_command(data, out, chosen.workers)
+        tell("footprints", {"footprints": footprints, "workers": chosen.workers, **found})
+        shutil.rmtree(out)
     tell("extrapolation", extrapolated(seconds))
-    shutil.rmtree(out)
-
-
-def tell(name: str, figures: dict[str, object]) -> None:
-    """Print a line."""
-    load = [round(each, 1) for each in psutil.getloadavg()]
-    print(json.dumps({"figure": name, **figures, "load": load}), flush=True)
+    if chosen.out:
+        chosen.out.write_text("\n".join(lines) + "\n")
 
 
 def empty_tasks() -> dict[str, object]:

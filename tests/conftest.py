@@ -18,6 +18,8 @@ from harness.measuring import server
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
+from harness.rasterisers.base import Sample
+from harness.rasterisers.reference import _Filling
 from tests.chromium import Chromium
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
@@ -95,9 +97,20 @@ def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run a run's tasks in this process, in few rounds, for tests of what comes after."""
-    monkeypatch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-    monkeypatch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
+    """Run a run's tasks in this process, for tests of what comes after."""
+    briefly(monkeypatch)
+
+
+def briefly(patch: pytest.MonkeyPatch) -> None:
+    """Run a run's tasks in this process, in few rounds; the reference draws once for a batch."""
+    sample = _Filling.sample
+
+    def once(drawing: _Filling, repeats: int) -> Sample:
+        return Sample(wall=sample(drawing, 1).wall * repeats)
+
+    patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+    patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
+    patch.setattr(_Filling, "sample", once)
 
 
 @pytest.fixture(scope="session")

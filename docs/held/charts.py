@@ -51,7 +51,7 @@ def choice() -> str:
             label,
             [LABELS[name] for name in LABELS],
             [
-                (list(LABELS).index(name), *_three(rows[name]), list(LABELS).index(name))
+                (list(LABELS).index(name), *tables.time_ratio(rows[name]), list(LABELS).index(name))
                 for name in shown
             ],
         )
@@ -145,14 +145,6 @@ CHARTS: dict[str, Callable[[], str]] = {
     "findings-devices": devices,
     "devices-thin": thin,
 }
-
-
-def _three(row: tables.Row) -> tuple[float, float, float]:
-    return (
-        float(row["time_ratio"]),
-        float(row["time_ratio_low"]),
-        float(row["time_ratio_high"]),
-    )
 
 
 def _figure(panels: int, unit: str, one_scale: bool = True) -> tuple[Figure, Sequence[Axes]]:

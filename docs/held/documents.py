@@ -38,7 +38,8 @@ CHOSEN = {
     "docs/how-to/own-polygons.md": r"-180 to 180 degrees|3D model|1 GiB|100 times",
     "docs/how-to/profile.md": "",
     "docs/how-to/put-it-in-your-program.md": r"Node\.js 18",
-    "docs/how-to/tiles.md": r"256, 512, 1024 for|\| (16|512) \||4096 on 512 px|1/8 px|extent of 5000",
+    "docs/how-to/tiles.md": r"256, 512, 1024 for|\| (16|512) \||4096 on 512 px|1/8 px"
+    r"|extent of 5000",
 }
 """Pages that cite no result, with patterns of the sizes, limits and versions that they name."""
 

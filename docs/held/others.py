@@ -131,15 +131,16 @@ KEPT_MODELS = Sentence(
 STUDY_OF_MODELS: list[Held] = [
     Table("| models | changed | px | helper lanes | shaded quads |", models),
     Sentence(
-        "In three sentences: sheet metal with cut-outs saves {} to {} % of its helper lanes, extruded"
-        " footprints {} to {} % and letters {} to {} %; at 1024 px that is {}, {} and {} % of the"
+        "In three sentences: sheet metal with cut-outs saves {} to {} % of its helper lanes,"
+        " extruded footprints {} to {} % and letters {} to {} %; at 1024 px that is {}, {} and {} % of the"
         " shaded quads.",
         model_savings,
     ),
     KEPT_MODELS,
 ]
 FOUND_ON_MODELS = Sentence(
-    "sheet metal with cut-outs saves {} to {} % of its helper lanes, extruded footprints {} to {} %.",
+    "sheet metal with cut-outs saves {} to {} % of its helper lanes, extruded footprints {} to"
+    " {} %.",
     lambda: model_savings()[:4],
 )
 MODELS_PLAN = (

@@ -23,7 +23,10 @@ def _only(kind: str) -> Any:
 
 def history(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Runs, or folders with runs in them.")
+        list[Path],
+        typer.Argument(
+            metavar="DIR...", help="Runs, profiles of a device, or folders with some in them."
+        ),
     ],
     metrics: Annotated[
         Several,
@@ -35,7 +38,7 @@ def history(
             help="Metrics: time, and those of: raster-harness list metrics. By default time and "
             "the counters that stand for the cost.",
         ),
-    ] = Several(("quads", "helper_lanes", "bbox_tests", "time")),
+    ] = Several(("quads", "helper_lanes", "bbox_tests", "time", "cost_ns")),
     scene: Annotated[Several | None, _only("scenes")] = None,
     triangulator: Annotated[Several | None, _only("triangulators")] = None,
     rasteriser: Annotated[Several | None, _only("rasterisers")] = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -45,6 +46,7 @@ def profile(
     from harness.measuring.worker import Worker
     from harness.profile import design, measured
     from harness.profile import profile as profiles
+    from harness.profile.counted import counters
     from harness.rasterisers.base import Options
 
     reporter = Reporter(quiet=quiet)
@@ -57,25 +59,26 @@ def profile(
         timing = measured.settings(budget, len(draws))
         length = timing.budget_s * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-            times = measured.measure(backend, bench, draws, timing, seed, stage.complete)
+            found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
             "software": backend.device.software,
             "cpu": processor()["label"],
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             **bench.describe()[backend.label],
         }
-        content, _ = profiles.profile(draws, times, facts, seed)
-        add_advice(content, bench, times.trouble)
+        content = profiles.profile(draws, [counters(draw) for draw in draws], found, facts, seed)
+        add_advice(content, bench, found.trouble)
     finally:
         bench.close()
-    if len(times.rounds) < measured.EPOCHS:
+    if len(found.rounds) < measured.EPOCHS:
         typer.echo(
-            f"warning: the device is slow: {timing.limit_s:g} s were over after {len(times.rounds)}"
+            f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"
             f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",
             err=True,
         )
-    tell(content, out, times.trouble)
+    tell(content, out, found.trouble)
 
 
 def add_advice(content: dict[str, Any], bench: Bench, trouble: str) -> None:

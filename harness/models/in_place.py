@@ -139,8 +139,8 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     if kind is None:
         raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
     existing(str(source))
-    cut_off.refuse(source)
-    with damage.refused(str(source), f"a model ({source.suffix})"):
+    cut_off.check(source)
+    with damage.clear_errors(str(source), f"a model ({source.suffix})"):
         model = kind(source)
         return model, list(model.groups())
 

@@ -6,12 +6,11 @@ it saved. So nothing of it is believed but the times, and what contradicts them 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
@@ -23,8 +22,9 @@ from harness.page.saved import Finite, Part, Share, Text, Whole
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.measured import CONTROL
-from harness.profile.profile import profile
+from harness.profile.measured import CONTROL, Measured
+from harness.profile.profile import fitted_of, profile
+from harness.study import cost_model
 
 FORMAT = "raster-harness device profile"
 
@@ -32,6 +32,10 @@ LIKE = 0.02
 """By which what the page's law says of a draw and what ours says may differ: both fit until no
 time changes by 1e-4."""
 
+LATER = ("covering", "rows")
+"""Terms that the first pages did not know."""
+
+Counted = Mapping[str, int]
 Count = Annotated[int, Field(ge=0, le=2**31)]
 
 
@@ -103,7 +107,8 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         )
     step = result.device.step or 1
     draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
-    _refuse_other_draws(file, result, draws)
+    exact = [counters(draw) for draw in draws]
+    _refuse_other_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
     if result.timer is None or not result.times or len(epochs) < FEWEST_EPOCHS:
@@ -117,21 +122,22 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
     }
     found = measured.of_times(times, names)
-    content, law = profile(draws, found, _facts(result, name), page.seed)
-    _refuse_other_law(file, result, content, law.seconds)
+    _refuse_other_law(file, result, draws, exact, found)
+    content = profile(draws, exact, found, _facts(result, name), page.seed)
     return Imported(content, found.trouble, _warnings(result))
 
 
-def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
+def _refuse_other_draws(
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]
+) -> None:
     """What was drawn and counted must be the design's, and differ from it as the page says."""
     told = [each.checksum for each in result.draws]
     own = [draw.checksum for draw in draws]
     if told != own[: len(told)] or (result.times and len(told) != len(own)):
         raise UsageError(f"{file}: its draws are not those of seed {result.page.seed}")
-    exact = [counters(draw) for draw in draws[: len(told)]]
     differing = sum(
         (each.fragments, each.quads) != (known["fragments"], known["quads"])
-        for each, known in zip(result.draws, exact, strict=True)
+        for each, known in zip(result.draws, exact[: len(told)], strict=True)
     )
     if differing != result.differing:
         raise UsageError(
@@ -141,15 +147,22 @@ def _refuse_other_draws(file: Path, result: Result, draws: list[Draw]) -> None:
 
 
 def _refuse_other_law(
-    file: Path, result: Result, content: Mapping[str, Any], seconds: NDArray[np.float64]
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], found: Measured
 ) -> None:
-    """The law that the page showed must say the same of each draw as the one of its times."""
+    """The law that the page showed must say the same of each draw as the one of its times.
+
+    An older page's law lacks terms of `LATER`; then the one of its times has none of these either.
+    """
     if result.law is None:
         return
-    if list(result.law.seconds) != list(TERMS):
+    known = [name for name in TERMS if name in result.law.seconds]
+    if known != list(result.law.seconds) or {*TERMS} - {*known} - {*LATER}:
         raise UsageError(f"{file}: its law has other terms")
-    rows = design_of([each["counters"] for each in content["times"]])
-    shown = rows @ np.array([result.law.seconds[name] for name in TERMS])
+    rows = design_of(exact)[:, [list(TERMS).index(name) for name in known]]
+    fitted, _ = fitted_of(draws)
+    labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
+    seconds = cost_model.solve(rows[fitted], found.seconds[fitted], labels)
+    shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")
 

@@ -38,6 +38,9 @@ TERMS = {
         "A triangle whose box holds a pixel centre costs {} more.",
         "triangles set up",
     ),
+    "covering": Term(
+        "s", "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
+    ),
     "vertices": Term("s", "A vertex costs {}.", "vertices"),
     "fragments": Term("s", "A pixel that a triangle covers costs {}.", "covered pixels"),
     "helper_lanes": Term("s", "A helper lane costs {}.", "helper lanes"),
@@ -49,6 +52,7 @@ TERMS = {
         f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
         f"half-perimeter up to {COARSE} px",
     ),
+    "rows": Term("s", "Each row of pixels that it passes costs {}.", "rows of pixels"),
     "blocks": Term("s", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
     "coarse_blocks": Term(
         "s",
@@ -77,12 +81,19 @@ def counters(draw: Draw) -> dict[str, int]:
     fragments, quads, helper_lanes, blocks, bbox_tests : see `harness.rasterisers.reference.predict`
     near : of each triangle's width and height, at most `COARSE` px each; coarse_blocks : 4x4 blocks
         touched by triangles whose box is wider or higher than that
+    rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, but for the first of each
     work : rounds of arithmetic in all lanes
     """
     points, triangles = draw.frame.points, draw.triangles
     each = reference.predict(points, triangles)
-    sides = np.ptp(points[triangles].astype(np.int64), axis=1)
+    corners = points[triangles].astype(np.int64)
+    sides = np.ptp(corners, axis=1)
+    # A row's centre is half a pixel above its edge; both corners' own rows count, as in
+    # `first <= centre <= last`.
+    centre = SUBPIXEL // 2
+    first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)
+    last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     most = COARSE * SUBPIXEL
     tiles = binning.predict(points, triangles)["tiles_64_exact"]
     sums = {name: int(values.sum()) for name, values in each.items()}
@@ -94,6 +105,7 @@ def counters(draw: Draw) -> dict[str, int]:
         **sums,
         "half_perimeter": int(sides.sum()),
         "near": int(np.minimum(sides, most).sum()),
+        "rows": int(np.maximum(last - first + 1, 0).sum()),
         "coarse_blocks": int(each["blocks"][(sides > most).any(axis=1)].sum()),
         "further_tiles": int(np.maximum(tiles - 1, 0).sum()),
         "work": 4 * sums["quads"] * draw.work,
@@ -101,7 +113,7 @@ def counters(draw: Draw) -> dict[str, int]:
 
 
 def design_of(counted: Sequence[Mapping[str, int]]) -> Design:
-    """Return (k, 13) rows of `TERMS` of the draws' counters."""
+    """Return (k, t) rows of `TERMS` of the draws' counters."""
     rows = [{**each, "draw": 1} for each in counted]
     found = np.array([[row[name] for name in TERMS] for row in rows], np.float64)
     found[:, [list(TERMS).index(name) for name in IN_PX]] /= SUBPIXEL

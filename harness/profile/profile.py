@@ -15,7 +15,7 @@ import numpy as np
 from harness import __version__
 from harness.profile import law as laws
 from harness.profile.aspects import aspects
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, design_of
 from harness.profile.design import DESIGN, Draw
 from harness.profile.law import Law
 from harness.profile.measured import Measured
@@ -30,13 +30,16 @@ NOT_FITTED = ("twice",)
 
 
 def profile(
-    draws: Sequence[Draw], measured: Measured, device: Mapping[str, Any], seed: int
-) -> tuple[dict[str, Any], Law]:
-    """Return a profile's content, JSON-ready, and its law.
+    draws: Sequence[Draw],
+    counted: Sequence[Mapping[str, int]],
+    measured: Measured,
+    device: Mapping[str, Any],
+    seed: int,
+) -> dict[str, Any]:
+    """Return a profile's content, JSON-ready.
 
-    device : what is known of it
+    counted : the draws' `counters`; device : what is known of it
     """
-    counted = [counters(draw) for draw in draws]
     design = design_of(counted)
     fitted, plain = fitted_of(draws)
     groups = [draw.group for draw in draws]
@@ -46,7 +49,7 @@ def profile(
     labels = np.unique([groups[n] for n in plain], return_inverse=True)[1].tolist()
     calibration = cost_model.fit(predicted, measured.seconds[plain], labels, seed)
     good = law.r2_over >= LEAST_R2 and law.r2_within >= LEAST_R2
-    content = {
+    return {
         "format": FORMAT,
         "version": VERSION,
         "schema_version": 1,
@@ -68,7 +71,6 @@ def profile(
         "empty_s": measured.empty_s,
         "times": [_time(draws[n], counted[n], measured.epochs[:, n]) for n in range(len(draws))],
     }
-    return content, law
 
 
 def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:

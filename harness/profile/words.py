@@ -30,11 +30,13 @@ BY_TERM = {
     "helper_lanes": "helper lanes",
     "half_perimeter": "the walk along the box's width and height",
     "near": "the first pixels of that walk",
+    "rows": "rows of pixels",
     "coarse_blocks": "4x4 blocks of large triangles",
     "blocks": "4x4 blocks touched",
     "further_tiles": "further 64x64 tiles",
     "bbox_tests": "pixels of bounding boxes",
     "set_up": "triangles set up",
+    "covering": "triangles that cover a pixel",
     "fragments": "covered pixels",
 }
 

@@ -118,15 +118,15 @@ class _Filling(Drawing):
         self.window = frame.window
         self.colours = colours(frame.owner(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
-        self._fill(self.triangles[:0])  # compiles
+        self._rasterise(self.triangles[:0])  # compiles
 
     def sample(self, repeats: int) -> Sample:
         start = time.perf_counter()
         for _ in range(repeats):
-            self._fill(self.triangles)
+            self._rasterise(self.triangles)
         return Sample(wall=time.perf_counter() - start)
 
-    def _fill(self, triangles: Triangles) -> None:
+    def _rasterise(self, triangles: Triangles) -> None:
         if self.frame.depths is not None:
             visible(self.frame, triangles, self.picture)
             return

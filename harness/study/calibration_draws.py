@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -104,7 +104,8 @@ def calibrate(
     designed, sets = designed_draws(bench, resolution, seed)
     draws, polygons, _ = held_out_draws(bench, scenes, resolution, seed)
     time_all = partial(time_draws, backend, bench, settings, options, reporter)
-    fitted_on, tested_on = time_all(designed, "designed draws"), time_all(draws, "polygons")
+    fitted_on = time_all(designed, "designed draws")
+    tested_on = time_all(draws, "polygons", polygons)
     second = float(np.median([*fitted_on.reference_s, *tested_on.reference_s]))
     design, seconds = design_of(designed), fitted_on.ratios * second
     fit = cost_model.fit(design, seconds, sets, seed, terms=terms)
@@ -177,10 +178,15 @@ def time_draws(
     reporter: Reporter,
     draws: Sequence[Draw],
     title: str,
+    compared: Sequence[str] | None = None,
 ) -> Timed:
     """Time draws in groups, each together with the reference draw.
 
-    The ratio to it removes the machine's speed, which may change from minute to minute.
+    The ratio to it removes the machine's speed, which may change from minute to minute, but not
+    what a machine's state does to one drawing more than to another. So those that will be compared
+    are drawn in the same rounds.
+
+    compared : (k,) draws of one name will be compared with each other; none by default
 
     Raises
     ------
@@ -191,13 +197,12 @@ def time_draws(
     halves = np.full((len(draws), 2), np.nan)
     seconds: list[float] = []
     empty: list[float] = []
-    # Small and large draws share a group, so that a slow minute touches all kinds alike.
-    order = np.random.default_rng(0).permutation(len(draws))
+    names = [str(number) for number in range(len(draws))] if compared is None else compared
+    done = 0
     with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
-        for start in range(0, len(draws), GROUP):
-            members = order[start : start + GROUP].tolist()
+        for seed, members in enumerate(_groups(names)):
             candidates = {str(member): draws[member] for member in members}
-            groups, failures = bench.time(backend, candidates, options, settings, start)
+            groups, failures = bench.time(backend, candidates, options, settings, seed)
             if failures:
                 raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
             group = next(iter(groups.values()))
@@ -207,10 +212,39 @@ def time_draws(
             for member in members:
                 samples = group[str(member)].samples_s
                 ratios[member] = paired_ratio(samples, reference.samples_s).value
-                rounds = np.divide(samples, reference.samples_s)
-                halves[member] = [np.median(rounds[half::2]) for half in range(2)]
-            stage.complete(start + len(members))
+                halves[member] = _halves(np.divide(samples, reference.samples_s), reference.epochs)
+            done += len(members)
+            stage.complete(done)
     return Timed(ratios, halves, seconds, empty)
+
+
+def _groups(names: Sequence[str]) -> Iterator[list[int]]:
+    """Yield places of draws, those of one name together: as many as are timed at once.
+
+    Names come in any order. Small and large draws share a group, so that a slow minute touches all
+    kinds alike.
+    """
+    labels = np.unique(np.asarray(names), return_inverse=True)[1]
+    members: list[int] = []
+    for label in np.random.default_rng(0).permutation(labels.max(initial=-1) + 1):
+        own = np.flatnonzero(labels == label).tolist()
+        if members and len(members) + len(own) > GROUP:
+            yield members
+            members = []
+        members += own
+    if members:
+        yield members
+
+
+def _halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
+    """Return the medians of either half of the rounds.
+
+    Every other epoch, if there are several: drawings lie elsewhere in memory in each, which no
+    number of rounds averages out.
+    """
+    several = len(epochs) > 1 and sum(epochs) == len(rounds)
+    numbers = np.repeat(np.arange(len(epochs)), epochs) if several else np.arange(len(rounds))
+    return [float(np.median(rounds[numbers % 2 == half])) for half in range(2)]
 
 
 def write(

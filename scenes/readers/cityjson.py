@@ -11,7 +11,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.damage import noted, refused
+from scenes.readers.damage import clear_errors, noted
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 
@@ -93,7 +93,7 @@ class _Surfaces:
 
 
 def _model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
-    with refused(name, "JSON"):
+    with clear_errors(name, "JSON"):
         model = json.loads(content())
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
         raise SceneError(f"{name} is JSON, but its type is not CityJSON")

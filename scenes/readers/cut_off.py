@@ -21,12 +21,12 @@ SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljs
 """Suffixes of files with a GeoJSON object a line; other suffixes of JSON are looked into."""
 
 
-def refused(path: Path, where: str) -> SceneError:
+def error(path: Path, where: str) -> SceneError:
     """The error for a file that ends too early; `where` says how that is seen."""
     return SceneError(f"{path} was cut off: {where}; polygons are missing: write or copy it again")
 
 
-def refuse(path: Path) -> None:
+def check(path: Path) -> None:
     """Raise SceneError for a file that was cut off, as far as its first and last bytes show that.
 
     Files that belong to it are looked at, too: a Shapefile's index and table.
@@ -35,11 +35,11 @@ def refuse(path: Path) -> None:
         return
     suffix = path.suffix.lower()
     for each in [path, *(path.with_suffix(s) for s in _BESIDE.get(suffix, ()))]:
-        check = _CHECKS.get(each.suffix.lower())
-        if check is not None and each.is_file():
-            where = check(each)
+        seen = _CHECKS.get(each.suffix.lower())
+        if seen is not None and each.is_file():
+            where = seen(each)
             if where:
-                raise refused(each, where)
+                raise error(each, where)
 
 
 def _edges(path: Path, size: int = _EDGE) -> tuple[bytes, bytes]:

@@ -18,7 +18,7 @@ DEBUG = "RASTER_HARNESS_DEBUG"
 
 
 @contextmanager
-def refused(
+def clear_errors(
     name: str, kind: str, explain: Callable[[Exception], str | None] | None = None
 ) -> Iterator[None]:
     """Turn whatever is raised within into a SceneError of one line.
@@ -27,7 +27,7 @@ def refused(
     kind : what it was read as, e.g. "GeoParquet"
     explain : may give a better message than the general one
 
-    >>> with refused("a.svg", "SVG"):
+    >>> with clear_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
     Traceback (most recent call last):
     scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code (it is \

@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from scenes.readers.arrow_tables import to_pandas
 from scenes.readers.nesting import too_deep
 from scenes.readers.reader import Raw, Source
-from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
 from scenes.suggestions import suggestion
 

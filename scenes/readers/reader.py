@@ -79,12 +79,14 @@ class Reader:
         explain: Callable[..., str | None] | None = None
         if self.explain is not None:
             explain = getattr(self.module, self.explain)
-        with damage.refused(path, self.kind, lambda e: explain(source, e) if explain else None):
+        with damage.clear_errors(
+            path, self.kind, lambda e: explain(source, e) if explain else None
+        ):
             if source.path.is_file():
                 file_size.check_archive(source.path)
                 if self.whole:
                     file_size.check_size(source.path)
-                cut_off.refuse(source.path)
+                cut_off.check(source.path)
             yield from getattr(self.module, self.function.partition(":")[2])(source, size)
 
 

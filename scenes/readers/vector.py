@@ -18,13 +18,13 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.projection import system
-from scenes.readers.cut_off import is_sequence, refused
+from scenes.readers import cut_off
+from scenes.readers.arrow_tables import to_pandas
 from scenes.readers.damage import reason
 from scenes.readers.gdal_messages import Failures
 from scenes.readers.opening import refuse_special
 from scenes.readers.reader import Raw, Source
 from scenes.readers.sequence import lost
-from scenes.readers.tables import to_pandas
 from scenes.scene import Note, SceneError
 from scenes.suggestions import suggestion
 
@@ -53,7 +53,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
             raws = _streamed(source, layer, size)
         else:
             raws = _by_skipping(source, layer, None if whole else size)
-        by_line = is_sequence(source.path)
+        by_line = cut_off.is_sequence(source.path)
         while True:
             with failures.heard():
                 raw = next(raws, None)
@@ -88,7 +88,7 @@ def _refuse_fewer(source: Source, layer: str, read: int) -> None:
     else:
         return
     if read < stated:
-        raise refused(source.path, f"it has {read} of {stated} features")
+        raise cut_off.error(source.path, f"it has {read} of {stated} features")
 
 
 def _opened(path: Path) -> Iterator[Path]:

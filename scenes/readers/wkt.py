@@ -32,7 +32,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
         return
     where = cut_off.unended(source.path, _ended)
     if where:
-        raise cut_off.refused(source.path, where)
+        raise cut_off.error(source.path, where)
     numbered = numbered_lines(source.path)
     crs, first = None, True
     while chunk := list(islice(numbered, size)):

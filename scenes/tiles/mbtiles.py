@@ -17,7 +17,7 @@ class MBTiles(Archive):
     """An SQLite database of tiles; its rows count from the south."""
 
     def __init__(self, path: Path) -> None:
-        cut_off.refuse(path)
+        cut_off.check(path)
         self._uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
         facts = dict(self._ask("SELECT name, value FROM metadata"))
         kind = facts.get("format", "pbf")

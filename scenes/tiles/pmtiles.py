@@ -53,7 +53,7 @@ class PMTiles(Archive):
             size = self._path.stat().st_size
             if start + count > size:
                 where = f"it has {size} bytes, and byte {start + count} is asked for"
-                raise cut_off.refused(self._path, where)
+                raise cut_off.error(self._path, where)
             stream.seek(start)
             return stream.read(count)
 

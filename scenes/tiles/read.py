@@ -80,7 +80,7 @@ def read(
         )
     found = _Found()
     file = existing(path)
-    with damage.refused(path, "map tiles"):
+    with damage.clear_errors(path, "map tiles"):
         archive = _opened(file)
         zoom = _zoom(path, archive, zoom)
         names = archive.names(zoom)

@@ -2,14 +2,20 @@
 
     PYTHONPATH=. python scripts/studies/profiles.py PROFILE.json... [--out FOLDER]
         [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--budget 0.1] [--seed 0]
+        [--refit]
+
+With `--refit` nothing is drawn: the law of each profile is fitted anew to the times that it holds,
+with today's terms, and its file is written anew.
 
 Of each scene, 24 polygons are drawn by ten triangulators, by optimal:calibrated with the profile's
 coefficients, and by six random ones, timed together group by group. Writes <profile>-judged.csv
 beside the others: of each scene
 
-r2_over, r2_within : of log time as the profile's coefficients predict it, over all draws and
-    within polygons, with this session's own draw of nothing (it depends on the viewport), and one
-    factor, `speed`, for how fast the machine was in ratio to the profile's session
+law_over, law_within : R2 of log time as the profile's law and exact counters predict it, over all
+    draws and within polygons, with this session's own draw of nothing (it depends on the viewport),
+    and one factor for how fast the machine was in ratio to the profile's session
+r2_over, r2_within : the same of the profile's coefficients, which optimal:calibrated minimises, and
+    of criteria alone; `speed` is that factor
 r2_most : what r2_within would be if only noise were left, by how the two halves of the rounds agree
     (C. Spearman and W. Brown, 1910)
 regret, low, high : what a triangulator costs above the best of all but the random ones, mean
@@ -29,10 +35,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import rasterisers
+from harness.figures.ratios import Ratio
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.settings import TimingSettings
 from harness.measuring.worker import Worker
+from harness.profile import design
+from harness.profile import profile as profiles
+from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.study import calibration_draws as study
@@ -54,7 +65,8 @@ ALWAYS = (
 """Triangulators whose regret is told: as if always taken."""
 
 COLUMNS = (
-    *("scene", "resolution", "polygons", "draws", "r2_over", "r2_within", "r2_most", "speed"),
+    *("scene", "resolution", "polygons", "draws", "law_over", "law_within"),
+    *("r2_over", "r2_within", "r2_most", "speed"),
     *("triangulator", "advice", "regret", "low", "high"),
 )
 
@@ -68,9 +80,14 @@ def main() -> None:
     parser.add_argument("--resolution", type=int, default=512)
     parser.add_argument("--budget", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--refit", action="store_true")
     given = parser.parse_args()
     for file in given.profiles:
         profile = json.loads(file.read_text())
+        if given.refit:
+            file.unlink()
+            print(study.keep(refitted(profile), file.with_name(file.name.replace(".refused", ""))))
+            continue
         out = (given.out or file.parent) / f"{file.stem}-judged.csv"
         with out.open("w", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
@@ -79,6 +96,26 @@ def main() -> None:
                 for row in judged(profile, scene, given):
                     table.writerow(row)
                     print(",".join(str(value) for value in row.values()), flush=True)
+
+
+def refitted(profile: dict[str, Any]) -> dict[str, Any]:
+    """Return a profile as its times tell it by today's terms; its advice stays as it is."""
+    step = profile["device"]["details"].get("step") or 1
+    made = [design.snapped(draw, step) for draw in design.draws(profile["seed"])]
+    timed = {(each["kind"], each["name"]): each for each in profile["times"]}
+    draws = [draw for draw in made if (draw.kind, draw.name) in timed]
+    found = Measured(
+        epochs=np.array([timed[draw.kind, draw.name]["epochs_s"] for draw in draws]).T,
+        speeds=np.array([1.0, profile["drift"]]),
+        empty_s=profile["empty_s"],
+        control=Ratio(*profile["control"], rounds=0),
+        rounds=profile["rounds"],
+    )
+    counted = [counters(draw) for draw in draws]
+    content = profiles.profile(draws, counted, found, profile["device"], profile["seed"])
+    content["advice"] = profile.get("advice")
+    content["refused"] = content["refused"] or bool(found.trouble)
+    return {name: content[name] for name in profile}
 
 
 def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> Iterator[Any]:
@@ -98,22 +135,24 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
             precision=0.002, budget_s=given.budget, warm_up_s=0.02, min_batch_s=3e-3, paired=False
         )
         options = Options(order="walk")
-        timed = study.time_draws(backend, bench, settings, options, reporter, draws, scene)
+        timed = study.time_draws(
+            backend, bench, settings, options, reporter, draws, scene, polygons
+        )
     finally:
         bench.close()
     seconds = timed.ratios * float(np.median(timed.reference_s))
     empty = float(np.median(timed.empty_s))
     cost = cost_model.predict({**profile["coefficients"], "draw": 0.0}, study.design_of(draws))
-    speed = float(np.median((seconds - empty) / cost))
-    predicted = empty + speed * cost
+    by_law, _ = as_predicted(seconds, empty, law_of(profile, draws))
+    predicted, speed = as_predicted(seconds, empty, cost)
     held = HeldOut(study.design_of(draws), seconds, timed.halves, polygons)
     common = {
         "scene": scene,
         "resolution": given.resolution,
         "polygons": len(held.rows),
         "draws": len(draws),
-        "r2_over": f"{cost_model.r_squared(np.log(seconds), np.log(predicted)):.4f}",
-        "r2_within": f"{cost_model.r_squared_within(seconds, predicted, polygons):.4f}",
+        **explained("law", seconds, by_law, polygons),
+        **explained("r2", seconds, predicted, polygons),
         "r2_most": f"{reliability(held):.4f}",
         "speed": f"{speed:.3f}",
     }
@@ -133,6 +172,30 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
             "advice": int(name == advice),
             **{k: f"{v:.5f}" for k, v in (("regret", mean), ("low", low), ("high", high))},
         }
+
+
+def law_of(profile: dict[str, Any], draws: list[study.Draw]) -> NDArray[np.float64]:
+    """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
+    each = {term["name"]: term["seconds"] for term in profile["terms"]} | {"draw": 0.0}
+    rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in draws])
+    return np.asarray(rows @ np.array([each[name] for name in TERMS]))
+
+
+def as_predicted(
+    seconds: NDArray[np.float64], empty: float, cost: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Return what this session's draws should take, and its speed in ratio to the profile's."""
+    speed = float(np.median((seconds - empty) / cost))
+    return empty + speed * cost, speed
+
+
+def explained(
+    name: str, seconds: NDArray[np.float64], predicted: NDArray[np.float64], polygons: list[str]
+) -> dict[str, str]:
+    """Return R2 of log time over all draws and within polygons, as columns."""
+    over = cost_model.r_squared(np.log(seconds), np.log(predicted))
+    within = cost_model.r_squared_within(seconds, predicted, polygons)
+    return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 
 def reliability(held: HeldOut) -> float:

@@ -228,7 +228,8 @@ def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):
     )
     assert whole["needed"] == ["yes" if name in COSTS else "" for name in TERMS]
     assert "A draw by itself costs 20 µs." in whole["words"]
-    assert "Nothing is shown for triangles set up, vertices" in whole["words"]
+    nothing = "Nothing is shown for triangles set up, triangles that cover a pixel, vertices"
+    assert nothing in whole["words"]
     assert "Triangulate by optimal:" in whole["words"]
     assert " on city (" in whole["words"]
     assert "Times are the wall clock's, for the device has no GPU timer." in whole["traps"]
@@ -382,7 +383,7 @@ def test_a_draws_arithmetic_reaches_its_shader(browser, page, work):
 def test_noise_makes_no_draw_shorter_than_nothing(browser, page, synthetic):
     browser.open(page, REPORT_READY, fragment="wait")
     epochs = synthetic["epochs"].tolist()
-    nothing = {"seconds": [0.0] * 13, "low": [0.0] * 13, "high": [0.0] * 13}
+    nothing = {ends: [0.0] * len(TERMS) for ends in ("seconds", "low", "high")}
     given = json.dumps({"law": nothing, "epochs": epochs, "empty_s": 1.0})
     found = browser.evaluate(
         f"(() => {{ const given = {given}; const rows = designRows(state.page, "

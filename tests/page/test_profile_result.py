@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from copy import deepcopy
@@ -12,9 +13,10 @@ import pytest
 
 from harness.commands import running
 from harness.errors import BAD_INPUT, INCONCLUSIVE
-from harness.page.profile_result import FORMAT
-from harness.profile import advice, words
+from harness.page.profile_result import FORMAT, LATER
+from harness.profile import advice, design, words
 from harness.profile.advice import OWN
+from harness.profile.counted import TERMS
 from harness.study.calibration_draws import read_coefficients
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
@@ -22,10 +24,13 @@ from tests.page.conftest import saved_as
 from tests.page.test_hostile import MARKUP, hostile
 from tests.profile.charging import COSTS
 
+DRAWS = functools.cache(design.draws)
+
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
-    """Workers are in this process, and advice looks at few polygons."""
+    """Draws are made once, workers are in this process, and advice looks at few polygons."""
+    monkeypatch.setattr(design, "draws", DRAWS)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
     monkeypatch.setattr("harness.profile.law.RESAMPLES", 20)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
@@ -66,6 +71,22 @@ def test_the_pages_file_is_a_profile(harness, profiled):
     assert Path("p.png").stat().st_size > 10_000
 
 
+def of_older_page(result: dict[str, Any]) -> dict[str, float]:
+    """Leave out of its law what the first pages did not know, and return it."""
+    law: dict[str, float] = result["law"]["seconds"]
+    for name in LATER:
+        del law[name]
+    return law
+
+
+def test_an_older_pages_law_has_fewer_terms(harness, saved):
+    code, _, err = harness("import", saved(of_older_page), "--out", "older.json")
+    assert code == 0, err
+    assert [term["name"] for term in json.loads(Path("older.json").read_text())["terms"]] == [
+        *TERMS
+    ]
+
+
 def times(result: dict[str, Any], name: str) -> list[float]:
     return result["times"][name]["samples_s"]
 
@@ -100,6 +121,7 @@ FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "is not that of its times"),
+    "older law": (lambda r: of_older_page(r).update(triangles=6e-8), "is not that of its times"),
     "terms": (lambda r: r["law"]["seconds"].pop("near"), "its law has other terms"),
     "times": (lambda r: slower(r, 0), "is not that of its times"),
     "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),

@@ -41,7 +41,7 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert code == 0, err
     assert out.startswith("On scripted:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     assert "Each pixel of its box's width and height costs 7 ns." in out
-    assert "Nothing is shown for triangles set up, vertices" in out
+    assert "Nothing is shown for triangles set up, triangles that cover a pixel, vertices" in out
     assert "on city:buildings=12 (" in out
     content = json.loads(Path("p.json").read_text())
     for term in content["terms"]:

@@ -15,7 +15,7 @@ MODULES = [
 ]
 SHOWN = (
     *("cleaning.clean", "cleaning.layout", "cleaning.projection"),
-    *("readers.damage", "readers.tables", "readers.where"),
+    *("readers.damage", "readers.arrow_tables", "readers.where"),
     *("registry", "spec", "suggestions"),
 )
 """Modules that other code calls, function by function; the others are reached by `scenes.load`."""

@@ -9,7 +9,7 @@ from shapely import box
 
 from harness.errors import INCONCLUSIVE, UsageError
 from harness.measuring.processes import Bench
-from harness.study import cost_model
+from harness.study import calibration_draws, cost_model
 from harness.study.calibration_draws import (
     Validation,
     design_of,
@@ -355,3 +355,23 @@ def test_r2_is_the_share_of_the_variance_that_is_explained():
     logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
     within = cost_model.r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
     assert within == pytest.approx(0.75)
+
+
+def test_draws_that_are_compared_share_their_rounds():
+    names = [f"polygon {number % 7}" for number in range(7 * 10)] + ["large"] * 40
+    groups = list(calibration_draws._groups(names))
+    assert sorted(place for group in groups for place in group) == list(range(len(names)))
+    for name in set(names):
+        assert sum(any(names[place] == name for place in group) for group in groups) == 1
+    sizes = {len(group) for group in groups if "large" not in {names[place] for place in group}}
+    assert max(sizes) == 20
+    alone = calibration_draws._groups([str(number) for number in range(50)])
+    assert [len(group) for group in alone] == [24, 24, 2]
+
+
+def test_halves_are_of_other_epochs():
+    rounds = np.array([1.0, 1.0, 1.0, 4.0, 4.0, 2.0, 2.0, 2.0])
+    assert calibration_draws._halves(rounds, [3, 2, 3]) == [1.5, 4.0]
+    # Rounds that are not of these epochs: every other one.
+    assert calibration_draws._halves(rounds, [3, 2]) == [1.5, 2.0]
+    assert calibration_draws._halves(np.array([1.0, 9.0, 1.0, 9.0]), [4]) == [1.0, 9.0]

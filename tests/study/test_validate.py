@@ -11,8 +11,6 @@ import pytest
 from harness.commands.running import folder_for
 from harness.errors import UsageError
 from harness.figures.registry import predictions
-from harness.measuring.run import run
-from harness.measuring.worker import Inline
 from harness.stored.folder import read_run
 from harness.study import extremes
 from harness.study.analysis import by_resolution, correlate, measure_table
@@ -21,7 +19,7 @@ from harness.study.repeat import repeat
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.conftest import exit_code
+from tests.conftest import briefly, exit_code
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import interrupt_after_one
 
@@ -105,9 +103,8 @@ def study(tmp_path_factory):
     arguments = ["validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
-        patch.setattr("harness.commands.validate.QUICK_S", 1e-4)  # counters are judged here
-        patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
+        briefly(patch)  # counters are judged here
+        patch.setattr("harness.commands.validate.QUICK_S", 1e-4)
         assert exit_code(*arguments) == 0
     return folder
 

@@ -46,7 +46,7 @@ def ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: U
     if units.wide:
         far = _fill_wide(ring, start, target, cost)
     else:
-        far = _fill(outline.points, cycle, start, target, cost, units)
+        far = _far_costs(outline.points, cycle, start, target, cost, units)
     a, b = cycle[first], cycle[target[: len(first)]]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
     leaf = Leaf(np.where(a < b, -far, far), 0)
@@ -54,7 +54,7 @@ def ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: U
 
 
 @njit(nogil=True)
-def _fill(
+def _far_costs(
     points: np.ndarray,
     cycle: np.ndarray,
     start: np.ndarray,

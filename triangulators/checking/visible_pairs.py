@@ -83,7 +83,7 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     cells = max(1, min(512, int(np.sqrt(len(edges) / 2.0))))
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
     low = points.min(axis=0)
-    grid = _Grid(low, size, cells, *_fill(points, edges, low, size, cells))
+    grid = _Grid(low, size, cells, *_edges_of_cells(points, edges, low, size, cells))
     order = near_each_other(points, np.unique(site).astype(np.int32))
     sites = _Sites(order, boxes_of(points, order))
     slices = _SLICES if len(order) > _FEW else 1
@@ -129,7 +129,7 @@ def _rows(
 
 
 @njit
-def _fill(
+def _edges_of_cells(
     points: np.ndarray, edges: np.ndarray, low: np.ndarray, size: np.ndarray, cells: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, items) of `_Grid`: edges are counted in one sweep and written in another."""

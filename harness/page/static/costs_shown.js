@@ -5,9 +5,9 @@ const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"
 const NOTHING = 1e-16, LEAST_SHARE = 0.05;
 
 /* Terms of the first sentence, which has the first few that cost anything. */
-const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", vertices: "a vertex", fragments: "a covered pixel",
+const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", covering: "a triangle that covers a pixel", vertices: "a vertex", fragments: "a covered pixel",
   helper_lanes: "a helper lane", blocks: "a 4x4 block", further_tiles: "a further 64x64 tile", near: "a pixel of its box's first width and height",
-  half_perimeter: "a pixel of its box's width and height", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
+  half_perimeter: "a pixel of its box's width and height", rows: "a row of pixels", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
 const MOST_SAID = 4;
 
 function secondsText(value) {

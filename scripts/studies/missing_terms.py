@@ -1,17 +1,19 @@
-"""Does a law lack what a device takes for each row of pixels? Of profiles, whatever drew them.
+"""Does a law lack a term? Of profiles, whatever drew them.
 
-    PYTHONPATH=. python scripts/studies/rows.py results/reference/profiles/*.json [--out FILE]
+    PYTHONPATH=. python scripts/studies/missing_terms.py PROFILE.json... [--out FILE]
 
-Triangles of one area and aspect have equal widths and heights when turned by 90 degrees, exchanged:
-terms of a law hardly tell them apart, but a device that goes through a triangle row by row does.
+Triangles of one area and aspect have equal widths and heights when turned by 90 degrees, exchanged.
+Only the rows of pixels that they pass tell them apart, so a device that goes through a triangle row
+by row needs that term. Another device keeps few tiles of the viewport at hand, and fetches others;
+how many it fetches depends on the order of the triangles, which no term of a law knows.
+
 Writes a row for each profile:
 
 steep_8, steep_64 : time of the thinnest triangles of 8 and 64 px^2 that stand upright, in ratio to
     those that lie, the empty draw left out
-r2_over, r2_within : of log time of draws held out, as the profile's law has them
-with_rows_over, with_rows_within : the same, if the law had one more term: rows of pixels whose
-    centres are between a triangle's lowest and highest corner
-row_s : seconds of a row then
+r2_over, r2_within : of log time of draws held out, over all and within groups
+no_rows_over, no_rows_within : the same of a law without rows of pixels and covering triangles
+tiles_over, tiles_within : the same of a law that knows the tiles that softpipe fetches, too
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL
 from harness.profile import design, law
-from harness.profile.counted import design_of
+from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import AREAS, ASPECTS, Draw
 from harness.profile.placing import LEVEL, STEEP
 from harness.profile.profile import fitted_of
@@ -35,17 +37,31 @@ from harness.study import cost_model
 
 COLUMNS = (
     *("profile", "steep_8", "steep_64", "r2_over", "r2_within"),
-    *("with_rows_over", "with_rows_within", "row_s"),
+    *("no_rows_over", "no_rows_within", "tiles_over", "tiles_within"),
 )
 
+TILE, KEPT, STEP = 64, 50, 5
+"""Side in px of softpipe's tiles, how many it keeps, and by how many places in that cache two tiles
+above each other differ; two beside each other by one (Mesa's `sp_tile_cache.c`)."""
 
-def rows_of(draw: Draw) -> int:
-    """Return how many rows of pixels a draw's triangles go through, all together."""
-    heights = draw.frame.points[draw.triangles][:, :, 1].astype(np.int64)
-    half = SUBPIXEL // 2
-    first = -((half - heights.min(axis=1)) // SUBPIXEL)
-    last = (heights.max(axis=1) - half) // SUBPIXEL
-    return int(np.maximum(last - first + 1, 0).sum())
+
+def fetched(draw: Draw) -> int:
+    """Return how many tiles softpipe fetches for a draw: those that another has taken the place of.
+
+    Triangles touch the tiles of their bounding boxes, row by row.
+    """
+    corners = draw.frame.points[draw.triangles].astype(np.int64)
+    first = corners.min(axis=1) // (TILE * SUBPIXEL)
+    last = (corners.max(axis=1) - 1) // (TILE * SUBPIXEL)
+    kept: dict[int, tuple[int, int]] = {}
+    found = 0
+    for (left, bottom), (right, top) in zip(first.tolist(), last.tolist(), strict=True):
+        for y in range(bottom, top + 1):
+            for x in range(left, right + 1):
+                place = (x + STEP * y) % KEPT
+                found += kept.get(place) != (x, y)
+                kept[place] = x, y
+    return found
 
 
 def judged(profile: dict[str, Any]) -> dict[str, float]:
@@ -56,16 +72,16 @@ def judged(profile: dict[str, Any]) -> dict[str, float]:
     draws = [draw for draw in made if (draw.kind, draw.name) in timed]
     told = [timed[draw.kind, draw.name] for draw in draws]
     seconds = np.exp(np.log([each["epochs_s"] for each in told]).mean(axis=1))
-    rows = design_of([each["counters"] for each in told])
     fitted, _ = fitted_of(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
-    more = np.column_stack([rows, [rows_of(draw) for draw in draws]])[fitted]
-    own, with_rows = (_r2(each, seconds[fitted], labels) for each in (rows[fitted], more))
-    found = dict(zip(COLUMNS[3:7], (*own, *with_rows), strict=True))
-    found["row_s"] = float(cost_model.solve(more, seconds[fitted], labels)[-1])
+    rows = design_of([counters(draw) for draw in draws])[fitted]
+    fewer = rows[:, [name not in ("rows", "covering") for name in TERMS]]
+    more = np.column_stack([rows, [fetched(draws[n]) for n in fitted]])
+    found = [_r2(each, seconds[fitted], labels) for each in (rows, fewer, more)]
+    figures = dict(zip(COLUMNS[3:], np.ravel(found).tolist(), strict=True))
     for area in AREAS:
-        found[f"steep_{area}"] = _steep(draws, seconds - profile["empty_s"], area)
-    return found
+        figures[f"steep_{area}"] = _steep(draws, seconds - profile["empty_s"], area)
+    return figures
 
 
 def _r2(
@@ -92,14 +108,14 @@ def main() -> None:
     """Judge each profile."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("profiles", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, default=Path("results/reference/profile-rows.csv"))
+    parser.add_argument("--out", type=Path, default=Path("results/reference/profile-terms.csv"))
     given = parser.parse_args()
     with given.out.open("w", newline="") as stream:
         table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
         table.writeheader()
         for file in sorted(given.profiles):
             figures = judged(json.loads(file.read_text()))
-            row = {"profile": file.stem} | {name: f"{v:.4g}" for name, v in figures.items()}
+            row = {name: f"{figures[name]:.4g}" for name in COLUMNS[1:]} | {"profile": file.stem}
             table.writerow(row)
             print(row, flush=True)
 
