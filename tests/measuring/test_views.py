@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import trimesh
 
 from harness.errors import NothingMeasured, UsageError
 from harness.figures.views import over_views, views_told
-from harness.frame import View
+from harness.frame import View, frame_of, view_of
+from harness.measuring.lower_limits import limits
 from harness.measuring.plan import Plan
 from harness.measuring.settings import MODEL_TRIANGULATORS
+from harness.models.seen import read
 from harness.page.page_data import content_of
+from harness.rasterisers.reference import outlines, quads_of
 from harness.stored.checking import wrong_field
 from harness.stored.folder import read_arrays, read_run
 from harness.triangulating.recipes import parse_all
+from harness.triangulating.seen import original
 from tests.measuring.test_run import FAST, measure
 from tests.models.test_in_place import plate
 
@@ -55,6 +60,7 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
         assert columns["quads"].sum() == record["counters"]["quads"]
         assert record["outline_quads"] < record["counters"]["quads"]
         assert "least" not in record or record["least"]["polygons"] == 0
+        assert "index" not in record
         assert wrong_field(record) is None
     assert best["proven"] == best["polygons"] == base["polygons"]
     ratio = over_views(best, base, "helper_lanes")
@@ -64,6 +70,41 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
     told = views_told(list(stored.records))
     assert told[0] == "over 4 views, ratios of sums and their 95 % intervals:"
     assert told[2].startswith(f"optimal:edge-length in ratio to original: helper lanes {ratio},")
+
+
+def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
+    records = measure(
+        plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out"
+    ).records
+    for record in records:
+        assert record["outline_quads"] is None
+        assert record["counters"]["depth_ties"] == 0
+        assert sum(record["views"]["quads"]) == record["counters"]["quads"]
+    lanes = {each["triangulator"]: each["counters"]["helper_lanes"] for each in records}
+    assert lanes["optimal:edge-length"] < lanes["original"]
+
+
+def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
+    scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
+    frame = frame_of(scene, view_of(scene))
+    parts = original(frame).parts
+    assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
+    assert np.array_equal(limits(frame, parts), quads_of(frame, parts))
+    assert (quads_of(frame, parts) > outlines(frame, parts)).all()
+
+
+def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monkeypatch):
+    timed = []
+
+    def in_rounds(recipes, polygons, rounds, seed):
+        timed.append(len(polygons))
+        return [[0.1] * rounds for _ in recipes]
+
+    monkeypatch.setattr("harness.measuring.processes.time_in_rounds", in_rounds)
+    slow = replace(FAST, budget_s=0.5)
+    measure(plan(model, rasterisers=("binning",), timing=slow), tmp_path / "out")
+    assert timed == [70]
 
 
 def test_ties_of_depth_are_told():

@@ -38,13 +38,18 @@ def built(builder: Builder, path) -> str:
     return str(builder.write(path / "model.glb"))
 
 
-def test_counters_are_those_that_check_tells(plate_file):
-    """Both count the same pictures, each in its own way."""
-    _, groups = opened(Path(plate_file))
+@pytest.mark.parametrize("name", ["plate", "ball"])
+def test_counters_are_those_that_check_tells(plate_file, tmp_path, name):
+    """Both count the same pictures, each in its own way: of faces, and of what is no face."""
+    path = Path(plate_file)
+    if name == "ball":
+        path = tmp_path / "ball.glb"
+        trimesh.creation.icosphere(2).export(path)
+    _, groups = opened(path)
     parts = [part for group in groups for part in group]
     drawn = [views.Drawn(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (told,) = views.look(drawn, (256,))
-    frame = framed(read(plate_file, pixels=256))
+    frame = framed(read(str(path), pixels=256))
     rows = frame.join(original(frame).parts)
     counted = predict(frame.points, rows)
     assert counted["helper_lanes"].sum() == told.lanes_before > 0
@@ -94,7 +99,8 @@ def test_a_mirror_image_shows_its_own_front(tmp_path):
     builder.json["scenes"] = [{"nodes": [1]}]
     mirrored = read(built(builder, tmp_path)).viewing
     # (x, y, -z) of a sheet at z = 0 is where it was, and its front is the other side
-    assert plain.first[-1] + mirrored.first[-1] == 24
+    shown = [np.diff(viewing.first) for viewing in (plain, mirrored)]
+    assert (shown[0] + shown[1] == 1).all()
     assert 0 < plain.first[-1] < 24
 
 
@@ -153,6 +159,40 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
         # the sheets in the order of the file: 1, 0, 2, 0, 2, 1
         names = {int(sheets[0]): 1, int(sheets[1]): 0, int(sheets[2]): 2}
         assert [names[int(each)] for each in sheets] == [1, 0, 2, 0, 2, 1]
+
+
+def test_parts_are_drawn_one_after_the_other(tmp_path):
+    builder = Builder()
+    for height in (0, 5, 2):
+        builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
+    frame = framed(read(built(builder, tmp_path)))
+    rows = submission(frame, frame.join(original(frame).parts), Options())
+    seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
+    assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
+
+
+def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
+    builder = Builder()
+    for height in (0, 5):
+        builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
+    frame = framed(read(built(builder, tmp_path), views=8))
+    one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
+    done = in_views(
+        frame,
+        FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")]),
+    )
+    shown = [part is not None for part in done.parts]
+    assert done.gaps == [0.25] * sum(shown)
+    assert sum(shown) == len(shown) / 2 > 0
+    assert done.t_junctions == [int(each) for each in shown]
+
+
+def test_another_distance_is_another_scene(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    path = built(builder, tmp_path)
+    hashes = {read(path, distance=distance).content_hash for distance in (3.0, 3.0, 3.001)}
+    assert len(hashes) == 2
 
 
 def test_views_are_the_same_on_every_machine(tmp_path):
