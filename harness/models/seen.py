@@ -30,8 +30,8 @@ DEPTHS = ("none", "file", "front")
 NEAREST, FARTHEST = 1.1, 1000.0
 """Radii from the middle at which a camera may stand."""
 
-MOST = 20_000_000
-"""Vertices of all views together."""
+MOST, MOST_PIECES = 20_000_000, 500_000
+"""Vertices and faces of all views together; criteria take some 50 us a face."""
 
 _AROUND = 1.05
 """Radii before and behind the middle at which what is seen begins and ends."""
@@ -189,6 +189,8 @@ class _Views:
             self._ranks.append(ranks)
             pieces += 1
         self._first.append(pieces)
+        if pieces > MOST_PIECES:
+            raise SceneError(f"more than {MOST_PIECES:,} faces in all views: give fewer views=")
 
     def _put(self, points: NDArray[np.int32], depths: NDArray[np.int32]) -> None:
         self._points.append(points)

@@ -259,7 +259,12 @@ def test_places_that_are_no_number_are_not_drawn(tmp_path):
     assert viewing.first[-1] == 12
 
 
-def test_too_many_vertices_are_refused(plate_file, monkeypatch):
-    monkeypatch.setattr("harness.models.seen.MOST", 1000)
-    with pytest.raises(SceneError, match="more than 1,000 vertices in all views"):
+@pytest.mark.parametrize(
+    ("name", "most", "what"), [("MOST", 1000, "vertices"), ("MOST_PIECES", 90, "faces")]
+)
+def test_too_much_to_see_is_refused(plate_file, monkeypatch, name, most, what):
+    monkeypatch.setattr(f"harness.models.seen.{name}", most)
+    with pytest.raises(
+        SceneError, match=f"more than {most:,} {what} in all views: give fewer views="
+    ):
         read(plate_file)
