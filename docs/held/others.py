@@ -157,6 +157,8 @@ MODELS_PLAN = (
     r"Run on 2026-11-23",
     r"at (1024|64) px",
     r"the 10 % that were expected|255 levels|cache of 16",
+    r"(?s)## Registered on 2026-11-23, before it was measured.*?\*\*Result\.\*\*",
+    r"(?s)## Registered on 2026-11-23, before it was measured.*?(?=\n## )",
 )
 
 LEARNED_PLAN = (
