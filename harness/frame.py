@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from scenes.scene import Scene, Tiling
+from scenes.scene import Scene, Tiling, Viewing
 
 SUBPIXEL = 256
 """Sub-pixel positions per pixel and axis."""
@@ -28,13 +28,16 @@ SUBPIXEL = 256
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
 
-FitMode = Literal["box", "circle", "tile"]
+FitMode = Literal["box", "circle", "tile", "view"]
 """How the scene is laid on the viewport."""
 
 MARGIN_STEP_PX = 64
 """Of the margin round a tile, so that quads, blocks and bins lie as if the viewport began there."""
 
-ITS_OWN_VIEW = "pixels= is the resolution of map tiles: leave --resolution, --rotation, --fit out"
+OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
+"""Fits of scenes that bring their view along, and what these are of."""
+
+ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --resolution, --rotation, --fit out"
 
 WHOLE = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 """The window of a frame that nothing cuts."""
@@ -50,7 +53,8 @@ class View:
     rotation : degrees, counter-clockwise, about the scene's centre
     fit : "box" fills the viewport with the rotated scene's bounding box; "circle" with its
         enclosing circle, so that the scale is the same at every rotation; "tile" is that of map
-        tiles, whose polygons are in pixels already: `resolution` is then a tile's side
+        tiles, whose polygons are in pixels already: `resolution` is then a tile's side; "view" that
+        of a model in space, of which each view is a picture of that side
     """
 
     resolution: int = 1024
@@ -62,8 +66,10 @@ class View:
             raise UsageError(f"resolution {self.resolution} is outside 8..{MAX_RESOLUTION} pixels")
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
-        if self.fit == "tile" and (self.rotation or self.resolution % 2):
-            raise UsageError("a tile is drawn upright, and its side is an even number of pixels")
+        if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):
+            raise UsageError(
+                f"a {self.fit} is drawn upright, and its side is an even number of pixels"
+            )
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,9 @@ class Frame:
     dropped, repaired : (polygon number in the scene, reason) of what snapping broke
     scissor : left, bottom, width, height in pixels, all even, of what is drawn; None for all
     tiles : (t + 1,) int64; polygons tiles[k]:tiles[k + 1] are drawn by one call, over those of
-        other tiles; None where one call draws all
+        other tiles or views; None where one call draws all
+    flat, viewing : of a frame that shows a model in space: the frame of its faces, each in its own
+        plane, where they are triangulated, and how they are seen
     """
 
     width: int
@@ -95,6 +103,8 @@ class Frame:
     repaired: tuple[tuple[int, str], ...] = ()
     scissor: tuple[int, int, int, int] | None = None
     tiles: NDArray[np.int64] | None = None
+    flat: Frame | None = None
+    viewing: Viewing | None = None
 
     @property
     def window(self) -> NDArray[np.int64]:
@@ -103,6 +113,11 @@ class Frame:
             return WHOLE
         left, bottom, width, height = self.scissor
         return np.array([left, bottom, left + width - 1, bottom + height - 1], np.int64)
+
+    @property
+    def depths(self) -> NDArray[np.int32] | None:
+        """(n,) depths of the points, 0 to 2**24, where what is hidden is not drawn; else None."""
+        return None if self.viewing is None else self.viewing.depths
 
     @cached_property
     def polygons(self) -> tuple[Polygon, ...]:
@@ -183,17 +198,31 @@ def frame_of(scene: Scene, view: View) -> Frame:
     Raises
     ------
     UsageError
-        if the view is not the scene's: tiles have one of their own, other scenes have any other
+        if the view is not the scene's: tiles and models have their own, other scenes any other
     """
-    tiling = scene.tiling
-    if (view.fit == "tile") != (tiling is not None):
-        raise UsageError(f"{scene.name}: view {view.fit} is not for {view_of(scene).fit} scenes")
-    return make_frame(scene.polygons, view) if tiling is None else _tiled(scene, tiling, view)
+    own = view_of(scene).fit
+    if view.fit != own and (view.fit in OWN_VIEWS or own in OWN_VIEWS):
+        raise UsageError(f"{scene.name}: view {view.fit} is not for {own} scenes")
+    if scene.tiling is not None:
+        return _tiled(scene, scene.tiling, view)
+    if scene.viewing is not None:
+        return _seen(scene, scene.viewing, view)
+    return make_frame(scene.polygons, view)
 
 
 def view_of(scene: Scene) -> View:
     """Return how a scene is drawn if nothing else is asked for."""
-    return View() if scene.tiling is None else View(scene.tiling.pixels, fit="tile")
+    if scene.tiling is not None:
+        return View(scene.tiling.pixels, fit="tile")
+    return View() if scene.viewing is None else View(scene.viewing.pixels, fit="view")
+
+
+def _seen(scene: Scene, viewing: Viewing, view: View) -> Frame:
+    """Lay all views of a model on each other."""
+    frame = frame_as_it_is(viewing.pixels, viewing.points, viewing.offsets, viewing.ring_ends)
+    flat = frame_as_it_is(MAX_RESOLUTION, *on_grid(scene.polygons))
+    source, tiles = viewing.source, viewing.first
+    return replace(frame, view=view, source=source, tiles=tiles, flat=flat, viewing=viewing)
 
 
 def _tiled(scene: Scene, tiling: Tiling, view: View) -> Frame:

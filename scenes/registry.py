@@ -226,6 +226,16 @@ def is_tiled(text: str) -> bool:
     return name in ENTRIES and ENTRIES[name].tiled
 
 
+def is_seen(text: str) -> bool:
+    """Whether "name:key=value" names views of a model in space, which `harness.models.seen` loads.
+
+    >>> is_seen("part.glb"), is_seen("part.glb:views=24"), is_seen("town.pmtiles:zoom=14")
+    (False, True, False)
+    """
+    name, given = parsed(text)
+    return is_path(name) and "views" in given
+
+
 def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
     """What reads a file: as map tiles, if a parameter asks for these."""
     module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"

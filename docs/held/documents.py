@@ -32,7 +32,8 @@ CHOSEN = {
     "docs/how-to/devices.md": r"Direct3D 12",
     "docs/how-to/judge-criteria.md": r"fewer than 100 triang|at least 0\.8",
     "docs/how-to/meshes.md": "",
-    "docs/how-to/models.md": r"from 24 sides|of up to 192 vertices",
+    "docs/how-to/models.md": r"(from|of) 24 sides|of up to 192 vertices|from 1 to 24|multiples of 4|\| (1024|3) \||from 1\.1 on"
+    r"|\(1, 2, 3\)",
     "docs/how-to/own-criterion.md": r"up to 2,000 vertices",
     "docs/how-to/own-polygons.md": r"-180 to 180 degrees|3D model|1 GiB|100 times",
     "docs/how-to/profile.md": "",

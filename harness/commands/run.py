@@ -13,7 +13,12 @@ from rich.console import Console
 
 from harness.commands import options
 from harness.errors import UsageError
-from harness.measuring.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
+from harness.measuring.settings import (
+    DEFAULT_TRIANGULATORS,
+    MODEL_TRIANGULATORS,
+    TIMEOUT_S,
+    TimingSettings,
+)
 from harness.progress import Reporter
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
@@ -26,7 +31,7 @@ NO_CONTEXT = cast("typer.Context", None)
 """What `study` runs with, which gives no options by the command line."""
 
 Fit = Literal["box", "circle"]
-"""`harness.frame.FitMode` but for tiles; that takes long to import: a test compares them."""
+"""`harness.frame.FitMode` but for what brings its view along; a test compares them."""
 
 
 def run(
@@ -34,7 +39,8 @@ def run(
         str | None,
         typer.Option(
             help="A scene's name, e.g. city or city:buildings=2000, a file (GeoJSON, GeoPackage, "
-            "Shapefile, SVG, WKT and more), or module:function. See: raster-harness list scenes.",
+            "Shapefile, SVG, WKT and more), a model from all sides (part.glb:views=24), or "
+            "module:function. See: raster-harness list scenes.",
         ),
     ] = None,
     layer: options.Layer = None,
@@ -119,6 +125,7 @@ def run(
     from harness.measuring.two_versions import FOLDER as BASE_FOLDER
     from harness.rasterisers.base import Options
     from harness.triangulating.database import default_path
+    from scenes.registry import is_seen
     from scenes.spec import joined
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
@@ -128,7 +135,9 @@ def run(
     elif not scene:
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
-        running.refuse_view_of_tiles(context, scene)
+        running.refuse_another_view(context, scene)
+        if is_seen(scene) and not running.given(context)("triangulators"):
+            triangulators = options.Several(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,

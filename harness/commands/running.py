@@ -18,7 +18,7 @@ from harness.commands.options import CALIBRATIONS
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
-from harness.frame import ITS_OWN_VIEW
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part, RunOptions, RunResult
 from harness.measuring.run import run as carry_out
@@ -28,7 +28,7 @@ from harness.stored.folder import Run, clear_errors, file_stem, read_run
 from harness.summary import print_summary, row_of, write_csv
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from scenes import Scene
-from scenes.registry import is_tiled
+from scenes.registry import is_seen, is_tiled
 from scenes.spec import label
 
 
@@ -182,14 +182,21 @@ def load_ahead(*, plots: bool) -> None:
     threading.Thread(target=load, daemon=True).start()
 
 
-def refuse_view_of_tiles(context: typer.Context | None, scene: str) -> None:
-    """Raise UsageError if the user gives map tiles a view, which they have of themselves."""
-    if context is None:
-        return
-    sources = [context.get_parameter_source(name) for name in ("resolution", "rotation", "fit")]
-    given = any(getattr(source, "name", "") == "COMMANDLINE" for source in sources)
-    if given and is_tiled(scene):
-        raise UsageError(ITS_OWN_VIEW)
+def refuse_another_view(context: typer.Context | None, scene: str) -> None:
+    """Raise UsageError if the user gives a view to what has one: map tiles, a model's views."""
+    own = "view" if is_seen(scene) else "tile" if is_tiled(scene) else ""
+    if own and any(map(given(context), ("resolution", "rotation", "fit"))):
+        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own]))
+
+
+def given(context: typer.Context | None) -> Callable[[str], bool]:
+    """Return what says whether the user wrote an option; none was where there is no context."""
+
+    def written(name: str) -> bool:
+        source = None if context is None else context.get_parameter_source(name)
+        return getattr(source, "name", "") == "COMMANDLINE"
+
+    return written
 
 
 def stored_plan(folder: Path) -> Plan:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.export.indexed_mesh import Mesh, with_z
-from harness.export.writer import About, AttributeTable, Output, append
+from harness.export.writer import About, AttributeTable, append
+from harness.stored.output import Output
 
 _PLY_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3), ("feature", "<i4")])
 _STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])

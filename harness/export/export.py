@@ -24,7 +24,8 @@ from harness.export.npz import NpzWriter
 from harness.export.obj import ObjWriter
 from harness.export.polygon_sources import Part, parts_of
 from harness.export.triangulation import Batch, triangulate_batch
-from harness.export.writer import About, Output, Writer
+from harness.export.writer import About, Writer
+from harness.stored.output import Output
 from harness.triangulating.database import ModelDatabase
 from triangulators import TriangulationError, UnknownName, full_name, parse
 from triangulators.methods.optimal import LIMIT

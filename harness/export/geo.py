@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.export.indexed_mesh import Mesh
-from harness.export.writer import About, Output, plain
+from harness.export.writer import About, plain
+from harness.stored.output import Output
 from scenes.cleaning.projection import system
 
 _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.export.indexed_mesh import Mesh, plan_area, with_z
-from harness.export.writer import About, Output, append, plain
+from harness.export.writer import About, append, plain
+from harness.stored.output import Output
 
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963

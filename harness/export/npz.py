@@ -10,7 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.export.indexed_mesh import Mesh
-from harness.export.writer import About, Output, append
+from harness.export.writer import About, append
+from harness.stored.output import Output
 
 
 class NpzWriter:

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 from harness.export.indexed_mesh import Mesh, with_z
 from harness.export.single import fits, in_single
-from harness.export.writer import About, AttributeTable, Output
+from harness.export.writer import About, AttributeTable
+from harness.stored.output import Output
 
 
 class ObjWriter:

@@ -23,7 +23,7 @@ from harness.measuring.processes import Backend, Bench
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored.folder import Record
-from harness.triangulating.recipes import Recipe
+from harness.triangulating.recipes import ORIGINAL, Recipe
 from scenes import Scene
 
 DONE = ("ok", "skipped")
@@ -133,10 +133,11 @@ def _time_triangulating(job: Job, frame: Frame, prepared: Mapping[Recipe, Prepar
     once = {
         recipe: ready.triangulation.seconds
         for recipe, ready in prepared.items()
-        if not recipe.upright
+        if not recipe.upright and recipe.base != ORIGINAL
     }
     settings = job.plan.timing
-    found = job.bench.time_triangulating(once, frame.polygons, settings.budget_s, job.plan.seed)
+    polygons = (frame.flat or frame).polygons
+    found = job.bench.time_triangulating(once, polygons, settings.budget_s, job.plan.seed)
     for recipe, samples in found.items():
         triangulation = prepared[recipe].triangulation
         triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))

@@ -30,6 +30,10 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
 def _load(name: str, seed: int) -> Scene:
     try:
+        if registry.is_seen(name):
+            from harness.models import seen  # it takes long to import
+
+            return seen.load(name)
         return load(name, seed=seed, attributes=False)
     except SceneError as error:
         raise UsageError(str(error)) from error
@@ -47,6 +51,8 @@ def _load_apart(name: str, seed: int, open_worker: OpenWorker) -> Scene:
 
 def _is_foreign(name: str) -> bool:
     """Whether it takes a third party's code to load the scene."""
+    if registry.is_seen(name):
+        return False
     try:
         base, _, is_file = registry.split(name)
     except SceneError:

@@ -54,7 +54,21 @@ class Begun(NamedTuple):
 def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench) -> Begun:
     """Begin to compute what `collect` returns."""
     least = bench.compute_soon(fewest, frame, bench.database)
-    return Begun(frame, parts, least, bench.compute_soon(outlines, frame, parts))
+    return Begun(frame, parts, least, bench.compute_soon(limits, frame, parts))
+
+
+def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
+    """Return the quads that each polygon's outline covers (p,), -1 where that is no limit.
+
+    The rest of a view, which has no outline, has those of its triangles. With a depth test, what is
+    hidden is not shaded.
+    """
+    if frame.viewing is None:
+        return outlines(frame, parts)
+    if frame.viewing.depths is not None:
+        return np.full(len(parts), -1)
+    rest = np.isin(np.arange(len(parts)), list(frame.viewing.rest))
+    return np.where(rest, quads_of(frame, parts), outlines(frame, parts))
 
 
 def collect(begun: Begun, bench: Bench) -> dict[str, NDArray[np.int64]]:
@@ -63,7 +77,7 @@ def collect(begun: Begun, bench: Bench) -> dict[str, NDArray[np.int64]]:
     found = {OUTLINE: unknown, LEAST: unknown}
     with suppress(TaskFailed):  # what is measured is the same without it
         if begun.outline.cancel():
-            found[OUTLINE] = bench.compute(outlines, begun.frame, begun.parts)
+            found[OUTLINE] = bench.compute(limits, begun.frame, begun.parts)
         else:
             found[OUTLINE] = begun.outline.result()
     with suppress(TaskFailed):
@@ -93,9 +107,12 @@ def seconds_of(frame: Frame) -> NDArray[np.float64]:
 def fewest(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     """Return the fewest quads of each polygon, -1 where that is not proven; uses compiled code.
 
-    They are looked for in as many polygons as `MOST_S` allows, the quickest first.
+    They are looked for in as many polygons as `MOST_S` allows, the quickest first. In views of a
+    model they are not: the grid makes no polygon of a face that is seen aslant.
     """
     least = np.full(len(frame.polygons), -1)
+    if frame.viewing is not None:
+        return least
     seconds = seconds_of(frame)
     order = np.argsort(seconds, kind="stable")
     chosen = np.sort(order[np.cumsum(seconds[order]) <= MOST_S])

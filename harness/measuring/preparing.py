@@ -14,7 +14,8 @@ from harness.measuring.processes import Bench
 from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
 from harness.triangulating.frames import FrameTriangulation, carry_over
-from harness.triangulating.recipes import Recipe
+from harness.triangulating.recipes import ORIGINAL, Recipe
+from harness.triangulating.seen import in_views, original
 from scenes import Scene
 
 BASELINE = Recipe("delaunay")
@@ -49,7 +50,11 @@ def prepare(
     broken : recipes that cannot be run, and why
     """
     wanted = list(dict.fromkeys([BASELINE, *recipes]))
-    ours = [recipe for recipe in wanted if recipe not in broken and type(recipe) is Recipe]
+    ours = [
+        recipe
+        for recipe in wanted
+        if recipe not in broken and type(recipe) is Recipe and recipe.base != ORIGINAL
+    ]
     bench.compile_ahead([*ours, lower_limits.FEWEST])
     begun: lower_limits.Begun | None = None
     limits: dict[str, NDArray[np.int64]] = {}
@@ -79,7 +84,8 @@ def _prepare(
     tick: Callable[[float], None],
 ) -> Prepared | tuple[str, str]:
     try:
-        _compile(recipe, bench, reporter)
+        if recipe.base != ORIGINAL:
+            _compile(recipe, bench, reporter)
         result = _triangulate(scene, frame, recipe, bench, tick)
     except TaskTimedOut as error:
         # Ours are slow by design, others may have hung.
@@ -114,7 +120,11 @@ def _compile(recipe: Recipe, bench: Bench, reporter: Reporter) -> None:
 def _triangulate(
     scene: Scene, frame: Frame, recipe: Recipe, bench: Bench, tick: Callable[[float], None]
 ) -> FrameTriangulation:
-    """Run one triangulator over the frame, or over the scene not yet turned."""
+    """Run one triangulator over the frame, over the scene not yet turned, or over flat faces."""
+    if frame.flat is not None:
+        if recipe.base == ORIGINAL:
+            return original(frame)
+        return in_views(frame, bench.triangulate(recipe.before_turning, frame.flat.polygons, tick))
     if not recipe.upright:
         return bench.triangulate(recipe, frame.polygons, tick)
     upright = frame_of(scene, replace(frame.view, rotation=0.0))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.figures.index_bytes import index_sizes
 from harness.figures.registry import INDEX, LEAST, OUTLINE
-from harness.figures.tiles import TILES
+from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -94,7 +94,7 @@ def measured(
         OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
         **_least_of(triangulation.parts, counters, limits.get(LEAST)),
         **_index_of(case, frame, triangulation),
-        **_tiles_of(frame, counters),
+        **_views_of(frame, counters),
     }
     if coverage is not None and "fragments" in counters:
         drawn = drawn_polygons(triangulation.parts)
@@ -108,14 +108,14 @@ def _rounds_of(samples_s: Sequence[float]) -> Record:
 
 def _index_of(case: Case, frame: Frame, triangulation: FrameTriangulation) -> Record:
     """Return the bytes that a map's tiles would have more if they held these triangles."""
-    if frame.tiles is None:
+    if frame.tiles is None or frame.viewing is not None:
         return {}
     rows = submission(frame, frame.join(triangulation.parts), case.options)
     return {INDEX: index_sizes(frame, rows)}
 
 
-def _tiles_of(frame: Frame, counters: Counters) -> Record:
-    """Return the sums of each counter a tile, where the frame is of tiles."""
+def _views_of(frame: Frame, counters: Counters) -> Record:
+    """Return the sums of each counter a tile, or a view of a model."""
     if frame.tiles is None:
         return {}
     sums = {
@@ -123,7 +123,8 @@ def _tiles_of(frame: Frame, counters: Counters) -> Record:
         for name, values in counters.items()
         if values.ndim
     }
-    return {TILES: sums}
+    names = {} if frame.viewing is None else {NAMES: list(frame.viewing.names)}
+    return {VIEWS: {**names, **sums}}
 
 
 def _outline_of(

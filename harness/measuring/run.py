@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import shapely
 
 from harness.errors import NothingMeasured, UsageError
-from harness.frame import ITS_OWN_VIEW, View, view_of
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
 from harness.machine.processor import label_of, processor, same
 from harness.machine.state import default_path, state_of
@@ -30,7 +30,7 @@ from harness.measuring.worker import OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter, let_go_of_terminal
 from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted, read_run
-from harness.triangulating.recipes import Recipe
+from harness.triangulating.recipes import ORIGINAL, Recipe
 from scenes import Scene
 from scenes.spec import label as scene_label
 
@@ -125,19 +125,30 @@ def run(
             )
         if how.split is None:
             plan = _in_its_view(plan, scene)
+        if scene.viewing is None and any(each.base == ORIGINAL for each in plan.triangulators):
+            raise UsageError(
+                f"{ORIGINAL} is the triangulation that a model came with: give --scene "
+                "model.glb:views=24, or leave it out"
+            )
         return _measure(plan, scene, out, reporter, bench, broken, how, began)
     finally:
         bench.close(at_once=bench.stopping)
 
 
 def _in_its_view(plan: Plan, scene: Scene) -> Plan:
-    """Give the plan the view of map tiles, which they have of themselves."""
-    own = (view_of(scene),)
-    if scene.tiling is None or plan.views == own:
+    """Give the plan the view of map tiles or of a model, which they have of themselves.
+
+    A model's own triangulation is drawn, too.
+    """
+    own = view_of(scene)
+    if own.fit not in OWN_VIEWS:
         return plan
-    if plan.views != (View(),):
-        raise UsageError(ITS_OWN_VIEW)
-    return replace(plan, views=own)
+    if plan.views not in ((own,), (View(),)):
+        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[own.fit]))
+    if scene.viewing is not None:
+        first = Recipe(ORIGINAL)
+        plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))
+    return replace(plan, views=(own,))
 
 
 def _measure(
@@ -159,7 +170,8 @@ def _measure(
     plan = replace(plan, triangulators=tuple(every))
     usable = find_backends(plan, bench, reporter)
     broken |= find_broken(set(plan.triangulators) - known, bench)
-    facts = _facts(plan, scene) | ({"base": how.base} if how.base else {})
+    base = how.base or (ORIGINAL if scene.viewing is not None and not how.split else None)
+    facts = _facts(plan, scene) | ({"base": base} if base else {})
     if beside := how.beside:
         facts["beside"] = beside.facts()
         plans = [replace(own, triangulators=beside.recipes(own.triangulators)) for own in plans]

@@ -14,6 +14,15 @@ DEFAULT_TRIANGULATORS = (
     "optimal:half-perimeter",
 )
 
+MODEL_TRIANGULATORS = (
+    "original",
+    "ear-clipping",
+    "delaunay",
+    "optimal:edge-length",
+    "optimal:half-perimeter",
+)
+"""Of a model that is seen from several sides: the length is the mean of H over rotations."""
+
 TIMEOUT_S = 600.0
 """Seconds after which a triangulator or a device is stopped."""
 

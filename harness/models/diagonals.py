@@ -23,6 +23,14 @@ _ROUNDING = 1e-6
 """Share of a face's cost that may come from rounding its points: no gain."""
 
 
+WORK = (1.0, 10.0, 20.0, 45.0)
+"""Nanoseconds of the cube of a vertex that the optimum takes, by the number of holes (measured)."""
+
+MOST_WORK = 1e9
+"""Of these, how many are spent on a part; faces beyond that get flips. No clock is asked, so that
+the same model gets the same diagonals on every machine."""
+
+
 @njit(nogil=True)
 def _height(points: np.ndarray, a: int, b: int, c: int) -> float:
     """Return the least height of a triangle."""
@@ -81,15 +89,15 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     cost = cost_named(criterion)
     sizes = np.diff(faces.starts)
     result, left = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
-    outlines = _outlines(faces)
-    found, done = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
+    clean = _affordable(outlines(faces))
+    found, done = attempt_many(clean.polygons, f"optimal:{criterion}", check=False)
     counts = np.diff(found.starts)
     number = np.repeat(np.arange(len(done)), counts)
     kept = done[number]  # the other rows of `found` hold anything
-    first = _begins(outlines.polygons)[number[kept]]
-    own = outlines.vertices[found.triangles[kept] + first[:, None]]
+    first = _begins(clean.polygons)[number[kept]]
+    own = clean.vertices[found.triangles[kept] + first[:, None]]
     begins = np.r_[0, np.cumsum(counts[done])]
-    _take(faces.points, faces.starts, outlines.face[done], (own, begins), result, left)
+    _take(faces.points, faces.starts, clean.face[done], (own, begins), result, left)
     rest = np.repeat(left, sizes)
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
@@ -139,7 +147,7 @@ def _gains(
     return found
 
 
-class _Outlines(NamedTuple):
+class Outlines(NamedTuple):
     """Faces whose outline is a valid polygon through all of their vertices, once each.
 
     face : (c,) their numbers; vertices : (n,) which of `Faces.points` each of the polygons' is
@@ -150,7 +158,27 @@ class _Outlines(NamedTuple):
     vertices: Ints
 
 
-def _outlines(faces: Faces) -> _Outlines:
+def _affordable(clean: Outlines) -> Outlines:
+    """Return as many of the outlines as `MOST_WORK` allows, those that are quickest first."""
+    _, ring_ends, polygon_ends = clean.polygons
+    rings = np.diff(polygon_ends, prepend=0)
+    sizes = np.diff(_begins(clean.polygons))
+    factors = np.append(WORK, 0.0)[np.minimum(rings - 1, len(WORK))]
+    work = factors * sizes.astype(np.float64) ** 3
+    quickest = np.argsort(work, kind="stable")
+    kept = np.zeros(len(work), np.bool_)
+    kept[quickest[np.cumsum(work[quickest]) <= MOST_WORK]] = True
+    if kept.all():
+        return clean
+    own = np.repeat(kept, sizes)
+    lengths = np.diff(ring_ends, prepend=0)[np.repeat(kept, rings)]
+    ends = np.cumsum(lengths), np.cumsum(rings[kept])
+    polygons = Ragged(np.asarray(clean.polygons.coordinates)[own], *ends)
+    return Outlines(clean.face[kept], polygons, clean.vertices[own])
+
+
+def outlines(faces: Faces) -> Outlines:
+    """Return the faces whose outline is clean; the outer ring, which turns left, comes first."""
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
@@ -169,7 +197,7 @@ def _outlines(faces: Faces) -> _Outlines:
         sound[face[~valid]] = False
         vertices, ring_ends, polygon_ends = _rings(faces.points, following, begins, sound)
     polygons = Ragged(faces.points[vertices], ring_ends, polygon_ends)
-    return _Outlines(np.flatnonzero(sound), polygons, vertices)
+    return Outlines(np.flatnonzero(sound), polygons, vertices)
 
 
 @njit(nogil=True)
@@ -222,15 +250,21 @@ def _rings(
 
 def _valid(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.bool_]:
     """(c,) which polygons are valid."""
+    return np.asarray(shapely.is_valid(shapes(points, ring_ends, polygon_ends)), np.bool_)
+
+
+def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.object_]:
+    """(c,) polygons, valid or not, of vertices (n, 2), where rings end, and where polygons do."""
     if len(polygon_ends) == 0:
-        return np.ones(0, dtype=np.bool_)
+        return np.empty(0, dtype=object)
     starts = np.r_[0, ring_ends[:-1]]
     closed = np.insert(points, ring_ends, points[starts], axis=0)
     offsets = np.r_[0, ring_ends + np.arange(1, len(ring_ends) + 1)]
-    made = shapely.from_ragged_array(
-        shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
+    return np.asarray(
+        shapely.from_ragged_array(
+            shapely.GeometryType.POLYGON, closed, (offsets, np.r_[0, polygon_ends])
+        )
     )
-    return np.asarray(shapely.is_valid(made))
 
 
 def _begins(polygons: Ragged) -> Ints:

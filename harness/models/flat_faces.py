@@ -80,7 +80,14 @@ def _thick(mesh: Mesh) -> NDArray[np.bool_]:
 
 
 def _neighbours(mesh: Mesh) -> Ints:
-    """(e, 2) pairs of triangles that belong to one face."""
+    """(e, 2) pairs of triangles that belong to one face.
+
+    A triangle with a corner twice, as strips are joined by, is no neighbour of any.
+    """
+    a, b, c = mesh.triangles.T
+    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
+    if len(whole) < len(mesh.triangles):
+        return whole[_neighbours(mesh.with_triangles(mesh.triangles[whole]))]
     thick = _thick(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
     twin = np.asarray(link(corner), dtype=np.int64)

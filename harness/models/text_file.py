@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.export.writer import Output
 from harness.models.mesh import tolerance_of
+from harness.stored.output import Output
 
 Ints = NDArray[np.int64]
 

@@ -2,7 +2,9 @@
 
 The camera looks at the middle from 24 directions, in perspective. Vertices are projected to the
 grid of 1/256 px, and triangles are culled by their winding, as a GPU does it. There is no depth
-test: every front face is shaded, also where another one hides it.
+test: every front face is shaded, also where another one hides it. Coordinates are sums, products,
+quotients and square roots of single numbers, in a fixed order, so that they are the same on every
+machine; a library's product of matrices is not.
 """
 
 from __future__ import annotations
@@ -48,15 +50,30 @@ class Seen:
     quads_after: int = 0
 
 
-def directions() -> NDArray[np.float64]:
-    """Return (24, 3) unit vectors: (1, 2, 3) turned by all rotations of a cube."""
+class Ball(NamedTuple):
+    """The ball round all that is drawn, which a view shows whole."""
+
+    middle: NDArray[np.float64]
+    radius: float
+
+
+def ways() -> NDArray[np.int64]:
+    """Return (24, 3), the ways to the camera: (1, 2, 3) turned by all rotations of a cube.
+
+    The first four, eight, ... of them are evenly around, too.
+    """
     found = []
     for order in permutations(range(3)):
         parity = np.linalg.det(np.eye(3)[list(order)])
         for signs in product((1, -1), repeat=3):
             if parity * np.prod(signs) > 0:
-                found.append(np.array([1.0, 2.0, 3.0])[list(order)] * signs)
-    return np.array(found) / np.sqrt(14.0)
+                found.append(np.array([1, 2, 3])[list(order)] * signs)
+    return np.array(found)
+
+
+def directions() -> NDArray[np.float64]:
+    """Return `ways` as (24, 3) unit vectors."""
+    return np.asarray(ways() / np.sqrt(14.0))
 
 
 def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
@@ -67,18 +84,15 @@ def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
         for matrix in part.placements
     ]
     used = [world[part.mesh.triangles.reshape(-1)] for part, world, _ in worlds]
-    points = np.concatenate([np.empty((0, 3)), *used])
-    points = points[np.isfinite(points).all(axis=1)]
-    if len(points) == 0 or not np.ptp(points, axis=0).any():
+    ball = ball_of(used)
+    if ball is None:
         return []
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = float(np.linalg.norm(points - middle, axis=1).max())
     result = [Seen(pixels) for pixels in sizes]
     for part, world, mirrored in worlds:
-        local = (world - middle) / radius
+        local = (world - ball.middle) / ball.radius
         same = (part.triangles == part.mesh.triangles).all(axis=1)
         for direction in directions():
-            flat = _projected(local, direction)
+            flat, _ = projected(local, direction)
             for seen in result:
                 grid = np.rint(np.nan_to_num(flat) * (seen.pixels * _UNITS)).astype(np.int32)
                 kept = _count(grid, part.mesh.triangles[same], mirrored)
@@ -94,19 +108,41 @@ def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
 def placed(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return positions (n, 3) moved by a matrix (4, 4)."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(positions @ matrix[:3, :3].T + matrix[:3, 3])
+        return np.stack([_along(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
-def _projected(local: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) in 0..1: points within the unit sphere, seen from `direction`, y up."""
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    right /= np.linalg.norm(right)
-    up = np.cross(direction, right)
-    away = DISTANCE - local @ direction
-    widest = 1.0 / np.sqrt(DISTANCE**2 - 1.0)  # the tangent of the sphere's half angle
+def ball_of(placed_points: Sequence[NDArray[np.float64]]) -> Ball | None:
+    """Return the ball round points (n, 3) that are numbers; None if they have no extent."""
+    points = np.concatenate([np.empty((0, 3)), *placed_points])
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0 or not np.ptp(points, axis=0).any():
+        return None
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    off = points - middle
+    return Ball(middle, float(np.sqrt((off * off).sum(axis=1).max())))
+
+
+def projected(
+    local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (n, 2) in 0..1, y up, of points within the unit sphere, and how far away each is.
+
+    direction : unit vector to the camera, whose distance is in radii
+    """
+    x, y, z = direction.tolist()
+    level = float(np.sqrt(x * x + y * y))
+    right = np.array([-y / level, x / level, 0.0])
+    up = np.array([-z * right[1], z * right[0], x * right[1] - y * right[0]])
+    away = distance - _along(local, direction)
+    widest = 1.0 / np.sqrt(distance**2 - 1.0)  # the tangent of the sphere's half angle
     with np.errstate(invalid="ignore", divide="ignore"):
-        flat = np.stack([local @ right, local @ up], axis=1) / (away * widest)[:, None]
-    return np.asarray((flat + 1.0) / 2)
+        sides = [_along(local, axis) / (away * widest) for axis in (right, up)]
+    return (np.stack(sides, axis=1) + 1.0) / 2, away
+
+
+def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) scalar products of points (n, 3) with an axis."""
+    return points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
 
 
 def _count(

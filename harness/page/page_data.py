@@ -14,6 +14,7 @@ from harness.errors import UsageError
 from harness.figures.groups import USUAL_BASE
 from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
+from harness.frame import OWN_VIEWS
 from harness.page.device_summaries import CRITERIA
 from harness.pictures.style import looks
 from harness.rasterisers.reference import predict
@@ -44,8 +45,9 @@ def content_of(run: Run) -> Content:
     UsageError
         if the run kept nothing that can be drawn
     """
-    if any(record.get("fit") == "tile" for record in run.records):
-        raise UsageError(f"{run.path} is of map tiles, which a page cannot cut: give another run")
+    for fit, name in OWN_VIEWS.items():
+        if any(record.get("fit") == fit for record in run.records):
+            raise UsageError(f"{run.path} is of {name}, which a page cannot cut: give another run")
     found = [_view(run, records) for records in _kept(run).values()]
     views = [view for view in found if view is not None]
     if not views:

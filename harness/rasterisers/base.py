@@ -129,6 +129,9 @@ class Rasteriser(ABC):
     cuts: ClassVar[bool] = False
     """Whether it draws nothing out of a frame's scissor, as map tiles need it."""
 
+    deep: ClassVar[bool] = False
+    """Whether it has a depth test that it counts with; then it counts `depth_ties`, too."""
+
     remark: ClassVar[str] = ""
     """What a record must say about its figures, if anything."""
 
@@ -215,6 +218,10 @@ class Rasteriser(ABC):
             raise UsageError(f"{self.name} has {self.lacking}; use opengl for these")
         if frame.scissor is not None and not self.cuts:
             raise UsageError(f"{self.name} cannot cut at a tile's edge; use opengl for tiles")
+        if frame.depths is not None and not self.deep:
+            raise UsageError(
+                f"{self.name} cannot force the depth test before shading; use opengl, or depth=none"
+            )
         return submission(frame, triangles, options)
 
     def close(self) -> None:  # noqa: B027 - most have nothing to close

@@ -59,6 +59,10 @@ COUNTERS = {
         Counter("fragments", "fragments", "pixels", "none", description="covered pixels"),
         Counter("hits", "hits", "pixels", "none", description="covered pixels, found by testing"),
         Counter(
+            *("depth_ties", "ties of depth", "pixels", "none"),
+            description="depth tests that rounding decides, so that devices may differ",
+        ),
+        Counter(
             *("samples_passed", "samples passed", "samples", "none"),
             description="covered samples, by the driver's own query",
         ),

@@ -1,4 +1,8 @@
-"""A frame as a city: each polygon's triangulation as a roof, with walls under its rings."""
+"""A frame in three dimensions, for renderers of scenes.
+
+As a city, each polygon's triangulation is a roof, with walls under its rings. The views of a model
+have depths already.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers.base import Triangles
+from harness.rasterisers.depth import DEEPEST
 from harness.rasterisers.palette import colours
 
 LOWEST, TALLEST = 0.005, 0.035
@@ -51,6 +56,20 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
         positions=np.concatenate([roof, roof, ground]).astype(np.float32),
         colours=np.concatenate([paint, dark, dark]).astype(np.float32),
         faces=np.concatenate([triangles, walls]).astype(np.uint32),
+    )
+
+
+def projected(frame: Frame, triangles: Triangles) -> Solid:
+    """Return triangles (m, 3) of a model's views where they are projected, z from 0 down to -1."""
+    assert frame.depths is not None
+    used, faces = np.unique(triangles, return_inverse=True)
+    if not len(used):
+        used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # no renderer takes nothing
+    points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
+    owner = np.searchsorted(frame.offsets, used, side="right").astype(np.int32) - 1
+    paint = colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
+    return Solid(
+        points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
     )
 
 

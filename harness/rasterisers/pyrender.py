@@ -1,7 +1,8 @@
-"""pyrender: what the triangulations cost as roofs of a city, drawn by a scene-graph renderer.
+"""pyrender: what triangulations cost as roofs of a city, or on a model, by a scene-graph renderer.
 
 It stands for the renderers users have: perspective, depth test, multisampling, and a frame that
 is read back. It cannot count. pyrender is unmaintained (0.1.45) and gets a process of its own.
+Polygons become roofs; a model's views are drawn as they are projected, each a frame.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from harness.errors import NoRasteriser
+from harness.errors import NoRasteriser, UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import (
     Counters,
@@ -25,7 +26,7 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.extrude import extrude
+from harness.rasterisers.extrude import Solid, extrude, projected
 from harness.rasterisers.opengl import egl, osmesa
 from triangulators.devices import is_software, matches
 
@@ -48,6 +49,7 @@ class Pyrender(Rasteriser):
     name = "pyrender"
     lacking = "samples and shaders of its own choice"
     counters: ClassVar[tuple[str, ...]] = ()
+    deep = True
     remark = "pyrender draws in perspective and cannot count; its time includes reading back"
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
 
@@ -127,24 +129,47 @@ class Pyrender(Rasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self._open((frame.width, frame.height))
-        return _City(self, frame, triangles)
+        return _Drawn(self, frame, triangles)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self._open((frame.width, frame.height))
-        with _City(self, frame, triangles) as city:
-            return city.draw()
+        with _Drawn(self, frame, triangles) as drawn:
+            return [drawn.draw(scene) for scene in drawn.scenes][-1]
+
+    def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+        if frame.viewing is not None and frame.depths is None:
+            raise UsageError("pyrender always tests depth; add depth=file or depth=front")
+        return super()._ready(frame, triangles, options)
 
 
-class _City(Drawing):
+class _Drawn(Drawing):
+    """scenes : one city, or the views of a model."""
+
     def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
         self.owner = owner
         self.size = (frame.width, frame.height)
-        module = owner.module
+        self._module = module = owner.module
         self.flags = (
             module.RenderFlags.FLAT | module.RenderFlags.SKIP_CULL_FACES | module.RenderFlags.RGBA
         )
-        solid = extrude(frame, triangles)
-        self.scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
+        if frame.viewing is None:
+            camera = module.PerspectiveCamera(
+                yfov=FIELD_OF_VIEW, znear=0.05 * frame.width, zfar=4.0 * frame.width
+            )
+            pose = camera_pose(frame.width, frame.height)
+            self.scenes = [self._scene(extrude(frame, triangles), camera, pose)]
+            return
+        camera = module.OrthographicCamera(
+            xmag=frame.width / 2, ymag=frame.height / 2, znear=0.5, zfar=2.5
+        )
+        pose = np.eye(4)
+        pose[:3, 3] = frame.width / 2, frame.height / 2, 1.0
+        draws = [triangles[rows] for rows in frame.draws(triangles)]
+        self.scenes = [self._scene(projected(frame, rows), camera, pose) for rows in draws]
+
+    def _scene(self, solid: Solid, camera: Any, pose: np.ndarray) -> Any:
+        module = self._module
+        scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
         primitive = module.Primitive(
             positions=solid.positions,
             normals=np.tile(np.array([0, 0, 1], np.float32), (len(solid.positions), 1)),
@@ -153,29 +178,29 @@ class _City(Drawing):
             mode=4,
             material=module.MetallicRoughnessMaterial(doubleSided=True),
         )
-        self.scene.add(module.Mesh([primitive]))
-        camera = module.PerspectiveCamera(
-            yfov=FIELD_OF_VIEW, znear=0.05 * frame.width, zfar=4.0 * frame.width
-        )
-        self.scene.add(camera, pose=camera_pose(frame.width, frame.height))
+        scene.add(module.Mesh([primitive]))
+        scene.add(camera, pose=pose)
+        return scene
 
-    def draw(self) -> Image:
+    def draw(self, scene: Any) -> Image:
         """Draw and read back one frame."""
-        colour, _ = self.owner._renderer.render(self.scene, flags=self.flags)
+        colour, _ = self.owner._renderer.render(scene, flags=self.flags)
         if colour.shape[2] == 3:  # OSMesa's has no alpha
             colour = np.dstack([colour, np.full(colour.shape[:2], 255, np.uint8)])
         return np.ascontiguousarray(colour)
 
     def sample(self, repeats: int) -> Sample:
-        """Draw `repeats` frames; each is read back, which waits for it."""
+        """Draw all `repeats` times; each frame is read back, which waits for it."""
         self.owner._open(self.size)
         start = time.perf_counter()
         for _ in range(repeats):
-            self.draw()
+            for scene in self.scenes:
+                self.draw(scene)
         return Sample(wall=time.perf_counter() - start)
 
     def close(self) -> None:
-        self.scene.clear()
+        for scene in self.scenes:
+            scene.clear()
 
 
 def camera_pose(width: float, height: float) -> np.ndarray:

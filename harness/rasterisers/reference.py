@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import WHOLE, Frame
-from harness.rasterisers import spans
+from harness.rasterisers import depth, spans
 from harness.rasterisers.base import (
     Counters,
     Drawing,
@@ -45,6 +45,27 @@ def predict(
     return dict(zip(COUNTED, (fragments, quads, *others), strict=True))
 
 
+def visible(
+    frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
+) -> dict[str, NDArray[np.int64]]:
+    """Count what of each triangle (m, 3) passes the depth test, in the order given; (m,) each.
+
+    fragments, quads, helper_lanes : of what is shaded
+    depth_ties : tests that rounding decides: a device may differ in as many pixels and quads
+    picture : (height, width), row 0 at the bottom; gets each polygon's colour
+    """
+    assert frame.depths is not None
+    draws = frame.draws(triangles)
+    begins = np.array([0, *(rows.stop for rows in draws)], np.int64)
+    if picture is None:
+        picture = np.zeros((frame.height, frame.width), np.uint32)
+    paint = colours(frame.owner(triangles))
+    arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
+    fragments, quads, ties = depth.count_visible(*arrays, picture).T
+    counts = (fragments, quads, 4 * quads - fragments, ties)
+    return dict(zip((*COUNTED[:3], "depth_ties"), counts, strict=True))
+
+
 def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
     """Return the (p,) 2x2 blocks that each polygon's outline covers; -1 where a part is None.
 
@@ -70,8 +91,12 @@ class Reference(OnCpu):
     lacking = "one sample a pixel and no fragment work"
     counters: ClassVar[tuple[str, ...]] = COUNTED
     cuts = True
+    deep = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        if frame.depths is not None:
+            found = visible(frame, triangles)
+            return {name: per_polygon(frame, triangles, each) for name, each in found.items()}
         predicted = predict(frame.points, triangles, frame.window)
         return {name: per_polygon(frame, triangles, predicted[name]) for name in self.counters}
 
@@ -87,6 +112,7 @@ class Reference(OnCpu):
 
 class _Filling(Drawing):
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
+        self.frame = frame
         self.points = frame.points
         self.triangles = triangles
         self.window = frame.window
@@ -101,6 +127,9 @@ class _Filling(Drawing):
         return Sample(wall=time.perf_counter() - start)
 
     def _rasterise(self, triangles: Triangles) -> None:
+        if self.frame.depths is not None:
+            visible(self.frame, triangles, self.picture)
+            return
         spans.fill(self.points, triangles, self.colours, self.picture, self.window)
 
     def close(self) -> None:

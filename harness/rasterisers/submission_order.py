@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
+from scenes.scene import Viewing
 
 Triangles = NDArray[np.int32]
 
@@ -42,7 +43,8 @@ class Ordering(Protocol):
 def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangles:
     """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
 
-    Tiles stay one after another; within each, triangles are ordered.
+    Tiles and views stay one after another; within each, triangles are ordered. Of a model's views
+    the native order is the model's, or front to back.
 
     Raises
     ------
@@ -54,12 +56,31 @@ def submission(frame: Frame, triangles: Triangles, options: Ordering) -> Triangl
         raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
-    if frame.tiles is None:
+    if frame.viewing is not None and options.order == "native":
+        view = np.searchsorted(frame.viewing.first, frame.owner(array), side="right")
+        array = array[np.lexsort((_places(frame, frame.viewing, array), view))]
+    elif frame.tiles is None:
         array = _ordered(frame, array, options)
     else:
         tiles = [_ordered(frame, array[rows], options) for rows in frame.draws(array)]
         array = np.concatenate(tiles)
     return np.ascontiguousarray(array, np.int32)
+
+
+def _places(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
+    """(m,) where each triangle, piece by piece in `array`, is in the order of its view.
+
+    The k-th triangle of a face takes the place of the k-th that the model has there.
+    """
+    if viewing.near_first and viewing.depths is not None:
+        return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
+    owner = frame.owner(array)
+    ordered = np.argsort(owner, kind="stable")
+    number = np.empty(len(array), np.int64)
+    number[ordered] = np.arange(len(array)) - np.searchsorted(owner[ordered], owner[ordered])
+    starts = viewing.rank_starts
+    last = np.diff(starts)[owner] - 1
+    return np.asarray(viewing.ranks[starts[owner] + np.minimum(number, last)])
 
 
 def _ordered(frame: Frame, array: Triangles, options: Ordering) -> Triangles:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from harness.figures import tiles
+from harness.figures import views
 from harness.figures.advice import advice
 from harness.figures.decision import Standing, decide, explained
 from harness.figures.estimates import ESTIMATES, estimated
@@ -195,7 +195,7 @@ def _group(
         "answer": advice(members),
         "judged": criteria_of(main, correlations, polygons.within(first, main)),
         "explained": explained(decision) if decision else None,
-        "tiles": tiles.said(members),
+        "views": views.said(members),
     }, correlations
 
 

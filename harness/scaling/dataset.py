@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.export.writer import BEGUN
 from harness.machine import environment
 from harness.progress import Parts, Reporter
 from harness.scaling.part_files import Done
@@ -25,6 +24,7 @@ from harness.scaling.task_queue import Crew, work_through
 from harness.scaling.triangulated import do_part, read_done
 from harness.stored import atomic
 from harness.stored.folder import clear_errors
+from harness.stored.output import BEGUN
 from scenes.slices import Slices
 
 MANIFEST = "manifest.json"

@@ -12,9 +12,9 @@ from harness.export.certified import Certified
 from harness.export.export import Meshing, Report, add_parts
 from harness.export.geo import GeoParquetWriter
 from harness.export.polygon_sources import of_file
-from harness.export.writer import Output
 from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
+from harness.stored.output import Output
 
 FOOTER = "raster_harness_part"
 """Name under which a part's file holds what it says of itself, as JSON."""

@@ -26,7 +26,7 @@ NUMBERS = (
 )
 TEXTS = ("reason", "scene_hash", "host")
 TABLES = ("counters", "predicted")
-FITS = ("box", "circle", "tile")
+FITS = ("box", "circle", "tile", "view")
 USUAL_OPTIONS = {"samples": 1, "work": 0, "order": "native", "seed": 0}
 """Options of drawing: what older runs did not have is as these."""
 
@@ -82,11 +82,12 @@ def _is_least(value: Any) -> bool:
     return _is_table(value) and all(name in value for name in OF_LEAST)
 
 
-def _is_tiles(value: Any) -> bool:
+def _is_views(value: Any) -> bool:
     if not isinstance(value, dict) or not all(isinstance(each, list) for each in value.values()):
         return False
     one_length = len({len(each) for each in value.values()}) <= 1
-    return one_length and all(_is_number(number) for each in value.values() for number in each)
+    kinds = ((_is_text if name == "names" else _is_number, each) for name, each in value.items())
+    return one_length and all(all(map(is_kind, each)) for is_kind, each in kinds)
 
 
 def _is_options(value: Any) -> bool:
@@ -116,9 +117,9 @@ _FIELDS: dict[str, Callable[[Any], bool]] = {
     **dict.fromkeys((*TABLES, "index"), _is_table),
     "fit": lambda value: value in FITS,
     "least": _is_least,
-    "tiles": _is_tiles,
     "options": _is_options,
     "time": _is_time,
+    "views": _is_views,
     "triangulate_samples_s": lambda value: isinstance(value, list) and all(map(_is_number, value)),
 }
 

@@ -69,7 +69,7 @@ def _sizes(polygons: Sequence[Polygon]) -> NDArray[np.int64]:
 def _alone(scene: Scene, number: int) -> Scene:
     attributes = None if scene.attributes is None else scene.attributes.iloc[[number]]
     polygons = [scene.polygons[number]]
-    alone = replace(scene, polygons=polygons, attributes=attributes, tiling=None)
+    alone = replace(scene, polygons=polygons, attributes=attributes, tiling=None, viewing=None)
     return replace(alone, dropped=[], repaired=[])
 
 

@@ -5,6 +5,7 @@ pareto#3, listed#3      the third after the first of each polygon's front, or of
 optimal:overdraw@0      triangulated at rotation 0 and drawn as the view turns, as a program
                         does that triangulates once and then moves its camera
 module:function         a third party's, which only a worker process imports
+original                the triangles that a model came with
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ NUMBER, UPRIGHT = "#", "@0"
 
 NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
 """Triangulators that take a number, and the parameter that it is."""
+
+ORIGINAL = "original"
+"""The triangles that a model came with: nothing is computed."""
 
 CALIBRATED = ":calibrated"
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
@@ -60,7 +64,7 @@ class Recipe:
     @property
     def builtin(self) -> bool:
         """Whether it is one of the product's own."""
-        return self.base.partition(":")[0] in registry.BUILTIN
+        return self.base == ORIGINAL or self.base.partition(":")[0] in registry.BUILTIN
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -124,7 +128,7 @@ class Recipe:
         Of polygons that are too large to be proven as they are triangulated, all are kept.
         """
         name = self.base.partition(":")[0]
-        if not self.builtin or registry.BUILTIN[name].with_gap is None:
+        if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
             return None
         return 0.0 if len(vertices(polygon)) <= LIMIT else math.inf
 
@@ -152,6 +156,8 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
             f"triangulator '{text}': a seed is written random{NUMBER}7, "
             f"a point of the Pareto front pareto{NUMBER}3"
         )
+    if rest == ORIGINAL:
+        return Recipe(ORIGINAL)
     if base.partition(":")[0] in registry.BUILTIN or ":" not in base:
         try:
             base = full_name(base)

@@ -14,7 +14,7 @@ import pytest
 
 from harness.commands.index import COMMANDS, load
 from harness.commands.run import Fit
-from harness.frame import FitMode
+from harness.frame import OWN_VIEWS, FitMode
 from tests.paths import ROOT
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
@@ -207,7 +207,7 @@ def test_no_command_is_left_out_of_the_table():
 
 
 def test_fit_has_the_choices_of_a_view():
-    assert (*get_args(Fit), "tile") == get_args(FitMode)
+    assert (*get_args(Fit), *OWN_VIEWS) == get_args(FitMode)
 
 
 WITHOUT_HEAVY_LIBRARIES = (

@@ -15,7 +15,7 @@ from harness.errors import UsageError
 from harness.models.diagonals import choose
 from harness.models.flat_faces import flat_faces
 from harness.models.gltf import GltfModel
-from harness.models.in_place import retriangulate
+from harness.models.in_place import _mixed, retriangulate
 from harness.models.mesh import Mesh, tolerance_of
 from scenes import SceneError
 from tests.models.build import KITE, LONG, Builder
@@ -284,6 +284,17 @@ def test_of_two_parts_back_to_back_neither_is_turned_onto_the_other(tmp_path, ou
     assert done.left == {"a diagonal would be an edge of other triangles, too": 2}
 
 
+def test_triangles_that_join_a_strip_are_no_neighbours(tmp_path, out):
+    """They have two edges in the same place, which would make three with a face's."""
+    builder = Builder()
+    joining = [(2, 2, 0), (0, 0, 2)]
+    builder.primitive(KITE, [LONG[0], *joining, LONG[1]])
+    retriangulate(builder.write(tmp_path / "joined.glb"), out)
+    (rows,) = triangles_of(out)
+    assert rows[1:3] == [sorted(each) for each in joining]
+    assert [rows[0], rows[3]] == CUT_SHORT
+
+
 SPOILT = {
     "a triangle twice": [*LONG, (0, 1, 2)],
     "an edge of three triangles": [*LONG, (0, 2, 1)],
@@ -328,6 +339,33 @@ def test_a_face_of_many_corners_and_holes_gets_flips(tmp_path, out):
     assert done.faces - done.optimal == done.changed == 2
     assert done.after < done.before
     assert trimesh.load_mesh(out).is_watertight
+
+
+def test_places_that_coincide_have_the_same_number_and_no_others():
+    """Neighbours in single precision, in three columns: their bits differ little."""
+    steps = np.float32(1.0) + np.arange(40, dtype=np.float32) * np.spacing(np.float32(1.0))
+    grid = np.stack(np.meshgrid(steps, -steps, steps), axis=-1).reshape(-1, 3).astype(float)
+    numbers = _mixed(grid)
+    assert len(np.unique(numbers)) == 40**3
+    assert np.array_equal(_mixed(grid[::-1])[::-1], numbers)
+    zeros = np.array([[0.0, 1.0, -0.0], [-0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    assert _mixed(zeros)[0] == _mixed(zeros)[1] != _mixed(zeros)[2]
+
+
+def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, out, monkeypatch):
+    """Of a plate's 70 faces the two large ones have holes."""
+    source = tmp_path / "plate.glb"
+    plate().export(source)
+    every = retriangulate(source, out)
+    assert every.optimal == 70
+    # 68 quadrilaterals, and one of two faces with 68 corners and two holes
+    for work, optimal in ((68 * 4**3 + 20 * 68**3, 69), (68 * 4**3, 68), (67 * 4**3, 67)):
+        monkeypatch.setattr("harness.models.diagonals.MOST_WORK", float(work))
+        done = retriangulate(source, out)
+        assert done.optimal == optimal
+        assert done.changed == 2
+        assert every.after <= done.after < 1.05 * every.after
+        assert trimesh.load_mesh(out).is_watertight
 
 
 @pytest.mark.parametrize("count", [65_535, 65_536])

@@ -33,7 +33,7 @@ def test_directions_are_all_around():
 def test_a_sphere_fills_the_picture_and_no_more():
     points = trimesh.creation.icosphere(4).vertices
     for direction in views.directions():
-        flat = views._projected(points, direction)
+        flat, _ = views.projected(points, direction)
         assert flat.min() >= 0
         assert flat.max() <= 1
         assert np.ptp(flat, axis=0).min() > 0.99
@@ -47,7 +47,7 @@ def test_counts_are_those_of_the_front_faces(monkeypatch):
     radius = np.hypot(4.5, 0.0)
     for found in seen:
         grid = np.rint(
-            views._projected((KITE - [4.5, 0, 0]) / radius, np.array([0.0, 1e-9, 1.0]))
+            views.projected((KITE - [4.5, 0, 0]) / radius, np.array([0.0, 1e-9, 1.0]))[0]
             * found.pixels
             * 256
         ).astype(np.int32)

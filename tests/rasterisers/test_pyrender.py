@@ -9,12 +9,17 @@ import pytest
 from shapely import Polygon, box
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import Frame, View, make_frame
+from harness.frame import Frame, View, frame_of, make_frame, view_of
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
+from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Rasteriser, Triangles
 from harness.rasterisers.extrude import extrude, next_in_ring
+from harness.rasterisers.reference import Reference
+from harness.rasterisers.submission_order import submission
+from harness.triangulating.seen import original
+from tests.models.test_in_place import plate
 from triangulators import triangulate
 
 COURT = box(0, 0, 30, 20).difference(box(8, 6, 20, 14))
@@ -106,3 +111,33 @@ def test_options_it_has_no_say_in_are_refused(frame):
     rasteriser = object.__new__(kind)
     with pytest.raises(UsageError, match="use opengl for these"):
         rasteriser.prepare(frame, joined(frame, "delaunay"), Options(samples=4))
+
+
+def test_views_of_a_model_are_drawn_as_they_are_projected(tmp_path):
+    plate().export(tmp_path / "plate.glb")
+    found = {}
+    for depth in ("none", "file"):
+        scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)
+        found[depth] = frame_of(scene, view_of(scene))
+    frame = found["file"]
+    device = find_device("pyrender", "llvmpipe")
+    rows = submission(frame, frame.join(original(frame).parts), Options())
+    with Worker("llvmpipe", device.environment) as worker:
+        with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
+            worker.call(tasks.image, "pyrender", device, found["none"], rows, Options())
+        picture = worker.call(tasks.image, "pyrender", device, frame, rows, Options())
+        assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
+        assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0
+    exact = Reference().image(frame, rows[frame.draws(rows)[-1]], Options())
+    drawn = exact[..., 3] > 0
+    sky = np.rint(np.array(pyrender.SKY) * 255)
+    built = abs(picture - sky).max(axis=2) > 2
+    assert 0.2 < drawn.mean() < 0.8
+    # pyrender smooths edges; inside, each face has its colour
+    assert (built != drawn).mean() < 0.02
+    inside = drawn.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inside &= (np.roll(exact, step, axis) == exact).all(axis=2)
+    assert inside.sum() > 1000
+    assert abs(picture[inside, :3].astype(int) - exact[inside, :3]).max() <= 2

@@ -11,10 +11,10 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
-from harness.figures.tiles import TILES
+from harness.figures.views import VIEWS
 from harness.frame import Frame
 from harness.measuring import tasks
-from harness.measuring.records import _tiles_of
+from harness.measuring.records import _views_of
 from harness.measuring.worker import Worker
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, Rasteriser, get
@@ -195,8 +195,8 @@ def test_a_record_holds_each_counters_sum_a_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)
-    kept = _tiles_of(cut, counters)[TILES]
+    kept = _views_of(cut, counters)[VIEWS]
     assert set(kept) == set(counters)
     for name, values in counters.items():
         assert kept[name] == [values[:100].sum(), 0, values[100:].sum()]
-    assert _tiles_of(replace(frame, tiles=None), counters) == {}
+    assert _views_of(replace(frame, tiles=None), counters) == {}

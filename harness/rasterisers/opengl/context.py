@@ -24,6 +24,8 @@ SUBPIXEL_BITS = 0x0D50
 MAX_RENDERBUFFER_SIZE = 0x84E8
 MAX_FRAGMENT_STORAGE_BLOCKS = 0x90DA
 
+DEPTH_BUFFER_BIT = 0x0100
+
 STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02, "shading_language": 0x8B8C}
 
 MODERN = 450
@@ -37,6 +39,9 @@ OLDER_EXTENSIONS = (
 )
 """What a context older than that must bring instead."""
 
+EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)
+"""What such a context must bring for a depth test before shading."""
+
 COMPUTE_EXTENSIONS = (
     "GL_ARB_compute_shader",
     "GL_ARB_shader_image_load_store",
@@ -45,17 +50,26 @@ COMPUTE_EXTENSIONS = (
 
 
 class Target:
-    """A framebuffer of one RGBA8 colour buffer, freed when nothing refers to it any more."""
+    """A framebuffer, freed when nothing refers to it any more: RGBA8, if `deep` with depths."""
 
     def __init__(
-        self, owner: Context, width: int, height: int, samples: int, idle: Target | None = None
+        self,
+        owner: Context,
+        width: int,
+        height: int,
+        samples: int,
+        idle: Target | None = None,
+        *,
+        deep: bool = False,
     ) -> None:
         ctx = owner.ctx
         self._owner = owner
         self._idle = idle
         self.alive = True
-        self.buffer = ctx.renderbuffer((width, height), 4, samples=samples if samples > 1 else 0)
-        self.framebuffer = ctx.framebuffer(color_attachments=[self.buffer])
+        size, samples = (width, height), samples if samples > 1 else 0
+        self.buffer = ctx.renderbuffer(size, 4, samples=samples)
+        self.depths = ctx.depth_renderbuffer(size, samples=samples) if deep else None
+        self.framebuffer = ctx.framebuffer([self.buffer], self.depths)
 
     def __del__(self) -> None:
         if self._owner.closed or not hasattr(self, "framebuffer"):
@@ -66,6 +80,8 @@ class Target:
             self._idle.framebuffer.use()
         self.framebuffer.release()
         self.buffer.release()
+        if self.depths is not None:
+            self.depths.release()
         self.alive = False
 
 
@@ -99,7 +115,7 @@ class Context:
         Context._current = self
         self.closed = False
         self._backend = backend
-        self._targets: WeakValueDictionary[tuple[int, int, int], Target] = WeakValueDictionary()
+        self._targets: WeakValueDictionary[tuple[int, ...], Target] = WeakValueDictionary()
         self._pictures: WeakValueDictionary[tuple[int, int], Picture] = WeakValueDictionary()
         self._idle = Target(self, 1, 1, 1)
         self._get_integer = self._function("glGetIntegerv", None, "uint", "pointer")
@@ -109,6 +125,7 @@ class Context:
         self.end_query = self._function("glEndQuery", None, "uint")
         self.query_result = self._function("glGetQueryObjectui64v", None, "uint", "uint", "pointer")
         self.flush = self._function("glFlush", None)
+        self._clear = self._function("glClear", None, "uint")
         self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
         self.max_samples = int(self.ctx.max_samples)
 
@@ -153,9 +170,9 @@ class Context:
         """Upload an array; an empty one gets four bytes, for OpenGL has no empty buffers."""
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
-    def program(self, vertex: str, fragment: str) -> Any:
-        """Build a program of two files in shaders/."""
-        header = self.header()
+    def program(self, vertex: str, fragment: str, *, deep: bool = False) -> Any:
+        """Build a program of two files in shaders/; `deep` if vertices have depths."""
+        header = self.header(*EARLY_EXTENSIONS) + "#define DEPTH\n" if deep else self.header()
         return self.ctx.program(
             vertex_shader=header + shader(f"{vertex}.glsl"),
             fragment_shader=header + shader(f"{fragment}.glsl"),
@@ -168,8 +185,12 @@ class Context:
             header += f"#define {define}\n"
         return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
 
-    def target(self, width: int, height: int, samples: int = 1) -> Target:
-        """Return a framebuffer, shared with whoever uses one of that size now.
+    def clear_depths(self) -> None:
+        """Forget what is nearest in the current framebuffer."""
+        self._clear(DEPTH_BUFFER_BIT)
+
+    def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Target:
+        """Return a framebuffer, if `deep` with depths, shared with whoever uses one like it now.
 
         Raises
         ------
@@ -179,10 +200,11 @@ class Context:
         self._check_size(width, height)
         if samples > max(self.max_samples, 1):
             raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
-        key = (width, height, samples)
+        key = (width, height, samples, int(deep))
         target = self._targets.get(key)
         if target is None:
-            target = self._targets[key] = Target(self, width, height, samples, self._idle)
+            target = Target(self, width, height, samples, self._idle, deep=deep)
+            self._targets[key] = target
         return target
 
     def picture(self, width: int, height: int) -> Picture:

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import cycle
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harness.errors import NoRasteriser
 from harness.frame import Frame
-from harness.rasterisers.base import Counters, Device, Drawing, Image, Options, Sample, Triangles
+from harness.rasterisers.base import (
+    Counters,
+    Device,
+    Drawing,
+    Image,
+    Options,
+    Sample,
+    Triangles,
+    per_polygon,
+)
 from harness.rasterisers.opengl import context
 from harness.rasterisers.opengl.buffers import BoundMesh, batches
 from harness.rasterisers.opengl.context import Context, Target
 from harness.rasterisers.opengl.gl import GLRasteriser
-from harness.rasterisers.opengl.tally import COUNTED, open_tally
+from harness.rasterisers.opengl.tally import COUNTED, Tally, open_tally
+from harness.rasterisers.reference import visible
 
 STATISTICS = {
     "driver_vertices_submitted": 0x82EE,
@@ -37,6 +47,7 @@ class OpenGL(GLRasteriser):
     name = "opengl"
     shades = True
     cuts = True
+    deep = True
     counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
 
     def __init__(self, device: Device) -> None:
@@ -48,6 +59,7 @@ class OpenGL(GLRasteriser):
         self._statistics = (
             STATISTICS if "GL_ARB_pipeline_statistics_query" in self.ctx.extensions else {}
         )
+        self._deep: tuple[Any, Tally] | None = None
         self.context.check("building the shaders")
 
     def close(self) -> None:
@@ -55,20 +67,40 @@ class OpenGL(GLRasteriser):
         self.context.activate()
         self._draw.release()
         self._tally.close()
+        if self._deep is not None:
+            self._deep[0].release()
+            self._deep[1].close()
         super().close()
+
+    def _programs(self, frame: Frame) -> tuple[Any, Tally]:
+        """Return the program that draws and what counts, with a depth test if the frame has one."""
+        if frame.depths is None:
+            return self._draw, self._tally
+        if self._deep is None:
+            draw = self.context.program("draw.vert", "draw.frag", deep=True)
+            self._deep = draw, open_tally(self.context, deep=True)
+        return self._deep
+
+    def _target(self, frame: Frame, options: Options) -> Target:
+        deep = frame.depths is not None
+        return self.context.target(frame.width, frame.height, options.samples, deep=deep)
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.offsets) - 1, len(COUNTED)), np.int64)
         opinion = dict.fromkeys(["samples_passed", *self._statistics], 0)
-        target = self.context.target(frame.width, frame.height, options.samples)
+        target = self._target(frame, options)
+        _, tally = self._programs(frame)
         for part in batches(frame, triangles):
-            totals += self._tally.count(target, frame, part)
+            totals += tally.count(target, frame, part)
             for name, value in self._ask(target, frame, part).items():
                 opinion[name] += value
         self.context.check("counting")
         counters = {name: totals[:, k].copy() for k, name in enumerate(COUNTED)}
         counters |= {name: np.array(value, np.int64) for name, value in opinion.items()}
+        if frame.depths is not None:
+            ties = visible(frame, triangles)["depth_ties"]
+            counters["depth_ties"] = per_polygon(frame, triangles, ties)
         if "llvmpipe" in self.device.details["renderer"] and self._statistics:
             counters["driver_blocks"] = counters["driver_fragment_invocations"] // BLOCK_LANES
         return counters
@@ -77,7 +109,7 @@ class OpenGL(GLRasteriser):
         """Draw once, without counting: storage writes change what a driver may skip."""
         targets = {"samples_passed": context.SAMPLES_PASSED, **self._statistics}
         with (
-            BoundMesh(self.context, self._draw, target, frame, triangles) as mesh,
+            BoundMesh(self.context, self._programs(frame)[0], target, frame, triangles) as mesh,
             self.context.queries(len(targets)) as queries,
         ):
             mesh.bind()
@@ -90,16 +122,16 @@ class OpenGL(GLRasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
-        target = self.context.target(frame.width, frame.height, options.samples)
-        mesh = BoundMesh(self.context, self._draw, target, frame, triangles)
+        target = self._target(frame, options)
+        mesh = BoundMesh(self.context, self._programs(frame)[0], target, frame, triangles)
         return _Timed(self.context, mesh, options.work, self.device.software)
 
     def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         self.context.activate()
-        target = self.context.target(frame.width, frame.height, options.samples)
+        target = self._target(frame, options)
         target.framebuffer.scissor = None  # type: ignore[assignment]
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
-        with BoundMesh(self.context, self._draw, target, frame, triangles) as mesh:
+        with BoundMesh(self.context, self._programs(frame)[0], target, frame, triangles) as mesh:
             mesh.program["work"] = options.work
             mesh.bind()
             mesh.draw()
@@ -126,12 +158,12 @@ class _Timed(Drawing):
         A GPU gets them as instances of one call, so that it is never kept waiting for the next. A
         software rasteriser gets one call each and a flush: it collects a frame before it draws,
         and would leave out tiles of one draw that a later one covers. So each map tile is a call
-        of its own there, too.
+        of its own there, too. With a depth test each draw begins with nothing near, also on a GPU.
         """
         self.context.activate()
         self.mesh.program["work"] = self.work
         self.mesh.bind()
-        if not self.software:
+        if not self.software and self.mesh.upload.depths is None:
             return self.context.timed(1, partial(self.mesh.draw, repeats), self.context.flush)
         draws = self.mesh.upload.draws
         following = cycle(draws)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,8 +12,13 @@ from harness.frame import Frame, bare_frame
 from harness.rasterisers.base import Triangles
 from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.opengl.context import Context, Target
+from harness.rasterisers.reference import visible
+from scenes.scene import Viewing
 
 COUNTED = ("fragments", "quads", "helper_lanes")
+
+LAST_LANE = np.array([[800, 800], [1000, 800], [800, 1000]], np.int32)
+"""A triangle that covers nothing but pixel (3, 3)."""
 
 KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
@@ -25,9 +32,9 @@ class Tally:
 
     shader = "count.frag"
 
-    def __init__(self, owner: Context) -> None:
+    def __init__(self, owner: Context, *, deep: bool = False) -> None:
         self.context = owner
-        self.program = owner.program("draw.vert", self.shader)
+        self.program = owner.program("draw.vert", self.shader, deep=deep)
 
     def count(self, target: Target, frame: Frame, triangles: Triangles) -> NDArray[np.int64]:
         """Return (p, 3) counts in the order of COUNTED."""
@@ -72,13 +79,16 @@ class TallyInOrder(Tally):
 
     def _submit(self, mesh: BoundMesh) -> None:
         # One draw a triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
+        mesh.begin()
         for number in range(mesh.upload.triangles):
             self.program["triangle"] = number + 1
             mesh.vertices.render(vertices=3, first=3 * number)
 
 
-def open_tally(owner: Context) -> Tally:
-    """Return a way of counting that is right on the device, judged by one known triangle.
+def open_tally(owner: Context, *, deep: bool = False) -> Tally:
+    """Return a way of counting that is right on the device, judged by known triangles.
+
+    deep : with a depth test before shading
 
     Raises
     ------
@@ -87,14 +97,48 @@ def open_tally(owner: Context) -> Tally:
     """
     kinds = [Tally, TallyInOrder] if owner.strings()["renderer"] in IN_ORDER else [Tally]
     for kind in kinds:
-        tally = kind(owner)
-        if tally.count(owner.target(8, 8), *_probe()).tolist() == [[1, 1, 3]]:
+        tally = kind(owner, deep=deep)
+        probe, expected = _deep_probe() if deep else _probe()
+        if tally.count(owner.target(8, 8, deep=deep), *probe).tolist() == expected:
             return tally
         tally.close()
+    if deep:
+        raise NoRasteriser(
+            "the OpenGL driver does not test depth before it shades, or does not tell lanes of it; "
+            "choose another device, or depth=none"
+        )
     raise NoRasteriser("the OpenGL driver does not tell a quad's lanes which of them are helpers")
 
 
-def _probe() -> tuple[Frame, Triangles]:
+Probe = tuple[tuple[Frame, Triangles], list[list[int]]]
+"""A frame and its triangles, and what is counted of each polygon."""
+
+
+def _probe() -> Probe:
     """Return a triangle that covers nothing but pixel (3, 3), the last lane of its quad."""
-    points = np.array([[800, 800], [1000, 800], [800, 1000]], np.int32)
-    return bare_frame(8, points), np.array([[0, 1, 2]], np.int32)
+    return (bare_frame(8, LAST_LANE), np.array([[0, 1, 2]], np.int32)), [[1, 1, 3]]
+
+
+def _deep_probe() -> Probe:
+    """Return a triangle like it, and behind it a large one, of which it hides one pixel."""
+    whole = np.array([[0, 0], [2048, 0], [0, 2048]], np.int32)
+    frame = bare_frame(8, np.concatenate([LAST_LANE, whole]), 3)
+    triangles = np.arange(6, dtype=np.int32).reshape(2, 3)
+    count = np.arange(3)
+    viewing = Viewing(
+        pixels=8,
+        names=("",),
+        points=frame.points,
+        depths=np.repeat(np.array([1 << 22, 1 << 23], np.int32), 3),
+        offsets=frame.offsets,
+        ring_ends=frame.ring_ends,
+        source=count[:2],
+        first=np.array([0, 2]),
+        given=(),
+        rest={},
+        ranks=count,
+    )
+    frame = replace(frame, tiles=viewing.first, viewing=viewing)
+    exact = visible(frame, triangles)
+    assert exact["fragments"].tolist() == [1, 27]
+    return (frame, triangles), np.stack([exact[name] for name in COUNTED], axis=1).tolist()

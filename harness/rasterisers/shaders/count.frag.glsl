@@ -3,6 +3,10 @@
 // Derivatives are differences between the lanes of a 2x2 quad, so those of a flag "I am a helper"
 // tell each lane what its three neighbours are. The first covered lane of a quad counts it.
 
+#ifdef DEPTH
+layout(early_fragment_tests) in;  // what is hidden is not counted
+#endif
+
 flat in uint owner;
 flat in vec4 colour;
 

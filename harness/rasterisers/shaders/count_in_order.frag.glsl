@@ -2,6 +2,10 @@
 // finished before the next begins. A quad is counted by the lane that first writes the
 // triangle's number to the quad's cell.
 
+#ifdef DEPTH
+layout(early_fragment_tests) in;  // what is hidden is not counted
+#endif
+
 flat in uint owner;
 flat in vec4 colour;
 

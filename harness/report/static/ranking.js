@@ -89,7 +89,7 @@ function rankingTable(at, index) {
   return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
     element("table", { class: "ranking" }, element("caption", {}, `${at.rasteriser} on ${at.device}, ${at.condition}`),
       element("thead", {}, head), element("tbody", {}, ...body))), at.explained ? element("p", { class: "quiet" }, at.explained) : null,
-      at.tiles ? element("p", { class: "quiet" }, at.tiles) : null);
+      ...at.views.map((line) => element("p", { class: "quiet" }, line)));
 }
 
 function drawRanking() {

@@ -1,4 +1,4 @@
-"""What is said of map tiles: sums, with intervals over tiles."""
+"""What is said of map tiles and views of a model: sums, with intervals over them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from harness.figures.intervals import (
     mean_interval,
     ratio_interval,
 )
-from harness.figures.tiles import TILES, over_tiles, said
+from harness.figures.views import VIEWS, over_views, said
 from harness.stored.checking import wrong_field
 from harness.summary import row_of
 
@@ -20,7 +20,7 @@ from harness.summary import row_of
 def record(name: str, lanes: list[int], **more: object) -> dict:
     counted = {"helper_lanes": lanes, "quads": [each // 2 for each in lanes]}
     return {
-        "triangulator": name, "status": "ok", "polygons": 9, TILES: counted,
+        "triangulator": name, "status": "ok", "polygons": 9, "fit": "tile", VIEWS: counted,
         "counters": {key: sum(values) for key, values in counted.items()}, **more,
     }  # fmt: skip
 
@@ -31,7 +31,7 @@ OTHER = record("flips:l1", [70, 33, 120, 20, 60, 99, 44, 60])
 
 def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
     """From its definition: leave each value out in turn; deviations in their own errors."""
-    base, own = (np.array(each[TILES]["helper_lanes"], float) for each in (BASE, OTHER))
+    base, own = (np.array(each[VIEWS]["helper_lanes"], float) for each in (BASE, OTHER))
 
     def ratio_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
         n = len(x)
@@ -68,19 +68,20 @@ def test_a_tile_without_lanes_counts_as_any_other():
     assert low < own.sum() / base.sum() < high
 
 
-def test_figures_are_sums_over_tiles_and_intervals_over_tiles():
-    over = over_tiles(OTHER, BASE)
-    lanes = np.array(OTHER[TILES]["helper_lanes"], float)
-    usual = np.array(BASE[TILES]["helper_lanes"], float)
-    assert (over.measure, over.tiles) == ("helper_lanes", 8)
+def test_figures_are_sums_over_views_and_intervals_over_views():
+    over = over_views(OTHER, BASE)
+    lanes = np.array(OTHER[VIEWS]["helper_lanes"], float)
+    usual = np.array(BASE[VIEWS]["helper_lanes"], float)
+    assert (over.measure, over.views) == ("helper_lanes", 8)
     assert over.ratio == pytest.approx(506 / 658)
     assert (over.low, over.high) == ratio_interval(lanes, usual)
     assert (over.mean, over.mean_low, over.mean_high) == (lanes.mean(), *mean_interval(lanes))
     row = row_of({**OTHER, "key": "0" * 16}, BASE)
-    assert row["tiles"] == 8
-    assert row["tile_ratio_low"] == over.low
-    assert row["tile_mean_high"] == over.mean_high
-    line = said([BASE, OTHER])
+    assert row["views"] == 8
+    assert row["view_ratio_low"] == over.low
+    assert row["view_mean_high"] == over.mean_high
+    line, quads = said([BASE, OTHER])
+    assert quads.startswith("quads in ratio to ear-clipping's, with 95 %")
     assert line == (
         "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
         f"flips:l1 0.769 ({over.low:.3f}-{over.high:.3f})"
@@ -90,28 +91,28 @@ def test_figures_are_sums_over_tiles_and_intervals_over_tiles():
 @pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])
 def test_few_tiles_tell_no_interval(tiles, few):
     base, other = (
-        record(each["triangulator"], each[TILES]["helper_lanes"][:tiles]) for each in (BASE, OTHER)
+        record(each["triangulator"], each[VIEWS]["helper_lanes"][:tiles]) for each in (BASE, OTHER)
     )
-    line = said([base, other])
+    line = said([base, other])[0]
     assert f"over {few} too few for intervals: flips:l1 0." in line
     assert "(" not in line
     row = row_of({**other, "key": "0" * 16}, base)
-    assert row["tile_ratio_low"] is row["tile_mean_low"] is None
+    assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 
 def test_other_scenes_and_other_polygons_say_nothing():
-    assert said([{**BASE, TILES: None}, OTHER]) is None
-    assert over_tiles({**OTHER, "polygons": 8}, BASE) is None
-    assert said([BASE]) is None
+    assert said([{**BASE, VIEWS: None}, OTHER]) == []
+    assert over_views({**OTHER, "polygons": 8}, BASE) is None
+    assert said([BASE]) == []
     short = record("flips:l1", [1, 2])
-    assert over_tiles(short, BASE) is None
+    assert over_views(short, BASE) is None
 
 
 @pytest.mark.parametrize("tiles", [[1], {"quads": 3}, {"quads": [1, "2"]}, {"a": [1], "b": [1, 2]}])
 def test_damaged_tiles_are_refused(tiles):
     good = {
         "key": "0" * 16, "scene": "a", "triangulator": "fan", "rasteriser": "opengl", "device": "x",
-        "resolution": 512, "rotation": 0.0, "status": "ok", TILES: {"quads": [1, 2]},
+        "resolution": 512, "rotation": 0.0, "status": "ok", VIEWS: {"quads": [1, 2]},
     }  # fmt: skip
     assert wrong_field(good) is None
-    assert wrong_field({**good, TILES: tiles}) == TILES
+    assert wrong_field({**good, VIEWS: tiles}) == VIEWS

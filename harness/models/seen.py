@@ -1,0 +1,267 @@
+"""A model in space as a scene: its flat faces, and how they are seen from several sides.
+
+The camera, its distance and the pictures are those of `harness.models.views`. A face is drawn where
+its front is turned to the camera, which is decided for the face as a whole: so each triangulation
+draws the same faces, whatever the grid of 1/256 px makes of a face that is seen aslant.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from harness.errors import UsageError
+from harness.frame import MAX_RESOLUTION, SUBPIXEL
+from harness.models.faces_in_planes import Flat, flat_of
+from harness.models.in_place import opened
+from harness.models.mesh import Part
+from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
+from harness.rasterisers.depth import DEEPEST
+from scenes.scene import Scene, SceneError, Viewing
+from scenes.spec import arguments_for, parsed
+
+DEPTHS = ("none", "file", "front")
+"""No depth test; one, with triangles in the model's order; one, with triangles front to back."""
+
+NEAREST, FARTHEST = 1.1, 1000.0
+"""Radii from the middle at which a camera may stand."""
+
+MOST, MOST_PIECES = 20_000_000, 500_000
+"""Vertices and faces of all views together; criteria take some 50 us a face."""
+
+_AROUND = 1.05
+"""Radii before and behind the middle at which what is seen begins and ends."""
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+def load(text: str) -> Scene:
+    """Load "model.glb:views=24,pixels=512,distance=3,depth=file"; raises as `read` does."""
+    name, given = parsed(text)
+    return read(name, **arguments_for(name, read, dict(given)))
+
+
+def read(
+    path: str,
+    *,
+    views: int = VIEWS,
+    pixels: int = 1024,
+    distance: float = DISTANCE,
+    depth: str = DEPTHS[0],
+) -> Scene:
+    """A model, seen in perspective from the first so many of 24 sides.
+
+    pixels : side of each picture, in which the ball round the model fits
+    distance : of the camera from the middle of that ball, in its radii
+    depth : one of `DEPTHS`
+
+    Raises SceneError for a file that is not there, is damaged or holds its triangles packed, for a
+    model of which nothing can be seen, and for parameters that cannot be.
+    """
+    _refuse(views, pixels, distance, depth)
+    try:
+        _, groups = opened(Path(path))
+    except UsageError as error:
+        raise SceneError(str(error)) from error
+    made = _Views(pixels, distance, depth)
+    polygons: list[shapely.Polygon] = []
+    given: list[NDArray[np.int32]] = []
+    things = []
+    for part in (part for parts in groups for part in parts):
+        flat = flat_of(part)
+        things += [_thing(part, flat, len(polygons), matrix) for matrix in part.placements]
+        polygons += flat.polygons
+        given += flat.given
+    ball = ball_of([thing.corners.reshape(-1, 3) for thing in things])
+    if ball is None:
+        raise SceneError(f"{path} shows nothing: no triangle of it has an extent")
+    for direction in directions()[:views]:
+        made.add(things, ball, direction, len(polygons))
+    return Scene(
+        name=Path(path).stem,
+        polygons=polygons,
+        units="units",
+        description=str(path),
+        licence="as the file's",
+        parameters={"views": views, "pixels": pixels, "distance": distance, "depth": depth},
+        notes=(_note(things, len(polygons), views),),
+        viewing=made.finished(tuple(given)),
+    )
+
+
+def _refuse(views: int, pixels: int, distance: float, depth: str) -> None:
+    if not 1 <= views <= VIEWS:
+        raise SceneError(f"views={views} is outside 1..{VIEWS}")
+    if pixels % 2 or not 8 <= pixels <= MAX_RESOLUTION:
+        raise SceneError(f"pixels={pixels} is no even number from 8 to {MAX_RESOLUTION}")
+    if not NEAREST <= distance <= FARTHEST:
+        raise SceneError(f"distance={distance:g} is outside {NEAREST:g}..{FARTHEST:g} radii")
+    if depth not in DEPTHS:
+        raise SceneError(f"depth={depth} is none of {', '.join(DEPTHS)}")
+
+
+class _Thing(NamedTuple):
+    """A part at one of its places.
+
+    first : number of its first face in the scene
+    points : (n, 3) its vertices; corners : (m, 3, 3) of its triangles
+    triangle_fronts, face_fronts : where the fronts of triangles and faces point, not of unit length
+    """
+
+    part: Part
+    flat: Flat
+    first: int
+    points: Floats
+    corners: Floats
+    triangle_fronts: Floats
+    face_fronts: Floats
+
+
+def _thing(part: Part, flat: Flat, first: int, matrix: Floats) -> _Thing:
+    points = placed(part.mesh.positions, matrix)
+    corners = points[part.mesh.triangles]
+    with np.errstate(invalid="ignore", over="ignore"):
+        fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror image, whose triangles turn the other way
+            fronts = -fronts
+    begins = np.cumsum([0, *(len(rows) for rows in flat.given)])[:-1]
+    of_faces = np.add.reduceat(fronts[flat.slots], begins) if len(begins) else np.empty((0, 3))
+    return _Thing(part, flat, first, points, corners, fronts, of_faces)
+
+
+def _note(things: list[_Thing], faces: int, views: int) -> str:
+    areas = [np.nan_to_num(np.linalg.norm(each.triangle_fronts, axis=1)) for each in things]
+    flat = sum(float(area[each.flat.slots].sum()) for each, area in zip(things, areas, strict=True))
+    whole = sum(float(area.sum()) for area in areas)
+    share = flat / whole if whole else 0.0
+    return f"{faces} flat faces with a choice of diagonals, {share:.0%} of the area; {views} views"
+
+
+class _Views:
+    """Collects the pieces of one view after another."""
+
+    def __init__(self, pixels: int, distance: float, depth: str) -> None:
+        self._pixels, self._distance, self._depth = pixels, distance, depth
+        self._points: list[NDArray[np.int32]] = [np.empty((0, 2), np.int32)]
+        self._depths: list[NDArray[np.int32]] = [np.empty(0, np.int32)]
+        self._sizes: list[Ints] = [np.empty(0, np.int64)]
+        self._rings: list[Ints] = [np.empty(0, np.int64)]
+        self._sources: list[Ints] = [np.empty(0, np.int64)]
+        self._ranks: list[Ints] = [np.empty(0, np.int64)]
+        self._rest: dict[int, NDArray[np.int32]] = {}
+        self._first = [0]
+        self._total = 0
+
+    def add(self, things: list[_Thing], ball: Ball, direction: Floats, rest: int) -> None:
+        """Add a view; rest : the number that the rest has, as if it were a polygon."""
+        eye = ball.middle + ball.radius * self._distance * direction
+        pieces, loose, base = self._first[-1], _Loose(), 0
+        for thing in things:
+            flat = thing.flat
+            grid, depths = self._on_grid((thing.points - ball.middle) / ball.radius, direction)
+            with np.errstate(invalid="ignore"):
+                turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
+                first = thing.points[flat.vertices[flat.begins[:-1]]]
+                front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
+            own = flat.vertices[np.repeat(front, np.diff(flat.begins))]
+            self._put(grid[own], depths[own])
+            self._sizes.append(np.diff(flat.begins)[front])
+            self._rings.append(flat.rings[np.repeat(front, flat.rings_of)])
+            self._sources.append(thing.first + np.flatnonzero(front))
+            counts = [len(rows) for rows in flat.given]
+            self._ranks.append(base + flat.slots[np.repeat(front, counts)])
+            pieces += int(front.sum())
+            seen = flat.loose[turned[flat.loose]]
+            loose.add(thing.part.mesh.triangles[seen], grid, depths, base + seen)
+            base += len(thing.corners)
+        triangles, points, depths, ranks = loose.joined()
+        if len(triangles):
+            self._rest[pieces] = triangles
+            self._put(points, depths)
+            self._sizes.append(np.array([len(points)]))
+            self._rings.append(np.array([len(points)]))
+            self._sources.append(np.array([rest]))
+            self._ranks.append(ranks)
+            pieces += 1
+        self._first.append(pieces)
+        if pieces > MOST_PIECES:
+            raise SceneError(f"more than {MOST_PIECES:,} faces in all views: give fewer views=")
+
+    def _put(self, points: NDArray[np.int32], depths: NDArray[np.int32]) -> None:
+        self._points.append(points)
+        self._depths.append(depths)
+        self._total += len(points)
+        if self._total > MOST:
+            raise SceneError(f"more than {MOST:,} vertices in all views: give fewer views=")
+
+    def _on_grid(
+        self, local: Floats, direction: Floats
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """(n, 2) points within the unit sphere in 1/256 px, and (n,) their depths."""
+        flat, away = projected(local, direction, self._distance)
+        near, far = self._distance - _AROUND, self._distance + _AROUND
+        with np.errstate(invalid="ignore", divide="ignore"):
+            deep = far * (away - near) / (away * (far - near)) * DEEPEST
+            grid = np.rint(flat * (self._pixels * SUBPIXEL))
+        return np.nan_to_num(grid).astype(np.int32), np.nan_to_num(np.rint(deep)).astype(np.int32)
+
+    def finished(self, given: tuple[NDArray[np.int32], ...]) -> Viewing:
+        """Return all views."""
+        sizes = np.concatenate(self._sizes)
+        count = len(self._first) - 1
+        return Viewing(
+            pixels=self._pixels,
+            names=tuple(" ".join(map(str, way)) for way in ways()[:count].tolist()),
+            points=np.concatenate(self._points),
+            depths=None if self._depth == DEPTHS[0] else np.concatenate(self._depths),
+            offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+            ring_ends=np.cumsum(np.concatenate(self._rings)).astype(np.int64),
+            source=np.concatenate(self._sources),
+            first=np.array(self._first, np.int64),
+            given=given,
+            rest=self._rest,
+            ranks=np.concatenate(self._ranks),
+            near_first=self._depth == DEPTHS[2],
+        )
+
+
+class _Loose:
+    """Triangles of a view that are in no face."""
+
+    def __init__(self) -> None:
+        self._triangles: list[Ints] = [np.empty((0, 3), np.int64)]
+        self._points: list[NDArray[np.int32]] = [np.empty((0, 2), np.int32)]
+        self._depths: list[NDArray[np.int32]] = [np.empty(0, np.int32)]
+        self._ranks: list[Ints] = [np.empty(0, np.int64)]
+        self._count = 0
+
+    def add(
+        self,
+        triangles: Ints,
+        grid: NDArray[np.int32],
+        depths: NDArray[np.int32],
+        ranks: Ints,
+    ) -> None:
+        """Add triangles (m, 3) of points (n, 2) and their vertices' depths (n,)."""
+        used, own = np.unique(triangles, return_inverse=True)
+        self._triangles.append(own.reshape(-1, 3) + self._count)
+        self._points.append(grid[used])
+        self._depths.append(depths[used])
+        self._ranks.append(ranks)
+        self._count += len(used)
+
+    def joined(
+        self,
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Ints]:
+        """Return triangles (m, 3), points (n, 2), depths (n,) and ranks (m,)."""
+        return (
+            np.concatenate(self._triangles).astype(np.int32),
+            np.concatenate(self._points),
+            np.concatenate(self._depths),
+            np.concatenate(self._ranks),
+        )

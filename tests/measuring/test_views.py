@@ -1,0 +1,191 @@
+"""Runs on views of a model: faces are triangulated in their planes, figures are sums over views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from harness.errors import NothingMeasured, UsageError
+from harness.figures.views import over_views, said
+from harness.frame import View, frame_of, view_of
+from harness.measuring.lower_limits import limits
+from harness.measuring.plan import Plan
+from harness.measuring.settings import MODEL_TRIANGULATORS
+from harness.models.seen import read
+from harness.page.page_data import content_of
+from harness.rasterisers.reference import outlines, quads_of
+from harness.stored.checking import wrong_field
+from harness.stored.folder import read_arrays, read_run
+from harness.triangulating.recipes import parse_all
+from harness.triangulating.seen import original
+from tests.measuring.test_run import FAST, measure
+from tests.models.test_in_place import plate
+
+
+@pytest.fixture
+def model(tmp_path) -> str:
+    plate().export(tmp_path / "plate.glb")
+    return str(tmp_path / "plate.glb")
+
+
+def plan(model: str, **changes: object) -> Plan:
+    names = parse_all(["delaunay", "optimal:edge-length"])
+    known = Plan(
+        f"{model}:views=4,pixels=128",
+        triangulators=names,
+        rasterisers=("reference",),
+        timing=FAST,
+    )
+    return replace(known, **changes)  # type: ignore[arg-type]
+
+
+def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path):
+    out = tmp_path / "out"
+    records = {each["triangulator"]: each for each in measure(plan(model), out).records}
+    assert list(records) == ["original", "delaunay", "optimal:edge-length"]
+    stored = read_run(out)
+    assert stored.facts["base"] == "original"
+    base, best = records["original"], records["optimal:edge-length"]
+    assert base["triangulate_s"] == 0.0 < best["triangulate_s"]
+    for record in records.values():
+        assert (record["fit"], record["resolution"], record["status"]) == ("view", 128, "ok")
+        assert record["coverage_error"] == 0
+        assert record["views"]["names"] == ["1 2 3", "1 -2 -3", "-1 2 -3", "-1 -2 3"]
+        for name in ("fragments", "quads", "helper_lanes"):
+            assert sum(record["views"][name]) == record["counters"][name]
+        columns = read_arrays(stored, record["key"])
+        assert columns["quads"].sum() == record["counters"]["quads"]
+        assert record["outline_quads"] < record["counters"]["quads"]
+        assert "least" not in record or record["least"]["polygons"] == 0
+        assert "index" not in record
+        assert wrong_field(record) is None
+    assert best["proven"] == best["polygons"] == base["polygons"]
+    ratio = over_views(best, base, "helper_lanes")
+    lanes = [each["counters"]["helper_lanes"] for each in (best, base)]
+    assert ratio.ratio == pytest.approx(lanes[0] / lanes[1])
+    assert 0.5 < ratio.ratio < 1.0
+    told = said(list(stored.records))
+    few = "helper lanes in ratio to original's, over 4 views, too few for intervals: "
+    assert told[0].startswith(f"{few}optimal:edge-length {ratio.written}, delaunay ")
+
+
+def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
+    records = measure(
+        plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out"
+    ).records
+    for record in records:
+        assert record["outline_quads"] is None
+        assert record["counters"]["depth_ties"] == 0
+        assert sum(record["views"]["quads"]) == record["counters"]["quads"]
+    lanes = {each["triangulator"]: each["counters"]["helper_lanes"] for each in records}
+    assert lanes["optimal:edge-length"] < lanes["original"]
+
+
+def test_the_rest_of_a_view_has_no_outline_but_its_triangles(tmp_path):
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
+    scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
+    frame = frame_of(scene, view_of(scene))
+    parts = original(frame).parts
+    assert [piece in scene.viewing.rest for piece in range(len(parts))] == [True] * 3
+    assert np.array_equal(limits(frame, parts), quads_of(frame, parts))
+    assert (quads_of(frame, parts) > outlines(frame, parts)).all()
+
+
+def test_faces_are_triangulated_once_and_not_in_each_view(model, tmp_path, monkeypatch):
+    timed = []
+
+    def in_rounds(recipes, polygons, rounds, seed):
+        timed.append(len(polygons))
+        return [[0.1] * rounds for _ in recipes]
+
+    monkeypatch.setattr("harness.measuring.processes.time_in_rounds", in_rounds)
+    slow = replace(FAST, budget_s=0.5)
+    measure(plan(model, rasterisers=("binning",), timing=slow), tmp_path / "out")
+    assert timed == [70]
+
+
+def test_ties_of_depth_are_told():
+    def record(name: str, ties: int) -> dict[str, object]:
+        found = {"helper_lanes": 9, "quads": 5, "depth_ties": ties}
+        views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
+        about = {"triangulator": name, "status": "ok", "base": "original"}
+        return {**about, "counters": found, "views": views}
+
+    told = said([record("original", 1234), record("delaunay", 1)])
+    assert told[-1] == "1,234 depth tests of original are ties: rounding decides them"
+    assert "ties" not in said([record("original", 0), record("delaunay", 1)])[-1]
+
+
+def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
+    out = tmp_path / "out"
+    first = measure(plan(model), out)
+    stored = Plan.from_json(read_run(out).facts["plan"])
+    assert stored.views == (View(128, 0.0, "view"),)
+    assert str(stored.triangulators[0]) == "original"
+    again = measure(stored, out, resume=True)
+    assert [each["key"] for each in again.records] == [each["key"] for each in first.records]
+    # the same faces, turned in space
+    plate(0.3).export(model)
+    with pytest.raises(UsageError, match="the scene's content"):
+        measure(stored, out, resume=True)
+    with pytest.raises(UsageError, match="is of a model's views, which a page cannot cut"):
+        content_of(read_run(out))
+
+
+def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
+    with pytest.raises(UsageError, match="pixels= is the resolution of a model's views: leave"):
+        measure(plan(model, views=(View(512),)), tmp_path / "other")
+    for option in ("--resolution=1024", "--rotation=30", "--fit=circle"):
+        code, _, told = harness("run", "--scene", f"{model}:views=4", option, "--quick")
+        assert code == 2
+        assert "pixels= is the resolution of a model's views: leave --resolution" in told
+
+
+def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.glb")
+    with pytest.raises(NothingMeasured, match="nothing to choose"):
+        measure(plan(str(tmp_path / "ball.glb")), tmp_path / "out")
+
+
+def test_faces_side_by_side_have_no_original(model, tmp_path):
+    names = parse_all(["original", "delaunay"])
+    with pytest.raises(UsageError, match="original is the triangulation that a model came with"):
+        measure(plan(model, scene=model, triangulators=names), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("views=0", "views=0 is outside 1..24"),
+        ("views=x", "parameter views='x' is not int"),
+        ("views=4,limit=3", "has no parameter 'limit'"),
+        ("views=4,depth=deep", "depth=deep is none of"),
+    ],
+)
+def test_what_views_cannot_be(model, harness, text, reason):
+    code, _, told = harness("run", "--scene", f"{model}:{text}", "--quick")
+    assert code == 2
+    assert reason in told
+
+
+@pytest.mark.parametrize(
+    "damage", [{"names": 3}, {"names": ["a"], "quads": [1, 2]}, {"names": ["a"], "quads": ["x"]}, 7]
+)
+def test_damaged_views_are_refused(damage):
+    whole = {"key": "0" * 16, "resolution": 8, "rotation": 0.0, "views": damage}
+    whole |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device", "status"), "a")
+    assert wrong_field(whole) == "views"
+    assert wrong_field({**whole, "views": {"names": ["a"], "quads": [1]}}) is None
+
+
+def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, harness, tmp_path):
+    words = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
+    code, told, err = harness("run", "--scene", f"{model}:views=4,pixels=64", *words)
+    assert code == 0, err
+    names = [each["triangulator"] for each in read_run(tmp_path / "out").records]
+    assert names == list(MODEL_TRIANGULATORS)
+    assert "helper lanes in ratio to original's, over 4 views, too few" in told
+    assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err

@@ -1,0 +1,270 @@
+"""A model in space as a scene: faces in their planes, and what each view shows of them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from harness.frame import Frame, frame_of, view_of
+from harness.models import views
+from harness.models.in_place import opened
+from harness.models.seen import read
+from harness.rasterisers import Options
+from harness.rasterisers.reference import predict
+from harness.rasterisers.submission_order import submission
+from harness.triangulating.frames import FrameTriangulation
+from harness.triangulating.seen import in_views, original
+from scenes import Scene, SceneError
+from tests.models.build import KITE, LONG, Builder
+from tests.models.test_in_place import plate
+
+
+def framed(scene: Scene) -> Frame:
+    return frame_of(scene, view_of(scene))
+
+
+@pytest.fixture(scope="module")
+def plate_file(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("models") / "plate.glb"
+    plate().export(path)
+    return str(path)
+
+
+def built(builder: Builder, path) -> str:
+    return str(builder.write(path / "model.glb"))
+
+
+@pytest.mark.parametrize("name", ["plate", "ball"])
+def test_counters_are_those_that_check_tells(plate_file, tmp_path, name):
+    """Both count the same pictures, each in its own way: of faces, and of what is no face."""
+    path = Path(plate_file)
+    if name == "ball":
+        path = tmp_path / "ball.glb"
+        trimesh.creation.icosphere(2).export(path)
+    _, groups = opened(path)
+    parts = [part for group in groups for part in group]
+    drawn = [views.Drawn(part.mesh, part.mesh.triangles, part.placements) for part in parts]
+    (told,) = views.look(drawn, (256,))
+    frame = framed(read(str(path), pixels=256))
+    rows = frame.join(original(frame).parts)
+    counted = predict(frame.points, rows)
+    assert counted["helper_lanes"].sum() == told.lanes_before > 0
+    assert counted["quads"].sum() == told.quads_before
+
+
+def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file):
+    scene = read(plate_file, views=2, pixels=128)
+    assert scene.viewing is not None
+    assert len(scene.polygons) == len(scene.viewing.given) == 70
+    model = trimesh.load_mesh(plate_file)
+    scale = np.sqrt(sum(each.area for each in scene.polygons) / model.area)
+    for polygon, given in zip(scene.polygons, scene.viewing.given, strict=True):
+        assert polygon.is_valid
+        assert polygon.exterior.is_ccw
+        count = sum(len(ring.coords) - 1 for ring in (polygon.exterior, *polygon.interiors))
+        assert len(given) == count + 2 * len(polygon.interiors) - 2
+    assert sum(len(each.interiors) for each in scene.polygons) == 4
+    largest = max(scene.polygons, key=lambda each: each.area)
+    assert largest.area / scale**2 == pytest.approx(
+        max(model.area_faces[each].sum() for each in model.facets), rel=1e-6
+    )
+
+
+def test_pieces_are_the_faces_that_turn_their_front_to_the_camera(plate_file):
+    scene = read(plate_file, views=4, pixels=512)
+    frame, viewing = framed(scene), scene.viewing
+    rows = frame.join(original(frame).parts)
+    a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
+    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert (turned >= 0).all()
+    for first, last in zip(viewing.first, viewing.first[1:], strict=False):
+        own = viewing.source[first:last]
+        assert len(set(own)) == len(own)
+        # of a convex outline about half of the faces
+        assert 0.3 < len(own) / len(scene.polygons) < 0.7
+    assert frame.points.min() >= 0
+    assert frame.points.max() <= 512 * 256
+
+
+def test_a_mirror_image_shows_its_own_front(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "scale": [1, 1, -1]}]
+    builder.json["scenes"] = [{"nodes": [0]}]
+    plain = read(built(builder, tmp_path)).viewing
+    builder.json["scenes"] = [{"nodes": [1]}]
+    mirrored = read(built(builder, tmp_path)).viewing
+    # (x, y, -z) of a sheet at z = 0 is where it was, and its front is the other side
+    shown = [np.diff(viewing.first) for viewing in (plain, mirrored)]
+    assert (shown[0] + shown[1] == 1).all()
+    assert 0 < plain.first[-1] < 24
+
+
+def test_an_instance_is_a_piece_of_its_own_and_the_face_one(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}]
+    builder.json["scenes"] = [{"nodes": [0, 1]}]
+    scene = read(built(builder, tmp_path), views=4)
+    assert len(scene.polygons) == 1
+    sizes = np.diff(scene.viewing.first)
+    assert set(sizes.tolist()) <= {0, 2}
+    assert (scene.viewing.source == 0).all()
+
+
+def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
+    builder = Builder()
+    bent = np.array([(20, 0, 0), (22, -1, 0), (29, 0, 0), (22, 1, 3)], "<f4")
+    builder.primitive(KITE, LONG)
+    builder.primitive(bent, LONG)
+    scene = read(built(builder, tmp_path), views=8, pixels=256)
+    viewing = scene.viewing
+    assert len(scene.polygons) == 1
+    assert viewing.rest
+    for piece, rows in viewing.rest.items():
+        assert viewing.source[piece] == 1
+        first, last = viewing.offsets[piece : piece + 2]
+        assert sorted(np.unique(rows)) == list(range(last - first))
+    frame = framed(scene)
+    done = in_views(frame, FrameTriangulation(parts=[None], skipped=[(0, "why")], t_junctions=[0]))
+    faces = [piece for piece in range(len(viewing.source)) if piece not in viewing.rest]
+    assert done.skipped == [(piece, "why") for piece in faces]
+    assert [done.parts[piece] is None for piece in faces] == [True] * len(faces)
+    assert all(done.parts[piece] is rows for piece, rows in viewing.rest.items())
+
+
+@pytest.mark.parametrize("depth", ["none", "file", "front"])
+def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, depth):
+    builder = Builder()
+    points = np.vstack([KITE, KITE + [0, 0, 4], KITE + [0, 0, 8]]).astype("<f4")
+    order = np.array([(4, 5, 6), (0, 1, 2), (8, 9, 10), (0, 2, 3), (8, 10, 11), (4, 6, 7)])
+    builder.primitive(points, order)
+    scene = read(built(builder, tmp_path), views=24, depth=depth)
+    frame = framed(scene)
+    rows = submission(frame, frame.join(original(frame).parts), Options())
+    for span in frame.draws(rows):
+        own = rows[span]
+        if len(own) == 0:
+            continue
+        if depth == "front":
+            deep = scene.viewing.depths[own].sum(axis=1)
+            assert (np.diff(deep) >= 0).all()
+            continue
+        pieces = frame.owner(own)
+        sheets = scene.viewing.source[pieces]
+        # the sheets in the order of the file: 1, 0, 2, 0, 2, 1
+        names = {int(sheets[0]): 1, int(sheets[1]): 0, int(sheets[2]): 2}
+        assert [names[int(each)] for each in sheets] == [1, 0, 2, 0, 2, 1]
+
+
+def test_parts_are_drawn_one_after_the_other(tmp_path):
+    builder = Builder()
+    for height in (0, 5, 2):
+        builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
+    frame = framed(read(built(builder, tmp_path)))
+    rows = submission(frame, frame.join(original(frame).parts), Options())
+    seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
+    assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
+
+
+def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
+    builder = Builder()
+    for height in (0, 5):
+        builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
+    frame = framed(read(built(builder, tmp_path), views=8))
+    one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
+    done = in_views(
+        frame,
+        FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")]),
+    )
+    shown = [part is not None for part in done.parts]
+    assert done.gaps == [0.25] * sum(shown)
+    assert sum(shown) == len(shown) / 2 > 0
+    assert done.t_junctions == [int(each) for each in shown]
+
+
+def test_another_distance_is_another_scene(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    path = built(builder, tmp_path)
+    hashes = {read(path, distance=distance).content_hash for distance in (3.0, 3.0, 3.001)}
+    assert len(hashes) == 2
+
+
+def test_views_are_the_same_on_every_machine(tmp_path):
+    """Whole numbers of one model, written down once."""
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    viewing = read(built(builder, tmp_path), pixels=1024, distance=3.0, depth="file").viewing
+    assert viewing.names[:2] == ("1 2 3", "1 -2 -3")
+    assert viewing.points[:4].tolist() == PLACES
+    assert viewing.depths[:4].tolist() == DEPTHS
+    whole = viewing.points.astype("<i4").tobytes() + viewing.depths.astype("<i4").tobytes()
+    assert hashlib.sha256(whole).hexdigest()[:16] == DIGEST
+
+
+PLACES = [[232560, 171758], [176178, 171758], [9733, 82428], [204036, 135947]]
+DEPTHS = [13044988, 13044988, 9267751, 11530761]
+DIGEST = "31d800fb31ff19a0"
+
+
+def test_what_is_nearer_is_less_deep(plate_file):
+    near = read(plate_file, distance=1.2, depth="file").viewing
+    far = read(plate_file, distance=500.0, depth="file").viewing
+    for viewing in (near, far):
+        assert viewing.depths.min() > 0
+        assert viewing.depths.max() < 2**24
+    assert np.ptp(near.depths) > 0.3 * 2**24
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ({"views": 0}, "views=0 is outside 1..24"),
+        ({"views": 25}, "views=25 is outside"),
+        ({"pixels": 511}, "pixels=511 is no even number"),
+        ({"pixels": 4}, "pixels=4 is no even number from 8"),
+        ({"distance": 1.0}, r"distance=1 is outside 1.1..1000 radii"),
+        ({"distance": float("nan")}, "distance=nan is outside"),
+        ({"depth": "back"}, "depth=back is none of none, file, front"),
+    ],
+)
+def test_parameters_that_cannot_be(plate_file, wrong, reason):
+    with pytest.raises(SceneError, match=reason):
+        read(plate_file, **wrong)
+
+
+def test_models_that_cannot_be_seen(tmp_path):
+    (tmp_path / "a.txt").write_text("no model")
+    with pytest.raises(SceneError, match="models are read as"):
+        read(str(tmp_path / "a.txt"))
+    with pytest.raises(SceneError, match=r"b\.glb"):
+        read(str(tmp_path / "b.glb"))
+    builder = Builder()
+    builder.primitive(np.zeros((3, 3), "<f4"), [(0, 1, 2)])
+    with pytest.raises(SceneError, match="shows nothing: no triangle of it has an extent"):
+        read(built(builder, tmp_path))
+
+
+def test_places_that_are_no_number_are_not_drawn(tmp_path):
+    builder = Builder()
+    points = np.vstack([KITE, [(np.nan, 0, 0)]]).astype("<f4")
+    builder.primitive(points, [*LONG, (3, 2, 4)])
+    viewing = read(built(builder, tmp_path)).viewing
+    assert viewing.rest == {}
+    assert viewing.first[-1] == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "what"), [("MOST", 1000, "vertices"), ("MOST_PIECES", 90, "faces")]
+)
+def test_too_much_to_see_is_refused(plate_file, monkeypatch, name, most, what):
+    monkeypatch.setattr(f"harness.models.seen.{name}", most)
+    with pytest.raises(
+        SceneError, match=f"more than {most:,} {what} in all views: give fewer views="
+    ):
+        read(plate_file)

@@ -1,0 +1,220 @@
+"""Views of a model on every device: equal to the reference, each view a call of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from harness.errors import NoRasteriser, UsageError
+from harness.frame import Frame, bare_frame, frame_of, view_of
+from harness.measuring import tasks
+from harness.measuring.worker import Worker
+from harness.models.seen import read
+from harness.rasterisers import Options, get
+from harness.rasterisers.agreement import disagreements
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse
+from harness.triangulating.seen import in_views, original
+from scenes.scene import Viewing
+from tests.models.test_in_place import plate
+from tests.rasterisers.test_tiles import DEVICES
+
+NATIVE = Options()
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
+def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
+    """Run a task on a device in a process of its own; skipped where it is not installed."""
+    rasteriser, name = request.param
+    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
+    if device is None:
+        pytest.skip(f"{rasteriser} on {name} is not installed")
+    with Worker(name, device.environment) as worker:
+        yield (
+            rasteriser,
+            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
+        )
+
+
+def framed(path: str, **how: Any) -> Frame:
+    scene = read(path, **how)
+    return frame_of(scene, view_of(scene))
+
+
+def triangulations(frame: Frame, *names: str) -> list[np.ndarray]:
+    """Return the model's own, and those of its faces by name."""
+    assert frame.flat is not None
+    parts = [original(frame).parts]
+    for name in names:
+        parts.append(in_views(frame, triangulate_polygons(parse(name), frame.flat.polygons)).parts)
+    return [frame.join(each) for each in parts]
+
+
+@pytest.fixture(scope="session")
+def seen(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
+    """Views of a plate and three triangulations of its faces."""
+    path: Path = tmp_path_factory.mktemp("models") / "plate.glb"
+    plate().export(path)
+    frame = framed(str(path), views=4, pixels=128)
+    return frame, triangulations(frame, "delaunay", "optimal:edge-length")
+
+
+def test_counters_of_each_piece_equal_the_reference(on_device, seen, reference):
+    rasteriser, call = on_device
+    frame, found = seen
+    lanes = []
+    for rows in found:
+        exact = reference.count(frame, rows, NATIVE)
+        lanes.append(int(exact["helper_lanes"].sum()))
+        exact["hits"] = exact["fragments"]
+        exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
+        assert len(exact) >= 1
+        assert disagreements(frame, call(tasks.count, frame, rows, NATIVE), exact) == []
+    assert lanes[2] < lanes[1] < lanes[0]
+
+
+@pytest.fixture(scope="session", params=["file", "front"])
+def deep(request: pytest.FixtureRequest, tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
+    """Views of plates that hide each other and cut into each other, and of a ball, with depths."""
+    parts = [plate(turn) for turn in (0.3, 1.9)]
+    parts[1].apply_translation([3, -2, 1])
+    ball = trimesh.creation.icosphere(2, radius=5.0)
+    path: Path = tmp_path_factory.mktemp("models") / "heap.glb"
+    trimesh.util.concatenate([*parts, ball]).export(path)
+    frame = framed(str(path), views=4, pixels=128, depth=request.param)
+    return frame, triangulations(frame, "optimal:edge-length")
+
+
+def test_what_passes_the_depth_test_equals_the_reference_but_for_ties(on_device, deep, reference):
+    rasteriser, call = on_device
+    frame, found = deep
+    for rows in found:
+        exact = reference.count(frame, rows, NATIVE)
+        assert exact["depth_ties"].sum() < 0.001 * exact["fragments"].sum()
+        if not get(rasteriser).deep:
+            with pytest.raises(UsageError, match="cannot force the depth test before shading; use"):
+                call(tasks.count, frame, rows, NATIVE)
+            continue
+        drawn = call(tasks.count, frame, rows, NATIVE)
+        assert np.array_equal(drawn["depth_ties"], exact["depth_ties"])
+        for name in ("fragments", "quads"):
+            assert (np.abs(drawn[name] - exact[name]) <= exact["depth_ties"]).all()
+            assert drawn[name].sum() > 0
+        assert (drawn["helper_lanes"] == 4 * drawn["quads"] - drawn["fragments"]).all()
+        assert abs(drawn["samples_passed"] - exact["fragments"].sum()) <= exact["depth_ties"].sum()
+
+
+def test_pictures_with_depth_equal_the_reference_but_for_ties(on_device, deep, reference):
+    rasteriser, call = on_device
+    if not get(rasteriser).deep:
+        return
+    frame, (rows, _) = deep
+    images = [call(tasks.image, frame, rows, NATIVE), reference.image(frame, rows, NATIVE)]
+    ties = int(reference.count(frame, rows, NATIVE)["depth_ties"].sum())
+    assert (images[0] != images[1]).any(axis=2).sum() <= ties
+    # and what is drawn afterwards without depths is not tested
+    flat = replace(frame, viewing=replace(frame.viewing, depths=None))
+    counted = call(tasks.count, flat, rows, NATIVE)
+    assert disagreements(flat, counted, reference.count(flat, rows, NATIVE)) == []
+
+
+def test_depth_is_timed(on_device, deep):
+    rasteriser, call = on_device
+    if get(rasteriser).deep:
+        for rows in (deep[1][0], np.empty((0, 3), np.int32)):
+            assert call(_seconds, (deep[0], rows)) > 0
+
+
+def sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
+    """One square after another in the same place, at depths, of two triangles each."""
+    square = np.array([[256, 256], [3840, 256], [3840, 3840], [256, 3840]], np.int32)
+    count = len(depths)
+    frame = bare_frame(16, np.tile(square, (count, 1)), 4)
+    rows = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    viewing = Viewing(
+        pixels=16,
+        names=("",),
+        points=frame.points,
+        depths=np.repeat(np.array(depths, np.int32), 4),
+        offsets=frame.offsets,
+        ring_ends=frame.ring_ends,
+        source=np.arange(count),
+        first=np.array([0, count]),
+        given=(rows,) * count,
+        rest={},
+        ranks=np.arange(2 * count),
+    )
+    frame = replace(frame, tiles=viewing.first, viewing=viewing)
+    return frame, frame.join([rows] * count)
+
+
+@pytest.mark.parametrize(
+    ("depths", "fragments", "ties"),
+    [
+        ([5000, 9000, 1000], [196, 0, 196], 0),
+        ([5000, 5000], [196, 0], 196),
+        ([5000, 4969], [196, 196], 196),  # within twice 16 steps
+        ([5000, 4967], [196, 196], 0),
+        ([1 << 24], [0], 0),  # as deep as nothing
+    ],
+)
+def test_what_is_hidden_and_what_is_a_tie(reference, llvmpipe, depths, fragments, ties):
+    frame, rows = sheets(depths)
+    counted = reference.count(frame, rows, NATIVE)
+    assert counted["fragments"].tolist() == fragments
+    assert counted["depth_ties"].sum() == ties
+    # both triangles shade the quads on the diagonal, but for the corners' quads of one pixel
+    quads = 8 * 8 + 6
+    assert counted["quads"].tolist() == [quads if each else 0 for each in fragments]
+    assert (counted["helper_lanes"] == 4 * counted["quads"] - counted["fragments"]).all()
+    drawn = llvmpipe.count(frame, rows, NATIVE)
+    assert drawn["fragments"].tolist() == fragments
+
+
+def test_a_sloping_plane_is_cut_where_it_meets_a_level_one(reference, llvmpipe):
+    """Two sheets that cross: each is nearer on one half."""
+    frame, rows = sheets([8 << 20, 8 << 20])
+    sloping = frame.viewing.depths.copy()
+    sloping[4:] = [4 << 20, 12 << 20, 12 << 20, 4 << 20]
+    frame = replace(frame, viewing=replace(frame.viewing, depths=sloping))
+    counted = reference.count(frame, rows, NATIVE)
+    assert counted["fragments"].tolist() == [196, 98]
+    image = reference.image(frame, rows, NATIVE)
+    assert (image[1:15, 1:8] != image[1:15, 8:15]).any(axis=2).all()
+    assert llvmpipe.count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
+
+
+def test_a_driver_that_tests_depth_late_is_refused():
+    devices = [each for each in get("opengl").devices() if each.name == "softpipe"]
+    if not devices:
+        pytest.skip("softpipe is not installed")
+    with (
+        Worker("softpipe", devices[0].environment) as worker,
+        pytest.raises(NoRasteriser, match="does not test depth before it shades"),
+    ):
+        worker.call(tasks.count, "opengl", devices[0], *sheets([5000]), NATIVE, timeout_s=60)
+
+
+def test_each_triangulation_covers_the_same(seen, reference):
+    frame, found = seen
+    covered = [reference.count(frame, rows, NATIVE)["fragments"] for rows in found]
+    assert np.array_equal(covered[0], covered[1])
+    assert np.array_equal(covered[0], covered[2])
+
+
+def test_views_are_timed(on_device, seen):
+    _, call = on_device
+    assert call(_seconds, (seen[0], seen[1][0])) > 0
+
+
+def _seconds(name: str, device: Any, case: Any) -> float:
+    with tasks._opened(name, device).prepare(*case, NATIVE) as drawing:
+        return drawing.sample(2).wall
