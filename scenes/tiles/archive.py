@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
 import math
 import re
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -108,15 +109,28 @@ class Archive(ABC):
 def unpacked(data: bytes) -> bytes:
     """A tile as the format defines it; its first bytes say how it is packed.
 
-    Raises ValueError if it cannot be unpacked, or has more than `MOST_BYTES` then.
+    All members of gzip and all frames of zstd are read. Raises ValueError if one cannot be
+    unpacked, or all have `MOST_BYTES` or more then.
     """
     if data[:2] == b"\x1f\x8b":
-        stream = zlib.decompressobj(wbits=31)
-        return _whole(stream.decompress(data, MOST_BYTES), ended=stream.eof)
+        with suppress(EOFError):
+            return _whole(gzip.GzipFile(fileobj=io.BytesIO(data)).read(MOST_BYTES), ended=True)
+        return _whole(b"", ended=False)
     if data[:4] == b"\x28\xb5\x2f\xfd":
-        stream = needed("zstandard").ZstdDecompressor().decompressobj()
-        return _whole(stream.decompress(data), ended=stream.eof)
+        return _unpacked_zstd(data)
     return data
+
+
+def _unpacked_zstd(data: bytes) -> bytes:
+    """A stream is bounded, but does not say where a frame is cut off; `decompressobj` does."""
+    zstd = needed("zstandard").ZstdDecompressor()
+    whole = zstd.stream_reader(data, read_across_frames=True).read(MOST_BYTES)
+    ended = True
+    while data and ended and len(whole) < MOST_BYTES:
+        frame = zstd.decompressobj()
+        frame.decompress(data)
+        ended, data = frame.eof, frame.unused_data
+    return _whole(whole, ended=ended)
 
 
 def unpacked_brotli(data: bytes) -> bytes:

@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import sqlite3
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -393,6 +394,28 @@ def test_all_archives_hold_the_same(how, tmp_path):
         assert one.tiling.names == ("3/4/2",)
         with pytest.raises(SceneError, match=r"has no zoom 9; it has 3 to 3"):
             load(f"{path}:zoom=9")
+
+
+@pytest.mark.parametrize("how", ["gzip", "zstd"])
+def test_a_tile_in_several_packed_pieces_is_read_whole(how):
+    packed = PACKED[how][0]
+    pieces = packed(b"one, ") + packed(b"") + packed(b"two")
+    assert unpacked(pieces) == b"one, two"
+    for short in (pieces[:-1], pieces[:-9]):
+        with pytest.raises(ValueError, match="cut off"):
+            unpacked(short)
+
+
+@pytest.mark.parametrize("how", ["gzip", "zstd"])
+def test_no_more_is_unpacked_than_a_tile_may_have(how, monkeypatch):
+    monkeypatch.setattr(archive, "MOST_BYTES", 2**16)
+    packed = PACKED[how][0](bytes(2**24))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="more than 64 MiB"):
+        unpacked(packed)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 def test_brotli_is_what_the_header_says(tmp_path):
