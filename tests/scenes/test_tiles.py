@@ -423,6 +423,26 @@ def test_brotli_is_what_the_header_says(tmp_path):
     assert len(load(f"{path}:zoom=3").polygons) == 2
 
 
+@pytest.mark.parametrize("kind", ["NONE", "GZIP", "BROTLI", "ZSTD"])
+def test_directories_are_packed_as_the_header_says(kind, tmp_path):
+    pack = {"BROTLI": brotli.compress} | {key.upper(): each[0] for key, each in PACKED.items()}
+    leaf = gzip.decompress(serialize_directory([Entry(21, 0, 4, 1), Entry(22, 4, 4, 1)]))
+    leaf = pack[kind](leaf)
+    root = gzip.decompress(serialize_directory([Entry(21, 0, len(leaf), 0)]))
+    about = pack[kind](b'{"attribution": "us"}')
+    content, header, start = b"", {}, 127
+    parts = {"root": pack[kind](root), "metadata": about, "leaf_directory": leaf}
+    for name, part in (parts | {"tile_data": b"aaaabbbb"}).items():
+        header |= {f"{name}_offset": start + len(content), f"{name}_length": len(part)}
+        content += part
+    header |= {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
+    header |= {"internal_compression": Compression[kind], "tile_compression": Compression.NONE}
+    (tmp_path / "a.pmtiles").write_bytes(serialize_header(header) + content)
+    tiles = PMTiles(tmp_path / "a.pmtiles")
+    assert [tiles.read(name) for name in tiles.names(3)] == [b"aaaa", b"bbbb"]
+    assert tiles.attribution == "us"
+
+
 def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
     path = tmp_path / "many.pmtiles"
     rng = np.random.default_rng(6)
