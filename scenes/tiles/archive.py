@@ -19,8 +19,12 @@ from scenes.scene import SceneError
 MOST_BYTES = 64 * 2**20
 """Of an unpacked tile; clients expect some hundred kilobytes."""
 
-_FILE = re.compile(r"(?:(\d{1,2})[/_-](\d{1,10})[/_-](\d{1,10}))?[^/]*\.(mvt|pbf)(\.gz)?$")
-"""A tile's file, and its zoom, column and row if its path tells them."""
+_NUMBER = r"(0|[1-9]\d{0,9})"
+_FILE = re.compile(
+    rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
+    re.IGNORECASE,
+)
+"""A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
 
 _EXTRA = 'pip install "raster-harness[tiles]"'
 
@@ -166,14 +170,19 @@ class Folder(Archive):
     """A file, or a folder of files named z/x/y.mvt or z-x-y.pbf, or otherwise; packed or not."""
 
     def __init__(self, path: Path) -> None:
-        found = {}
+        found: dict[Any, Path] = {}
         folder = path if path.is_dir() else path.parent
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            name = file.relative_to(folder).as_posix()
+            name: Any = file.relative_to(folder).as_posix()
             match = _FILE.search(name)
-            if match and file.is_file():
-                place = match[1] and Place(*map(int, match.groups()[:3]))
-                found[place or name] = file
+            if not (match and file.is_file()):
+                continue
+            if match[1]:
+                place = Place(*map(int, match.groups()[:3]))
+                name = place if max(place.x, place.y) < 2**place.zoom else name
+            if name in found:
+                raise SceneError(f"{found[name]} and {file} are both tile {name}: keep one of them")
+            found[name] = file
         if not found:
             raise SceneError(
                 f"{path} holds no tiles: zoom=, layers=, tiles= and pixels= are for .pmtiles, "

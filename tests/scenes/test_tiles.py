@@ -507,6 +507,38 @@ def test_what_cannot_be_read_is_said_in_a_line(text, message, tmp_path):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("names", [("x/1/0/0.mvt", "y/1/0/0.mvt"), ("1/0/0.mvt", "1/0/0.pbf")])
+def test_two_files_for_one_tile_are_refused_by_name(names, tmp_path):
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(encoded([COURT]))
+    with pytest.raises(SceneError, match="are both tile 1/0/0: keep one of them") as error:
+        load(f"{tmp_path}:zoom=1")
+    assert all(name in str(error.value) for name in names)
+
+
+@pytest.mark.parametrize(
+    ("name", "tile"),
+    [
+        ("14/9384/9577.MVT", "14/9384/9577"),
+        ("x/14-9384-9577.vector.Pbf.GZ", "14/9384/9577"),
+        ("0/0/0.mvt", "0/0/0"),
+        ("20-06-01.mvt", "20-06-01.mvt"),
+        ("20-6-01.mvt", "20-6-01.mvt"),
+        ("a/2024-06-01.mvt", "a/2024-06-01.mvt"),
+        ("31-6-1.mvt", "31-6-1.mvt"),
+        ("2-10-11.mvt", "2-10-11.mvt"),
+        ("v1/0/0.mvt", "v1/0/0.mvt"),
+    ],
+)
+def test_a_path_names_a_tile_or_does_not(name, tile, tmp_path):
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_bytes(encoded([COURT]))
+    found = archive.Folder(tmp_path)
+    assert [str(each) for each in found.names(None)] == [tile]
+    assert bool(found.zooms) == ("." not in tile)
+
+
 def test_a_damaged_tile_of_several_is_a_note(tmp_path):
     for number in range(3):
         data = encoded([COURT])
