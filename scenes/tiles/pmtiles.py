@@ -55,8 +55,10 @@ class PMTiles(Archive):
     def _inner(self, start: int, count: int) -> bytes:
         """A directory or the metadata, unpacked as the header says of these."""
         kinds = self._format.Compression
-        unpack = {kinds.NONE: bytes, kinds.BROTLI: unpacked_brotli}
-        return unpack.get(self.header["internal_compression"], unpacked)(self._bytes(start, count))
+        known: dict[Any, Callable[[bytes], bytes]]
+        known = {kinds.NONE: bytes, kinds.BROTLI: unpacked_brotli}
+        unpack = known.get(self.header["internal_compression"], unpacked)
+        return unpack(self._bytes(start, count))
 
     def _bytes(self, start: int, count: int) -> bytes:
         with self._path.open("rb") as stream:

@@ -29,7 +29,10 @@ MOST = 100_000
 
 @dataclass
 class _Found:
-    """What was read so far: for each polygon its tile, its layer, its name in messages."""
+    """What was read so far: for each polygon its tile, its layer, its name in messages.
+
+    absent : tiles that the archive has not
+    """
 
     polygons: list[shapely.Polygon] = field(default_factory=list)
     layers: list[str] = field(default_factory=list)
@@ -39,6 +42,7 @@ class _Found:
     repaired: list[Note] = field(default_factory=list)
     extents: set[int] = field(default_factory=set)
     known: dict[str, None] = field(default_factory=dict)
+    absent: int = 0
 
 
 def read(
@@ -88,7 +92,7 @@ def read(
         dropped=found.dropped,
         repaired=found.repaired,
         attributes=_table(found) if attributes else None,
-        notes=_notes(found, len(chosen), len(names), zoom, pixels),
+        notes=_notes(found, len(chosen) - found.absent, len(names), zoom, pixels),
         tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
     )
     return scene if limit is None else scene.head(limit)
@@ -140,6 +144,7 @@ def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels:
     with damage.noted(found.dropped, f"tile {name}", "cannot be read"):
         data = archive.read(name)
         if data is None:
+            found.absent += 1
             return
         decoded = decode(data)
         found.known |= dict.fromkeys(layer.name for layer in decoded)
@@ -168,10 +173,12 @@ def _table(found: _Found) -> pd.DataFrame:
     return pd.DataFrame({"tile": tiles, "layer": found.layers})
 
 
-def _notes(found: _Found, asked: int, there: int, zoom: int | None, pixels: int) -> tuple[str, ...]:
+def _notes(
+    found: _Found, chosen: int, there: int, zoom: int | None, pixels: int
+) -> tuple[str, ...]:
     """What was chosen, and whether pixels are exact."""
     at = "" if zoom is None else f" of zoom {zoom}"
-    notes = [f"{asked} of {there} tiles{at}, {len(found.tiles)} with polygons"]
+    notes = [f"{chosen} of {there} tiles{at}, {len(found.tiles)} with polygons"]
     notes.append(f"layers {', '.join(dict.fromkeys(found.layers))}")
     return (*notes, *rounding(found.extents, pixels))
 

@@ -7,6 +7,7 @@ import gzip
 import json
 import sqlite3
 import tracemalloc
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,9 @@ from harness.frame import SUBPIXEL, View, frame_of, view_of
 from scenes import Scene, SceneError, load
 from scenes.real.helsinki_tiles import FILE
 from scenes.tiles import archive
-from scenes.tiles.archive import Place, column_and_row, unpacked
+from scenes.tiles.archive import Place, column_and_row, first_of, unpacked
 from scenes.tiles.pmtiles import PMTiles
+from scenes.tiles.slices import Chosen, read_tiles
 from scenes.tiles.vector_tile import decode
 from scenes.tiles.wire import varints
 from tests.paths import ROOT
@@ -547,6 +549,38 @@ def test_a_damaged_tile_of_several_is_a_note(tmp_path):
     assert scene.tiling.names == ("1.mvt", "2.mvt")
     assert scene.dropped[0][0] == "tile 0.mvt"
     assert scene.dropped[0][1].startswith("cannot be read: a field of")
+
+
+def test_what_is_in_the_log_of_a_database_is_read(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        tile = encoded([COURT])
+        database.execute("INSERT INTO tiles VALUES (3, 0, 0, ?)", (tile,))
+        database.commit()
+        scene = load(f"{path}:zoom=3")
+    assert set(scene.tiling.names) == {"3/4/2", "3/4/3", "3/0/7"}
+
+
+def test_a_tile_that_is_null_is_damaged(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
+        database.commit()
+    scene = load(f"{path}:zoom=3")
+    assert scene.tiling.names == ("3/4/3",)
+    assert scene.dropped == [("tile 3/4/2", "cannot be read: its tile_data is NULL")]
+    damaged = {
+        tile.name: tile.damage for tile in read_tiles(path, (first_of(3), first_of(4)), Chosen())
+    }
+    assert damaged == {"3/4/2": "cannot be read: its tile_data is NULL", "3/4/3": ""}
+
+
+def test_tiles_of_a_box_that_are_not_there_do_not_count(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)
+    for each in path.values():
+        scene = load(f"{each}:zoom=3,tiles=-180,-85,180,85")
+        assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
 
 
 def test_without_the_extra_a_line_says_how_to_get_it(monkeypatch, tmp_path):
