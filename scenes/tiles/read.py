@@ -18,7 +18,7 @@ from scenes.suggestions import suggestion
 from scenes.tiles.archive import Archive, Place, column_and_row
 from scenes.tiles.opening import opened
 from scenes.tiles.usable import PIXELS, check_pixels, rounding, usable
-from scenes.tiles.vector_tile import Layer, decode
+from scenes.tiles.vector_tile import Layer, layer_of, layers_of
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -146,12 +146,13 @@ def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels:
         if data is None:
             found.absent += 1
             return
-        decoded = decode(data)
-        found.known |= dict.fromkeys(layer.name for layer in decoded)
-        wanted = None if layers is None else layers.split(",")
-        for layer in decoded:
-            if wanted is None or layer.name in wanted:
-                _add_layer(found, str(name), layer, pixels)
+        there = layers_of(data)
+        found.known |= dict.fromkeys(filter(None, there))
+        wanted = None if layers is None else [*layers.split(","), ""]
+        for layer, parts in there.items():
+            if wanted is None or layer in wanted:
+                with damage.noted(found.dropped, f"{name} {layer}".strip(), "cannot be read"):
+                    _add_layer(found, str(name), layer_of(layer, parts), pixels)
     if len(found.polygons) > before:
         found.tiles.append(str(name))
         found.first.append(len(found.polygons))
