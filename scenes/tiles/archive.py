@@ -26,7 +26,7 @@ _FILE = re.compile(
 )
 """A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
 
-_EXTRA = 'pip install "raster-harness[tiles]"'
+_EXTRA = '.venv/bin/python -m pip install "raster-harness[tiles]"'
 
 
 class Place(NamedTuple):

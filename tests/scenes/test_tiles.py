@@ -630,7 +630,8 @@ def test_without_the_extra_a_line_says_how_to_get_it(monkeypatch, tmp_path):
         raise ImportError(name)
 
     monkeypatch.setattr(archive, "import_module", absent)
-    with pytest.raises(SceneError, match=r'need the package pmtiles: pip install "raster-harness'):
+    how = r'need the package pmtiles: .venv/bin/python -m pip install "raster-harness\[tiles\]"'
+    with pytest.raises(SceneError, match=how):
         load(f"{FILE}:zoom=14")
 
 
