@@ -432,20 +432,23 @@ def test_brotli_is_what_the_header_says(tmp_path):
 @pytest.mark.parametrize("kind", ["NONE", "GZIP", "BROTLI", "ZSTD"])
 def test_directories_are_packed_as_the_header_says(kind, tmp_path):
     pack = {"BROTLI": brotli.compress} | {key.upper(): each[0] for key, each in PACKED.items()}
-    leaf = gzip.decompress(serialize_directory([Entry(21, 0, 4, 1), Entry(22, 4, 4, 1)]))
+    first = 139  # this and 31 entries: the root begins as gzip does, where it is not packed
+    leaf = gzip.decompress(serialize_directory([Entry(first, 0, 4, 1), Entry(first + 1, 4, 4, 1)]))
     leaf = pack[kind](leaf)
-    root = gzip.decompress(serialize_directory([Entry(21, 0, len(leaf), 0)]))
+    others = [Entry(first + 2 + k, 8, 4, 1) for k in range(30)]
+    root = gzip.decompress(serialize_directory([Entry(first, 0, len(leaf), 0), *others]))
+    assert root[:2] == b"\x1f\x8b"
     about = pack[kind](b'{"attribution": "us"}')
     content, header, start = b"", {}, 127
     parts = {"root": pack[kind](root), "metadata": about, "leaf_directory": leaf}
-    for name, part in (parts | {"tile_data": b"aaaabbbb"}).items():
+    for name, part in (parts | {"tile_data": b"aaaabbbbcccc"}).items():
         header |= {f"{name}_offset": start + len(content), f"{name}_length": len(part)}
         content += part
-    header |= {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
+    header |= {"clustered": True, "min_zoom": 4, "max_zoom": 4, "tile_type": TileType.MVT}
     header |= {"internal_compression": Compression[kind], "tile_compression": Compression.NONE}
     (tmp_path / "a.pmtiles").write_bytes(serialize_header(header) + content)
     tiles = PMTiles(tmp_path / "a.pmtiles")
-    assert [tiles.read(name) for name in tiles.names(3)] == [b"aaaa", b"bbbb"]
+    assert [tiles.read(name) for name in tiles.names(4)] == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
     assert tiles.attribution == "us"
 
 
