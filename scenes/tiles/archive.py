@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
 import math
 import re
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -18,10 +19,14 @@ from scenes.scene import SceneError
 MOST_BYTES = 64 * 2**20
 """Of an unpacked tile; clients expect some hundred kilobytes."""
 
-_FILE = re.compile(r"(?:(\d{1,2})[/_-](\d{1,10})[/_-](\d{1,10}))?[^/]*\.(mvt|pbf)(\.gz)?$")
-"""A tile's file, and its zoom, column and row if its path tells them."""
+_NUMBER = r"(0|[1-9]\d{0,9})"
+_FILE = re.compile(
+    rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
+    re.IGNORECASE,
+)
+"""A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
 
-_EXTRA = 'pip install "raster-harness[tiles]"'
+_EXTRA = '.venv/bin/python -m pip install "raster-harness[tiles]"'
 
 
 class Place(NamedTuple):
@@ -108,15 +113,28 @@ class Archive(ABC):
 def unpacked(data: bytes) -> bytes:
     """A tile as the format defines it; its first bytes say how it is packed.
 
-    Raises ValueError if it cannot be unpacked, or has more than `MOST_BYTES` then.
+    All members of gzip and all frames of zstd are read. Raises ValueError if one cannot be
+    unpacked, or all have `MOST_BYTES` or more then.
     """
     if data[:2] == b"\x1f\x8b":
-        stream = zlib.decompressobj(wbits=31)
-        return _whole(stream.decompress(data, MOST_BYTES), ended=stream.eof)
+        with suppress(EOFError):
+            return _whole(gzip.GzipFile(fileobj=io.BytesIO(data)).read(MOST_BYTES), ended=True)
+        return _whole(b"", ended=False)
     if data[:4] == b"\x28\xb5\x2f\xfd":
-        stream = needed("zstandard").ZstdDecompressor().decompressobj()
-        return _whole(stream.decompress(data), ended=stream.eof)
+        return _unpacked_zstd(data)
     return data
+
+
+def _unpacked_zstd(data: bytes) -> bytes:
+    """A stream is bounded, but does not say where a frame is cut off; `decompressobj` does."""
+    zstd = needed("zstandard").ZstdDecompressor()
+    whole = zstd.stream_reader(data, read_across_frames=True).read(MOST_BYTES)
+    ended = True
+    while data and ended and len(whole) < MOST_BYTES:
+        frame = zstd.decompressobj()
+        frame.decompress(data)
+        ended, data = frame.eof, frame.unused_data
+    return _whole(whole, ended=ended)
 
 
 def unpacked_brotli(data: bytes) -> bytes:
@@ -152,14 +170,19 @@ class Folder(Archive):
     """A file, or a folder of files named z/x/y.mvt or z-x-y.pbf, or otherwise; packed or not."""
 
     def __init__(self, path: Path) -> None:
-        found = {}
+        found: dict[Any, Path] = {}
         folder = path if path.is_dir() else path.parent
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            name = file.relative_to(folder).as_posix()
+            name: Any = file.relative_to(folder).as_posix()
             match = _FILE.search(name)
-            if match and file.is_file():
-                place = match[1] and Place(*map(int, match.groups()[:3]))
-                found[place or name] = file
+            if not (match and file.is_file()):
+                continue
+            if match[1]:
+                place = Place(*map(int, match.groups()[:3]))
+                name = place if max(place.x, place.y) < 2**place.zoom else name
+            if name in found:
+                raise SceneError(f"{found[name]} and {file} are both tile {name}: keep one of them")
+            found[name] = file
         if not found:
             raise SceneError(
                 f"{path} holds no tiles: zoom=, layers=, tiles= and pixels= are for .pmtiles, "

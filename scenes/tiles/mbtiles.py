@@ -18,7 +18,10 @@ class MBTiles(Archive):
 
     def __init__(self, path: Path) -> None:
         cut_off.check(path)
-        self._uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+        self._uri = f"{path.resolve().as_uri()}?mode=ro"
+        log = Path(f"{path.resolve()}-wal")
+        if not (log.is_file() and log.stat().st_size):  # what was written last is in it
+            self._uri += "&immutable=1"
         facts = dict(self._ask("SELECT name, value FROM metadata"))
         kind = facts.get("format", "pbf")
         if kind != "pbf":
@@ -68,8 +71,10 @@ class MBTiles(Archive):
                 yield place, 1
 
     def packed(self, name: Any) -> bytes | None:
-        """What the database has for a place."""
+        """What the database has for a place; ValueError if that is NULL."""
         place = (name.zoom, name.x, 2**name.zoom - 1 - name.y)
         query = "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?"
         found = self._ask(query, place)
+        if found == [(None,)]:
+            raise ValueError("its tile_data is NULL")
         return found[0][0] if found else None

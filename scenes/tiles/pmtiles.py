@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
@@ -48,8 +49,16 @@ class PMTiles(Archive):
         if header["tile_compression"] == self._format.Compression.BROTLI:
             self._unpack = unpacked_brotli
         self.zooms = tuple(range(header["min_zoom"], min(header["max_zoom"], _DEEPEST) + 1))
-        metadata = self._bytes(header["metadata_offset"], header["metadata_length"])
-        self.attribution = attribution_of(unpacked(metadata))
+        metadata = self._inner(header["metadata_offset"], header["metadata_length"])
+        self.attribution = attribution_of(metadata)
+
+    def _inner(self, start: int, count: int) -> bytes:
+        """A directory or the metadata, unpacked as the header says of these."""
+        kinds = self._format.Compression
+        known: dict[Any, Callable[[bytes], bytes]]
+        known = {kinds.NONE: bytes, kinds.BROTLI: unpacked_brotli}
+        unpack = known.get(self.header["internal_compression"], unpacked)
+        return unpack(self._bytes(start, count))
 
     def _bytes(self, start: int, count: int) -> bytes:
         with self._path.open("rb") as stream:
@@ -94,7 +103,8 @@ class PMTiles(Archive):
             if place[0] in seen:
                 raise ValueError("a directory of it is within itself")
             seen.add(place[0])
-            entries = self._format.deserialize_directory(self._bytes(*place))
+            # The package takes directories packed by gzip alone.
+            entries = self._format.deserialize_directory(gzip.compress(self._inner(*place), 0))
             ends = [entry.tile_id for entry in entries[1:]] + [last]
             found: list[Any] = []
             for entry, end in zip(entries, ends, strict=True):

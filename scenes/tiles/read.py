@@ -18,7 +18,7 @@ from scenes.suggestions import suggestion
 from scenes.tiles.archive import Archive, Place, column_and_row
 from scenes.tiles.opening import opened
 from scenes.tiles.usable import PIXELS, check_pixels, rounding, usable
-from scenes.tiles.vector_tile import Layer, decode
+from scenes.tiles.vector_tile import Layer, layer_of, layers_of
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -29,7 +29,10 @@ MOST = 100_000
 
 @dataclass
 class _Found:
-    """What was read so far: for each polygon its tile, its layer, its name in messages."""
+    """What was read so far: for each polygon its tile, its layer, its name in messages.
+
+    absent : tiles that the archive has not
+    """
 
     polygons: list[shapely.Polygon] = field(default_factory=list)
     layers: list[str] = field(default_factory=list)
@@ -39,6 +42,7 @@ class _Found:
     repaired: list[Note] = field(default_factory=list)
     extents: set[int] = field(default_factory=set)
     known: dict[str, None] = field(default_factory=dict)
+    absent: int = 0
 
 
 def read(
@@ -88,7 +92,7 @@ def read(
         dropped=found.dropped,
         repaired=found.repaired,
         attributes=_table(found) if attributes else None,
-        notes=_notes(found, len(chosen), len(names), zoom, pixels),
+        notes=_notes(found, len(chosen) - found.absent, len(names), zoom, pixels),
         tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
     )
     return scene if limit is None else scene.head(limit)
@@ -140,13 +144,15 @@ def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels:
     with damage.noted(found.dropped, f"tile {name}", "cannot be read"):
         data = archive.read(name)
         if data is None:
+            found.absent += 1
             return
-        decoded = decode(data)
-        found.known |= dict.fromkeys(layer.name for layer in decoded)
-        wanted = None if layers is None else layers.split(",")
-        for layer in decoded:
-            if wanted is None or layer.name in wanted:
-                _add_layer(found, str(name), layer, pixels)
+        there = layers_of(data)
+        found.known |= dict.fromkeys(filter(None, there))
+        wanted = None if layers is None else [*layers.split(","), ""]
+        for layer, parts in there.items():
+            if wanted is None or layer in wanted:
+                with damage.noted(found.dropped, f"{name} {layer}".strip(), "cannot be read"):
+                    _add_layer(found, str(name), layer_of(layer, parts), pixels)
     if len(found.polygons) > before:
         found.tiles.append(str(name))
         found.first.append(len(found.polygons))
@@ -168,10 +174,12 @@ def _table(found: _Found) -> pd.DataFrame:
     return pd.DataFrame({"tile": tiles, "layer": found.layers})
 
 
-def _notes(found: _Found, asked: int, there: int, zoom: int | None, pixels: int) -> tuple[str, ...]:
+def _notes(
+    found: _Found, chosen: int, there: int, zoom: int | None, pixels: int
+) -> tuple[str, ...]:
     """What was chosen, and whether pixels are exact."""
     at = "" if zoom is None else f" of zoom {zoom}"
-    notes = [f"{asked} of {there} tiles{at}, {len(found.tiles)} with polygons"]
+    notes = [f"{chosen} of {there} tiles{at}, {len(found.tiles)} with polygons"]
     notes.append(f"layers {', '.join(dict.fromkeys(found.layers))}")
     return (*notes, *rounding(found.extents, pixels))
 

@@ -20,7 +20,7 @@ from scenes.spec import arguments_for, exists, parsed
 from scenes.tiles.archive import Archive, Place, Run
 from scenes.tiles.opening import opened
 from scenes.tiles.usable import PIXELS, Usable, check_pixels, usable
-from scenes.tiles.vector_tile import decode
+from scenes.tiles.vector_tile import layer_of, layers_of
 
 MOST_TILES, MOST_BYTES = 4096, 2**21
 """Of a slice, where it has several tiles: bytes as they are stored."""
@@ -148,7 +148,7 @@ class Tile(NamedTuple):
     times : tiles in a row that have the same bytes
     layers : of those that were asked for, name, extent, and polygons
     known : names of all layers
-    damage : why it cannot be read; "" where it can
+    damage : why it, or layers of those, cannot be read; "" where all can
     """
 
     name: str
@@ -160,7 +160,7 @@ class Tile(NamedTuple):
 
 
 def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Tile]:
-    """Read the tiles of a slice one by one; of one that is damaged, nothing is kept.
+    """Read the tiles of a slice one by one; of a layer that is damaged, nothing is kept.
 
     Raises SceneError if the file is missing or cannot be read.
     """
@@ -173,11 +173,11 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
             known: list[str] = []
             layers: list[tuple[str, int, Usable]] = []
             with damage.noted(notes, str(name), "cannot be read"):
-                decoded = decode(archive.read(name) or b"")
-                known = [layer.name for layer in decoded]
-                layers = [
-                    (layer.name, layer.extent, usable(layer, what.pixels))
-                    for layer in decoded
-                    if what.layers is None or layer.name in what.layers
-                ]
-            yield Tile(str(name), zoom, times, layers, known, notes[0][1] if notes else "")
+                there = layers_of(archive.read(name) or b"")
+                known = [each for each in there if each]
+                for each, parts in there.items():
+                    if what.layers is None or each in (*what.layers, ""):
+                        with damage.noted(notes, each, f"layer {each}".strip() + " cannot be read"):
+                            layer = layer_of(each, parts)
+                            layers.append((each, layer.extent, usable(layer, what.pixels)))
+            yield Tile(str(name), zoom, times, layers, known, "; ".join(why for _, why in notes))
