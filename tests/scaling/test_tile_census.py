@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -37,6 +38,7 @@ from scenes.tiles.archive import Place, first_of
 from scenes.tiles.opening import opened
 from scenes.tiles.pmtiles import PMTiles
 from scenes.tiles.slices import MOST_TILES, chosen, cut
+from tests.paths import ROOT
 from tests.scenes.test_tiles import COURT, archives, encoded
 
 NAMES = ("ear-clipping", "flips:l1")
@@ -294,7 +296,12 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
     arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
     arguments += ["--triangulators", ",".join(NAMES)]
     script = KILLED.format(arguments=arguments)
-    killed = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
+    killed = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
     assert killed.returncode == -9
     assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
     assert harness(*arguments)[0] == 0
