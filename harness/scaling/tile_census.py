@@ -74,7 +74,7 @@ class _Found:
         self.known.update(tile.known)
         if tile.damage:
             self.damaged.append((tile.name, tile.damage))
-            self.counts["damaged", "tile that cannot be read"] += tile.times
+            self.counts["damaged", "tile or layer that cannot be read"] += tile.times
         for name, extent, own in tile.layers:
             if not (len(own.polygons) or own.dropped):
                 continue

@@ -222,7 +222,7 @@ def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
         assert name == "5/2/7"
         assert why.startswith("cannot be read: a field of")
         assert known == ["land"]
-        assert summary.counts["damaged", "tile that cannot be read"] == 1
+        assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
         assert groups[5, "land"].tiles == 3
         assert np.array_equal(4 * groups[5, "land"].totals, 3 * good[5, "land"].totals)
 
