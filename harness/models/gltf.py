@@ -18,6 +18,9 @@ HARMLESS = ("KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metad
 _LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, "POSITION": 0.0}
 """By how much an attribute may be off an affine function on a face, at least: nobody sees that."""
 
+_WHOLE = 1e-4
+"""Of a mesh's extent: what a step of whole coordinates counts for, at most."""
+
 _FULL = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 
 
@@ -84,7 +87,7 @@ class GltfModel:
         attributes = primitive["attributes"]
         positions = self._file.array(attributes["POSITION"])
         triangles = self._triangles(primitive, mode, len(positions))
-        columns = _Columns(len(positions))
+        columns = _Columns(len(positions), np.unique(triangles))
         for name, accessor in sorted(attributes.items()):
             if name != "POSITION":
                 columns.add(name, *self._values(accessor))
@@ -92,8 +95,12 @@ class GltfModel:
             for name, accessor in sorted(target.items()):
                 columns.add(name, *self._values(accessor))
         exact = positions.astype(np.float64)
-        whole = positions.dtype.kind != "f"
-        mesh = Mesh(exact, triangles, *columns.stacked(), 1.0 if whole else tolerance_of(exact))
+        used = exact[np.unique(triangles)]
+        if positions.dtype.kind == "f" or len(used) == 0:
+            tolerance = tolerance_of(used)
+        else:
+            tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
+        mesh = Mesh(exact, triangles, *columns.stacked(), tolerance)
         strange = [name for name in primitive.get("extensions", {}) if name not in HARMLESS]
         left = f"extension {strange[0]}" if strange else ""
         return Part(mesh, primitives, left, placements)
@@ -124,9 +131,10 @@ class GltfModel:
 
 
 class _Columns:
-    """What vertices carry beside their positions."""
+    """What vertices carry beside their positions; used : those that triangles use."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, used: NDArray[np.int64]) -> None:
+        self._used = used
         self._affine: list[NDArray[np.float64]] = [np.empty((count, 0))]
         self._fixed: list[NDArray[np.float64]] = [np.empty((count, 0))]
 
@@ -142,12 +150,9 @@ class _Columns:
         if least is None:
             self._fixed.append(given)
             return
-        if values.dtype.kind == "f":
-            step = tolerance_of(given)
-        else:
-            step = 1.0 / _FULL[values.dtype.str[1:]] if normalized else 1.0
-            given = given * step
-        self._affine.append(given / max(least, step))
+        if normalized:
+            given = given / _FULL[values.dtype.str[1:]]
+        self._affine.append(given / max(least, tolerance_of(given[self._used])))
 
     def stacked(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, k) and (n, j): the affine ones, in units of what may be off, and the fixed ones."""

@@ -67,6 +67,15 @@ def tolerance_of(values: NDArray[np.float64]) -> float:
     return STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
 
 
+def centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values (n, k) from the middle of those that are numbers: how far away it is is exact.
+
+    So it is for double precision and texts; single precision rounds what is far from 0 more.
+    """
+    known = values[np.isfinite(values).all(axis=1)]
+    return values - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else values
+
+
 def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (d,) a number for each edge (d, 2), the same in both directions."""
     one, other = ends.T

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.mesh import Mesh, Part, tolerance_of
+from harness.models.mesh import Mesh, Part, centred, tolerance_of
 from harness.models.text_file import TextFile, text_step, text_tolerance, write_bytes
 
 _KINDS = {
@@ -148,6 +148,7 @@ class PlyModel:
         given = self._vertices
         positions = np.column_stack([given[axis] for axis in "xyz"]).astype(np.float64)
         affine, fixed = [np.empty((len(positions), 0))], [np.empty((len(positions), 0))]
+        used = np.unique(self._indices)
         for name, values in given.items():
             column = values.astype(np.float64)[:, None]
             least = _LEAST.get(name)
@@ -155,15 +156,14 @@ class PlyModel:
                 continue
             if least is None:
                 fixed.append(column)
-            elif values.dtype.kind == "f":
-                affine.append(column / max(least, tolerance_of(column)))
             else:
-                affine.append(column)
-        tolerance = (
-            tolerance_of(positions)
-            if self._spans is None
-            else text_tolerance(positions, self._step)
-        )
+                affine.append(column / max(least, tolerance_of(column[used])))
+        if self._spans is not None:
+            tolerance = text_tolerance(positions[used], self._step)
+        elif any(given[axis].dtype.itemsize > 4 for axis in "xyz"):
+            tolerance = tolerance_of(centred(positions[used]))
+        else:
+            tolerance = tolerance_of(positions[used])
         columns = [np.zeros(len(self._indices)), *self._others.values()]
         owner = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
         whole = Mesh(positions, self._indices, np.hstack(affine), np.hstack(fixed), tolerance)
