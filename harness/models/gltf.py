@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile
 from harness.models.mesh import Mesh, Part, tolerance_of
 
-HARMLESS = ("KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metadata")
-"""Extensions of a primitive that say nothing of its triangles' order."""
+_VARIANTS = "KHR_materials_variants"
+HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
+"""Extensions of a mesh or primitive that say nothing of its triangles' order."""
 
 _LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, "POSITION": 0.0}
 """By how much an attribute may be off an affine function on a face, at least: nobody sees that."""
@@ -29,6 +31,7 @@ class GltfModel:
 
     def __init__(self, path: Path) -> None:
         self._file = GltfFile(path)
+        self.left: Counter[str] = Counter()
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield the parts of each mesh."""
@@ -36,16 +39,18 @@ class GltfModel:
         meshes = self._file.json.get("meshes", [])
         alike: dict[str, list[dict[str, Any]]] = {}
         places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        left: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
             for primitive in mesh["primitives"]:
                 key = _key(primitive)
                 alike.setdefault(key, []).append(primitive)
                 places[key] = places.get(key, ()) + matrices
+                left[key] = left.get(key) or self._why_left(mesh, primitive)
         for mesh in meshes:
             keys = [_key(each) for each in mesh["primitives"]]
             fresh = [key for key in dict.fromkeys(keys) if key not in seen]
             seen.update(fresh)
-            parts = [self._part(alike[key], places[key]) for key in fresh]
+            parts = [self._part(alike[key], places[key], left[key]) for key in fresh]
             yield [part for part in parts if part is not None]
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
@@ -76,8 +81,23 @@ class GltfModel:
             waiting += [(child, matrix) for child in node.get("children", [])]
         return found
 
+    def _why_left(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
+        """Return why a primitive's triangles stay as they are, "" if they need not."""
+        own = primitive.get("extensions", {})
+        strange = [name for name in (*mesh.get("extensions", {}), *own) if name not in HARMLESS]
+        if strange:
+            return f"extension {strange[0]}"
+        materials = self._file.json.get("materials", [])
+        for each in (primitive, *own.get(_VARIANTS, {}).get("mappings", [])):
+            if "material" in each and materials[each["material"]].get("alphaMode") == "BLEND":
+                return "a blended material shows in which order triangles are drawn"
+        return ""
+
     def _part(
-        self, primitives: list[dict[str, Any]], placements: tuple[NDArray[np.float64], ...]
+        self,
+        primitives: list[dict[str, Any]],
+        placements: tuple[NDArray[np.float64], ...],
+        left: str,
     ) -> Part | None:
         """Return what primitives draw; None for lines and points."""
         primitive = primitives[0]
@@ -101,8 +121,6 @@ class GltfModel:
         else:
             tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
         mesh = Mesh(exact, triangles, *columns.stacked(), tolerance)
-        strange = [name for name in primitive.get("extensions", {}) if name not in HARMLESS]
-        left = f"extension {strange[0]}" if strange else ""
         return Part(mesh, primitives, left, placements)
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:

@@ -29,7 +29,9 @@ CRITERION = "edge-length"
 
 
 class Model(Protocol):
-    """A model whose triangles can be replaced."""
+    """A model whose triangles can be replaced; left : what is in no part, by reason."""
+
+    left: Counter[str]
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield parts whose triangles may touch."""
@@ -66,6 +68,7 @@ class Changes:
     area, flat_area : in the model's units
     before, after : length of all sides of changed faces' triangles, in the model's units
     left : faces and parts left as they are, by reason
+    notes : what else the user has to know
     seen : where nothing is written, counters of the model before and after, in views from around
     """
 
@@ -79,6 +82,7 @@ class Changes:
     before: float = 0.0
     after: float = 0.0
     left: Counter[str] = field(default_factory=Counter)
+    notes: set[str] = field(default_factory=set)
     seen: list[Seen] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     seconds: float = 0.0
@@ -109,6 +113,7 @@ def retriangulate(
     cost_named(criterion)
     model, groups = opened(source)
     changes = Changes()
+    changes.left += model.left
     drawn: list[Drawn] = []
     for parts in groups:
         made = [_made(part, criterion, changes) for part in parts]
@@ -117,6 +122,7 @@ def retriangulate(
             drawn.append(Drawn(part.mesh, found.triangles, part.placements))
             if (found.triangles != part.mesh.triangles).any():
                 model.replace(part, found.triangles)
+                changes.notes |= {part.note} - {""}
     if out is None:
         changes.seen = look(drawn, sizes) if changes.changed else []
     else:
