@@ -99,13 +99,16 @@ class GltfModel:
         placements: tuple[NDArray[np.float64], ...],
         left: str,
     ) -> Part | None:
-        """Return what primitives draw; None for lines and points."""
+        """Return what primitives draw; None for lines, points and what has no positions."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
-        if mode not in (TRIANGLES, STRIP, FAN):
-            return None
         attributes = primitive["attributes"]
-        positions = self._file.array(attributes["POSITION"])
+        if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
+            return None
+        positions, normalized = self._values(attributes["POSITION"])
+        if normalized:
+            units = np.diag([*3 * [1.0 / _FULL[positions.dtype.str[1:]]], 1.0])
+            placements = tuple(matrix @ units for matrix in placements)
         triangles = self._triangles(primitive, mode, len(positions))
         columns = _Columns(len(positions), np.unique(triangles))
         for name, accessor in sorted(attributes.items()):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -88,6 +89,7 @@ class Changes:
     seconds: float = 0.0
 
 
+@np.errstate(all="ignore")
 def retriangulate(
     source: Path,
     out: Path | None,
@@ -121,7 +123,8 @@ def retriangulate(
         for part, found in zip(parts, made, strict=True):
             drawn.append(Drawn(part.mesh, found.triangles, part.placements))
             if (found.triangles != part.mesh.triangles).any():
-                model.replace(part, found.triangles)
+                with _clear_errors(source):
+                    model.replace(part, found.triangles)
                 changes.notes |= {part.note} - {""}
     if out is None:
         changes.seen = look(drawn, sizes) if changes.changed else []
@@ -131,6 +134,7 @@ def retriangulate(
     return changes
 
 
+@np.errstate(all="ignore")
 def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     """Return a model and its parts, those together that may touch.
 
@@ -146,9 +150,13 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
         raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
     existing(str(source))
     cut_off.check(source)
-    with damage.clear_errors(str(source), f"a model ({source.suffix})"):
+    with _clear_errors(source):
         model = kind(source)
         return model, list(model.groups())
+
+
+def _clear_errors(source: Path) -> AbstractContextManager[None]:
+    return damage.clear_errors(str(source), f"a model ({source.suffix})")
 
 
 @dataclass
