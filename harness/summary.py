@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from harness.figures import views
 from harness.figures.advice import advice
 from harness.figures.break_even import AFTER, break_even
 from harness.figures.decision import Decision, Standing, decide, explained
@@ -25,7 +26,6 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
-from harness.figures.views import views_told
 from harness.pictures.style import plain_table
 from harness.stored import atomic
 from harness.stored.folder import Record
@@ -56,7 +56,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
-        lines = [*views_told(good), *_proven(good), *_judged(good)]
+        lines = [*views.said(good), *_proven(good), *_judged(good)]
         if decision:
             lines += [line for line in (explained(decision), advice(members)) if line]
         for line in lines:
@@ -241,6 +241,18 @@ def row_of(record: Record, base: Record | None) -> dict[str, Any]:
         "draw_low_ms": None if low is None else low * 1e3,
         "draw_high_ms": None if high is None else high * 1e3,
     }
+    over = views.over_views(record, base) if record["status"] == "ok" else None
+    if over is not None:
+        row |= {
+            "views": over.views,
+            "view_measure": over.measure,
+            "view_mean": over.mean,
+            "view_mean_low": _finite(over.mean_low),
+            "view_mean_high": _finite(over.mean_high),
+            "view_ratio": over.ratio,
+            "view_ratio_low": _finite(over.low),
+            "view_ratio_high": _finite(over.high),
+        }
     ratio = time_ratio(record, base) if record["status"] == "ok" else None
     if ratio is not None:
         row |= {

@@ -74,7 +74,7 @@ def cut(path: str, layer: str | None = None, where: str | None = None) -> Slices
         with damage.clear_errors(path, reader.kind):
             return _of_parquet(Source(file, layer), where)
     sliced = file.suffix.lower() in RANDOM and where is None
-    identity = _identity(file, _edges(file))
+    identity = identity_of(file, edges(file))
     if not sliced:
         return Slices(identity, [None], [0])
     with damage.clear_errors(path, reader.kind):
@@ -97,7 +97,7 @@ def _of_parquet(source: Source, where: str | None) -> Slices:
             )
         footer = int.from_bytes(end[:4], "little")
         stream.seek(-8 - footer, 2)
-        identity = _identity(file, stream.read())
+        identity = identity_of(file, stream.read())
     metadata = parquet.read_metadata(file)
     geometry_column(source, metadata.schema.to_arrow_schema())
     wanted = comparisons(where)
@@ -173,7 +173,7 @@ def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
     return True
 
 
-def _edges(file: Path) -> bytes:
+def edges(file: Path) -> bytes:
     """The first and the last bytes of a file; of a folder, the names in it."""
     if file.is_dir():
         return "\n".join(sorted(each.name for each in file.iterdir())).encode()
@@ -183,7 +183,7 @@ def _edges(file: Path) -> bytes:
         return head + stream.read()
 
 
-def _identity(file: Path, content: bytes) -> str:
+def identity_of(file: Path, content: bytes) -> str:
     """A digest of a file's name, size, time of change and of what of its content was read."""
     about = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{about.st_size}\0{int(about.st_mtime)}\0".encode())

@@ -92,7 +92,8 @@ def regret() -> str:
         points = []
         for place, who in enumerate(chosen):
             row = tables.regret("cpu", scene, 1024, who, "helper_lanes")
-            mean, low, high = (100 * float(row[c]) for c in ("mean", "ci_low", "ci_high"))
+            ends = (row[name] or row["mean"] for name in ("mean", "ci_low", "ci_high"))
+            mean, low, high = (100 * float(end) for end in ends)
             points.append((place, mean, low, high, place))
         _dots(ax, label, list(chosen), points, one=None)
         ax.xaxis.set_major_formatter(lambda value, _: f"{value:g} %")

@@ -21,6 +21,7 @@ from docs.held.lookups import (
 )
 from docs.held.others import alarms
 from harness.figures.ratios import Ratio, of_any_run
+from harness.study.regret import why_no_interval
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 
@@ -148,6 +149,9 @@ def _regret_cell(row: Row, signed: bool = False) -> str:
     low, high = row["ci_low"], row["ci_high"]
     between = " to " if signed else "-"
     digits = 2 if not signed and float(row["mean"]) < 0.001 else None
+    if not low:
+        told = {name: float(row[name]) for name in ("polygons", "mean", "worst")}
+        return f"{percent(row['mean'], digits)} % ({why_no_interval(told)})"
     low, high = percent(low, digits), percent(high, digits)
     return f"{percent(row['mean'], digits)} % ({low}{between}{high})"
 
@@ -185,10 +189,9 @@ def regrets_of_times() -> list[str]:
     return lines
 
 
-def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[tuple[float, float]]:
-    """Return (mean, largest) regret in quads of each scene."""
-    found = [regret("cpu", scene, px, who, "quads") for scene in scenes]
-    return [(float(row["mean"]), float(row["ci_high"])) for row in found]
+def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[float]:
+    """Return the mean regret in quads of each scene."""
+    return [float(regret("cpu", scene, px, who, "quads")["mean"]) for scene in scenes]
 
 
 # ---------------------------------------------------------------- other tables

@@ -18,10 +18,17 @@ CENSUS = (
 )
 """Triangulators of a census; compiled code does all of them."""
 
+UNITS_PER_PIXEL = 0.25
+"""Metres a pixel, unless asked otherwise."""
+
 
 def census(
     file: Annotated[
-        str, typer.Argument(help="A file of footprints, or many: 'parts/*.parquet', a folder.")
+        str,
+        typer.Argument(
+            help="A file of footprints, or many: 'parts/*.parquet', a folder. Or map tiles: "
+            "berlin.pmtiles, berlin.pmtiles:zoom=12-16,layers=building,pixels=512."
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
     triangulators: Annotated[
@@ -33,13 +40,13 @@ def census(
         ),
     ] = Several(CENSUS),
     units_per_pixel: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=1e-6,
             max=1e6,
-            help="Scale of the map: metres a pixel, if the file is in degrees.",
+            help="Scale of the map: metres a pixel, if the file is in degrees; by default 0.25.",
         ),
-    ] = 0.25,
+    ] = None,
     cell: Annotated[
         float | None,
         typer.Option(
@@ -57,10 +64,31 @@ def census(
     """Say what each triangulator gains on every footprint of a data set, by exact counting.
 
     Footprints are drawn on the pixel grid of a map, each by itself, and counted by the CPU
-    reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. The same
+    reference. Writes census.csv, cells.csv, a plot of the gains and a map of them. Map tiles are
+    drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
     command, given again, does what is missing.
     """
-    from harness.commands.many import census_options, count_many_files
+    from harness.commands.many import (
+        census_options,
+        count_many_files,
+        count_tiles,
+        several_names,
+    )
+    from harness.errors import UsageError
+    from harness.scaling.tile_census import TileOptions
+    from scenes.tiles.slices import chosen
 
-    options = census_options(file, triangulators, units_per_pixel, cell, layer, where)
-    count_many_files(file, out, options, dask, Reporter(quiet=quiet))
+    reporter = Reporter(quiet=quiet)
+    tiles = chosen(file)
+    if tiles is None:
+        scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
+        options = census_options(file, triangulators, scale, cell, layer, where)
+        count_many_files(file, out, options, dask, reporter)
+        return
+    if any(given is not None for given in (units_per_pixel, cell, layer, where)):
+        raise UsageError(
+            f"{file} is map tiles: --units-per-pixel, --cell, --layer and --where are not for "
+            "these; write FILE:zoom=12-16,layers=building,pixels=512"
+        )
+    name, what = tiles
+    count_tiles(name, out, TileOptions(several_names(triangulators), what), dask, reporter)

@@ -143,7 +143,10 @@ COMMANDS = {
         STUDY,
         "census:census",
         "Say what each triangulator gains on every footprint of a data set, by exact counting.",
-        ("census buildings.geojson --out results/census",),
+        (
+            "census buildings.geojson --out results/census",
+            "census berlin.pmtiles:zoom=14 --out results/map",
+        ),
     ),
     "triangulate": Entry(
         GEOMETRY,

@@ -20,13 +20,15 @@ from harness.errors import (
 from harness.export.certified import Certified
 from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
-from harness.scaling import census_report
-from harness.scaling.census import COUNTING, total
+from harness.scaling import census_report, tile_report
+from harness.scaling.census import COUNTING
 from harness.scaling.census import Options as CensusOptions
 from harness.scaling.cluster import DaskCrew
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.parts import files
+from harness.scaling.sums import total, whole
 from harness.scaling.task_queue import Alone, Crew
+from harness.scaling.tile_census import TILE_COUNTING, TileOptions, also_found
 from harness.scaling.triangulated import Options
 from harness.stored.folder import clear_errors
 from scenes.slices import in_degrees
@@ -93,8 +95,7 @@ def count_many_files(
     names = options.triangulators
     dataset = Dataset(pattern, out / "parts", options, COUNTING)
     summary = _complete(dataset, out, where, reporter)
-    done = [part.key for part in dataset.cut.parts if part.key in dataset.done]
-    sums = total(dataset.out, done, len(names))
+    sums = whole(total(dataset.out, dataset.keys_done), len(names))
     if not sums.footprints:
         _warn(summary, reporter)
         raise NothingMeasured(f"{os.path.relpath(out)}: no footprint was done by all triangulators")
@@ -110,6 +111,39 @@ def count_many_files(
     _refuse_set_aside(out, summary)
 
 
+def count_tiles(
+    pattern: str, out: Path, options: TileOptions, where: str | None, reporter: Reporter
+) -> None:
+    """Count the polygons of map tiles, write what came out, and show a table.
+
+    Raises as `count_many_files` does.
+    """
+    names = options.triangulators
+    dataset = Dataset(pattern, out / "parts", options, TILE_COUNTING)
+    summary = _complete(dataset, out, where, reporter)
+    groups = total(dataset.out, dataset.keys_done)
+    damaged, known = also_found(dataset.out, dataset.keys_done)
+    polygons = whole(groups, len(names)).footprints
+    if not polygons:
+        _warn(summary, reporter)
+        asked = options.chosen.layers or ()
+        missing = next((f" {name!r}; it has {', '.join(known)}" for name in asked if known), "")
+        why = f"there is no layer{missing}" if missing else "no polygon was done by all"
+        raise NothingMeasured(f"{os.path.relpath(out)}: {why}")
+    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
+        tile_report.write(out, groups, names, damaged)
+    _warn(summary, reporter)
+    for name, why in damaged[:NAMED]:
+        reporter.warn(f"tile {name} {why}")
+    console = Console(highlight=False)
+    console.print(tile_report.table(groups, names, console))
+    typer.echo(
+        f"{os.path.relpath(out)}: {polygons:,} polygons in {summary.seconds:.1f} s: census.csv, "
+        "plots/" + ", damaged.csv" * bool(damaged)
+    )
+    _refuse_set_aside(out, summary)
+
+
 def census_options(
     pattern: str,
     triangulators: Sequence[str],
@@ -122,11 +156,17 @@ def census_options(
 
     cell : None for a thousand units, or a hundredth of a degree
     """
+    names = several_names(triangulators)
+    size = cell or (0.01 if in_degrees(files(pattern)[0]) else 1000.0)
+    return CensusOptions(names, units_per_pixel, size, layer, where)
+
+
+def several_names(triangulators: Sequence[str]) -> tuple[str, ...]:
+    """Return full names; raises UsageError for fewer than two triangulators."""
     names = tuple(chosen(name, None) for name in triangulators)
     if len(set(names)) < 2:
         raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
-    size = cell or (0.01 if in_degrees(files(pattern)[0]) else 1000.0)
-    return CensusOptions(names, units_per_pixel, size, layer, where)
+    return names
 
 
 def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:

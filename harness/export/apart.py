@@ -68,10 +68,12 @@ def triangulate_many(
                 parts += [(middle, last), (first, middle)]
                 continue
             crashes += 1
+            many = f"; after {CRASHES} crashes, polygons near another fail with it"
+            reason = str(error) + many * (last - first > 1)
             done = Triangulations(
                 np.empty((0, 3), np.int32),
                 np.zeros(last - first + 1, np.int64),
-                dict.fromkeys(range(last - first), str(error)),
+                dict.fromkeys(range(last - first), reason),
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}

@@ -1,71 +1,105 @@
-"""What a choice saves in the views of a model: sums over views, intervals over views."""
+"""Scenes of many pictures, map tiles or views of a model: sums over them, intervals over them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from harness.figures.groups import base_of
-from harness.figures.intervals import student_interval
+from harness.figures.intervals import FEWEST, mean_interval, ratio_interval
+from harness.figures.registry import find, measures
 from harness.stored.folder import Record
 
 VIEWS = "views"
-"""A record's table of counters: for each a list, one sum a view; and the views' names."""
+"""Field of a record: the sums (v,) of each counter, one a tile or view; and the views' `NAMES`."""
 
-TOLD = {"helper_lanes": "helper lanes", "quads": "shaded quads"}
+NAMES = "names"
+
+TOLD = ("helper_lanes", "quads")
+"""Counters of which a line is said, and the main one."""
 
 
 @dataclass(frozen=True)
 class OverViews:
-    """A counter in ratio to the base's.
+    """A counter of a record of v views, with 95 % intervals over these; NaN for none.
 
-    value : of the sums over all views
-    low, high : 95 % interval, as if the views were some of many (a ratio of means, by Student's t;
-        W. G. Cochran, "Sampling techniques", 1977, chapter 6)
+    mean : a view's, with `mean_low` and `mean_high`
+    ratio : of the sum to the base's, with `low` and `high`
     """
 
-    value: float
+    measure: str
+    views: int
+    mean: float
+    mean_low: float
+    mean_high: float
+    ratio: float
     low: float
     high: float
 
-    def __str__(self) -> str:
-        return f"{self.value:.3f} ({self.low:.3f} to {self.high:.3f})"
+    @property
+    def written(self) -> str:
+        """The ratio, with its interval if it has one."""
+        ends = f" ({self.low:.3f}-{self.high:.3f})" if isfinite(self.low) else ""
+        return f"{self.ratio:.3f}{ends}"
 
 
-def over_views(record: Record, base: Record, counter: str) -> OverViews | None:
-    """Return a counter of a record in ratio to its base's; None where it is not known of views."""
-    own, other = ((each.get(VIEWS) or {}).get(counter) for each in (record, base))
-    if not own or not other or len(own) != len(other) or not sum(other) or not sum(own):
+def over_views(record: Record, base: Record | None, measure: str = "") -> OverViews | None:
+    """Return what is told of a record's views; None where it has none, or lacks polygons.
+
+    measure : a counter, by default the main one
+    """
+    if base is None or record.get("polygons") != base.get("polygons"):
         return None
-    if len(own) < 2:
+    counted, others = record.get(VIEWS) or {}, base.get(VIEWS) or {}
+    both = {*counted} & {*others} - {NAMES}
+    measure = measure or next(iter(measures(both)), "")
+    if measure not in both or len(counted[measure]) != len(others[measure]):
         return None
-    value = sum(own) / sum(other)
-    off = (np.array(own) - value * np.array(other)) / np.mean(other)
-    _, low, high = student_interval(off)
-    return OverViews(value, value + low, value + high)
+    own, usual = (np.array(each[measure], np.float64) for each in (counted, others))
+    if not usual.sum():
+        return None
+    return OverViews(
+        measure,
+        len(own),
+        float(own.mean()),
+        *mean_interval(own),
+        float(own.sum() / usual.sum()),
+        *ratio_interval(own, usual),
+    )
 
 
-def views_told(members: Sequence[Record]) -> list[str]:
-    """Say, a line for each triangulator, what it does to what is shaded in a model's views."""
+def said(members: Sequence[Record]) -> list[str]:
+    """Say how a group's counters compare over views, a line each; and ties of depth."""
     base = base_of(members)
-    if base is None or not base.get(VIEWS):
+    if base is None:
         return []
-    lines = []
-    for record in members:
-        if record is base or record["status"] != "ok":
-            continue
-        found = {words: over_views(record, base, name) for name, words in TOLD.items()}
-        told = ", ".join(f"{words} {ratio}" for words, ratio in found.items() if ratio)
-        if told:
-            lines.append(f"{record['triangulator']} in ratio to {base['triangulator']}: {told}")
-    if not lines:
-        return []
-    ties = base["counters"].get("depth_ties", 0)
+    main = next(iter(measures({*(base.get(VIEWS) or {})} - {NAMES})), "")
+    lines = [_line(members, base, name) for name in dict.fromkeys((main, *TOLD))]
+    ties = (base.get("counters") or {}).get("depth_ties", 0)
     if ties:
-        lines.append(
-            f"{ties:,} depth tests of {base['triangulator']} are ties: rounding decides them"
-        )
-    count = len(base[VIEWS]["names"])
-    return [f"over {count} views, ratios of sums and their 95 % intervals:", *lines]
+        name = base["triangulator"]
+        lines.append(f"{ties:,} depth tests of {name} are ties: rounding decides them")
+    return [line for line in lines if line]
+
+
+def _line(members: Sequence[Record], base: Record, measure: str) -> str:
+    found = [
+        (record["triangulator"], over)
+        for record in members
+        if record is not base
+        and record["status"] == "ok"
+        and (over := over_views(record, base, measure)) is not None
+    ]
+    if not found or not measure:
+        return ""
+    count, noun = found[0][1].views, "tile" if base.get("fit") == "tile" else "view"
+    nouns = f"{count:,} {noun}{'' if count == 1 else 's'}"
+    how = f"with 95 % intervals over {nouns}"
+    if count < FEWEST:
+        how = f"over {nouns}, too few for intervals"
+    ratios = sorted(found, key=lambda each: each[1].ratio)
+    told = ", ".join(f"{name} {each.written}" for name, each in ratios)
+    return f"{find(measure).label} in ratio to {base['triangulator']}'s, {how}: {told}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +23,26 @@ def is_profile(file: Path) -> bool:
     if file.suffix != ".json" or not file.is_file():
         return False
     with file.open("rb") as stream:
-        return f'"format": "{FORMAT}"'.encode() in stream.read(200)
+        pattern = rf'"format":\s*"{FORMAT}"'.encode()
+        return re.search(pattern, stream.read(200)) is not None
 
 
 def read_profile(file: Path) -> Run:
     """Return a profile as a run: a record for each term that is shown to cost anything.
 
+    One that was refused when it was made has a problem in place of records.
+
     Raises
     ------
     UsageError
-        if it is damaged, or was refused when it was made
+        if it is damaged
     """
     try:
         content = parsed(atomic.read(file))
-        if content["refused"]:
-            raise UsageError(f"{file} was refused when it was made: leave it out")
         device = content["device"]
         facts = {"created": device.get("created", ""), "cpu": {"label": device["cpu"]}}
+        if content["refused"]:
+            return Run(file, facts, [], [f"{file} was refused when it was made: left out"])
         return Run(file, facts, [_record(content, term) for term in content["terms"]])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(f"{file} is a damaged profile: {type(error).__name__}: {error}") from None

@@ -79,7 +79,7 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
     paths = {}
     for folder in folders:
         found = sorted(file.parent for file in folder.rglob("run.json")) if folder.is_dir() else []
-        found += sorted(file for file in folder.glob("*.json") if is_profile(file))
+        found += sorted(file for file in folder.rglob("*.json") if is_profile(file))
         if not found and not folder.is_file():
             raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
         for path in found or [folder]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.figures.index_bytes import index_sizes
 from harness.figures.registry import INDEX, LEAST, OUTLINE
-from harness.figures.views import VIEWS
+from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -115,16 +115,16 @@ def _index_of(case: Case, frame: Frame, triangulation: FrameTriangulation) -> Re
 
 
 def _views_of(frame: Frame, counters: Counters) -> Record:
-    """Return the counters of each view of a model, where they are known of each piece."""
-    if frame.viewing is None:
+    """Return the sums of each counter a tile, or a view of a model."""
+    if frame.tiles is None:
         return {}
-    first = frame.viewing.first
     sums = {
-        name: np.diff(np.concatenate([[0], np.cumsum(values)])[first]).tolist()
+        name: np.diff(np.concatenate([[0], np.cumsum(values)])[frame.tiles]).tolist()
         for name, values in counters.items()
         if values.ndim
     }
-    return {VIEWS: {"names": list(frame.viewing.names), **sums}}
+    names = {} if frame.viewing is None else {NAMES: list(frame.viewing.names)}
+    return {VIEWS: {**names, **sums}}
 
 
 def _outline_of(

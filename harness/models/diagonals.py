@@ -160,8 +160,7 @@ class Outlines(NamedTuple):
 
 def _affordable(clean: Outlines) -> Outlines:
     """Return as many of the outlines as `MOST_WORK` allows, those that are quickest first."""
-    _, ring_ends, polygon_ends = clean.polygons
-    rings = np.diff(polygon_ends, prepend=0)
+    rings = np.diff(clean.polygons.polygon_ends, prepend=0)
     sizes = np.diff(_begins(clean.polygons))
     factors = np.append(WORK, 0.0)[np.minimum(rings - 1, len(WORK))]
     work = factors * sizes.astype(np.float64) ** 3
@@ -170,11 +169,18 @@ def _affordable(clean: Outlines) -> Outlines:
     kept[quickest[np.cumsum(work[quickest]) <= MOST_WORK]] = True
     if kept.all():
         return clean
-    own = np.repeat(kept, sizes)
+    return Outlines(
+        clean.face[kept], _some(clean.polygons, kept), clean.vertices[np.repeat(kept, sizes)]
+    )
+
+
+def _some(polygons: Ragged, kept: NDArray[np.bool_]) -> Ragged:
+    """Return those polygons that are kept, (c,)."""
+    coordinates, ring_ends, polygon_ends = (np.asarray(each) for each in polygons)
+    rings = np.diff(polygon_ends, prepend=0)
     lengths = np.diff(ring_ends, prepend=0)[np.repeat(kept, rings)]
-    ends = np.cumsum(lengths), np.cumsum(rings[kept])
-    polygons = Ragged(np.asarray(clean.polygons.coordinates)[own], *ends)
-    return Outlines(clean.face[kept], polygons, clean.vertices[own])
+    own = np.repeat(kept, np.diff(_begins(polygons)))
+    return Ragged(coordinates[own], np.cumsum(lengths), np.cumsum(rings[kept]))
 
 
 def outlines(faces: Faces) -> Outlines:
@@ -249,8 +255,14 @@ def _rings(
 
 
 def _valid(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.bool_]:
-    """(c,) which polygons are valid."""
-    return np.asarray(shapely.is_valid(shapes(points, ring_ends, polygon_ends)), np.bool_)
+    """(c,) which polygons are valid.
+
+    Two triangles that turn left and share a side lie on either side of it: four corners are valid.
+    """
+    polygons = Ragged(points, ring_ends, polygon_ends)
+    result = np.diff(_begins(polygons)) == 4
+    result[~result] = shapely.is_valid(shapes(*_some(polygons, ~result)))
+    return result
 
 
 def shapes(points: Floats, ring_ends: Ints, polygon_ends: Ints) -> NDArray[np.object_]:

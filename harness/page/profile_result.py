@@ -35,6 +35,9 @@ time changes by 1e-4."""
 LATER = ("covering", "rows")
 """Terms that the first pages did not know."""
 
+ON_PROCESSORS = ("swiftshader", "llvmpipe", "lavapipe", "basic render")
+"""In what a browser says of a device: programs that draw on the processor (`costs_shown.js`)."""
+
 Counted = Mapping[str, int]
 Count = Annotated[int, Field(ge=0, le=2**31)]
 
@@ -174,7 +177,7 @@ def _facts(result: Result, name: str) -> dict[str, Any]:
     return {
         "rasteriser": "webgpu",
         "name": name,
-        "software": told.fallback or "swiftshader" in words,
+        "software": told.fallback or any(name in words for name in ON_PROCESSORS),
         "cpu": "",
         "browser": result.browser,
         "created": result.started,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from harness.figures import views
 from harness.figures.advice import advice
 from harness.figures.decision import Standing, decide, explained
 from harness.figures.estimates import ESTIMATES, estimated
@@ -194,6 +195,7 @@ def _group(
         "answer": advice(members),
         "judged": criteria_of(main, correlations, polygons.within(first, main)),
         "explained": explained(decision) if decision else None,
+        "views": views.said(members),
     }, correlations
 
 

@@ -11,7 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.pictures.style import TWO_COLUMNS, draw, looks, plain_table
-from harness.scaling.census import BINS, GAINED, MEASURES, Options, Sums
+from harness.scaling.census import Options
+from harness.scaling.sums import BINS, GAINED, MEASURES, Sums
 from harness.stored import atomic
 
 if TYPE_CHECKING:
@@ -77,14 +78,14 @@ def quantile_of(bins: NDArray[np.int64], quantile: float) -> float:
 
 def write(folder: Path, sums: Sums, options: Options) -> None:
     """Write census.csv, cells.csv and the pictures into `folder`; raises OSError."""
-    _write_csv(folder / "census.csv", list(rows(sums, options.triangulators)))
+    write_csv(folder / "census.csv", list(rows(sums, options.triangulators)))
     names = [f"helper_lanes {name}" for name in options.triangulators]
     cells = [
         {"x": x * options.cell, "y": y * options.cell, "footprints": int(values[0])}
         | dict(zip(names, values[1:].astype(int).tolist(), strict=True))
         for (x, y), values in sorted(sums.cells.items())
     ]
-    _write_csv(folder / "cells.csv", cells)
+    write_csv(folder / "cells.csv", cells)
     draw(folder / "plots", "gains", distribution, sums, options.triangulators)
     if sums.cells:
         draw(folder / "plots", "map", map_of, sums, options)
@@ -107,7 +108,7 @@ def table(sums: Sums, triangulators: Sequence[str]) -> Table:
     return shown
 
 
-def distribution(sums: Sums, triangulators: Sequence[str]) -> Figure:
+def distribution(sums: Sums, triangulators: Sequence[str], what: str = "footprints") -> Figure:
     """Draw which share of footprints gains at least so much, for quads and for helper lanes."""
     from matplotlib.figure import Figure
 
@@ -125,9 +126,9 @@ def distribution(sums: Sums, triangulators: Sequence[str]) -> Figure:
         panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
         panel.set_xlabel(f"gain in {measure.replace('_', ' ')}, % of {triangulators[0]}'s")
     first = figure.axes[0]
-    first.set_ylabel("footprints that gain at least as much, %")
+    first.set_ylabel(f"{what} that gain at least as much, %")
     first.legend(fontsize=7)
-    figure.suptitle(f"What is gained on {sums.footprints:,} footprints?", fontsize=8)
+    figure.suptitle(f"What is gained on {sums.footprints:,} {what}?", fontsize=8)
     return figure
 
 
@@ -166,6 +167,7 @@ def map_of(sums: Sums, options: Options) -> Figure:
     return figure
 
 
-def _write_csv(file: Path, content: Sequence[dict[str, Any]]) -> None:
+def write_csv(file: Path, content: Sequence[dict[str, Any]]) -> None:
+    """Write rows as a table; raises OSError."""
     text = pd.DataFrame(content).to_csv(index=False, lineterminator="\n") if content else ""
     atomic.write(file, text.encode())

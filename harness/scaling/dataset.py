@@ -10,7 +10,7 @@ import json
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,13 @@ from harness.errors import UsageError
 from harness.machine import environment
 from harness.progress import Parts, Reporter
 from harness.scaling.part_files import Done
-from harness.scaling.parts import Cut, Part, cut_all, files
+from harness.scaling.parts import Cut, Part, by_rows, cut_all, files
 from harness.scaling.task_queue import Crew, work_through
 from harness.scaling.triangulated import do_part, read_done
 from harness.stored import atomic
 from harness.stored.folder import clear_errors
 from harness.stored.output import BEGUN
+from scenes.slices import Slices
 
 MANIFEST = "manifest.json"
 VERSION = 1
@@ -98,12 +99,18 @@ class Kind:
     suffix : of a part's file
     do : makes it: (part, options, folder, code, threads) -> Done
     read : what a file says of itself; None where it is no such file, or is damaged
+    unit : what the sizes of parts count
+    cut : a file into slices, by its name and the options
+    files : those that a name or a pattern stands for
     """
 
     title: str
     suffix: str
     do: Callable[..., Done]
     read: Callable[[Path], Done | None]
+    unit: str = "footprints"
+    cut: Callable[[str, Mapping[str, Any]], Slices] = by_rows
+    files: Callable[[str], list[Path]] = files
 
 
 TRIANGLES = Kind("triangulating", ".parquet", do_part, read_done)
@@ -128,10 +135,10 @@ class Dataset:
         self.kind = kind or TRIANGLES
         self._told_options = json.loads(json.dumps(asdict(options)))
         self.code = environment.code_version()
-        found = files(pattern)
+        found = self.kind.files(pattern)
         with clear_errors(self.out, "give the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
-        self.cut: Cut = cut_all(found, self._told_options, self.code)
+        self.cut: Cut = cut_all(found, self._told_options, self.code, self.kind.cut)
         if not self.cut.parts and self.cut.unreadable:
             raise UsageError(next(iter(self.cut.unreadable.values())))
         self.done: dict[str, Done] = {}
@@ -142,6 +149,11 @@ class Dataset:
     def missing(self) -> list[Part]:
         """Parts that have no file yet."""
         return [part for part in self.cut.parts if part.key not in self.done]
+
+    @property
+    def keys_done(self) -> list[str]:
+        """Keys of the parts that are there."""
+        return [part.key for part in self.cut.parts if part.key in self.done]
 
     def complete(
         self, crew: Crew, reporter: Reporter, begun_well: Callable[[], None] = lambda: None
@@ -162,7 +174,7 @@ class Dataset:
             for part in missing
         }
         sizes = {part.key: part.size or 1 for part in missing}
-        unit = "footprints" if all(part.size for part in missing) else "parts"
+        unit = self.kind.unit if all(part.size for part in missing) else "parts"
         aside: dict[str, str] = {}
         fresh = 0
         amount = 0.0

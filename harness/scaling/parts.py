@@ -7,14 +7,14 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
 from scenes import SceneError
-from scenes.slices import cut
+from scenes.slices import Slices, cut
 
 
 @dataclass(frozen=True)
@@ -90,17 +90,28 @@ def files(pattern: str) -> list[Path]:
     return [each.absolute() for each in found]
 
 
-def cut_all(found: Sequence[Path], options: Mapping[str, Any], code: str) -> Cut:
+def by_rows(path: str, options: Mapping[str, Any]) -> Slices:
+    """Cut a file of polygons; `layer` and `where` of the options are those of the file."""
+    return cut(path, options.get("layer"), options.get("where"))
+
+
+def cut_all(
+    found: Sequence[Path],
+    options: Mapping[str, Any],
+    code: str,
+    by: Callable[[str, Mapping[str, Any]], Slices] = by_rows,
+) -> Cut:
     """Cut files into parts; one that cannot be read is named, and the others go on.
 
-    options : what a result depends on beside the input; `layer` and `where` are those of the files
+    options : what a result depends on beside the input
     code : the version of the code
+    by : cuts a file; raises SceneError or OSError where it cannot be read
     """
     result = Cut(repeated=_repeated(found))
     seen: Counter[str] = Counter()
     for file in found:
         try:
-            slices = cut(str(file), options.get("layer"), options.get("where"))
+            slices = by(str(file), options)
         except (SceneError, OSError) as error:
             result.unreadable[str(file)] = str(error)
             continue

@@ -15,9 +15,11 @@ PERIOD_PX = 4
 
 
 def on_pixels(
-    polygons: NDArray[Any], units_per_pixel: float
+    polygons: NDArray[Any], units_per_pixel: float, margin: int | None = None
 ) -> tuple[NDArray[Any], NDArray[np.int64], int]:
     """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
+
+    margin : pixels by which all are moved instead, where it matters at which pixel they lie
 
     Returns the pieces (p,), in px; for each the number of its polygon; and how many polygons vanish
     on the grid. The place on the grid of pixels, modulo `PERIOD_PX`, is that of the coordinates.
@@ -25,6 +27,8 @@ def on_pixels(
     scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
     corner = shapely.bounds(scaled)[:, :2]
     shift = PERIOD_PX * np.floor(corner / PERIOD_PX)
+    if margin is not None:
+        shift[:] = -margin
     counts = shapely.get_num_coordinates(scaled)
     offsets = np.repeat(shift, counts, axis=0)
     near = shapely.set_coordinates(scaled, shapely.get_coordinates(scaled) - offsets)

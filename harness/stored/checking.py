@@ -83,14 +83,11 @@ def _is_least(value: Any) -> bool:
 
 
 def _is_views(value: Any) -> bool:
-    if not isinstance(value, dict) or not isinstance(value.get("names"), list):
+    if not isinstance(value, dict) or not all(isinstance(each, list) for each in value.values()):
         return False
-    return all(
-        isinstance(each, list)
-        and len(each) == len(value["names"])
-        and all(map(_is_text if name == "names" else _is_number, each))
-        for name, each in value.items()
-    )
+    one_length = len({len(each) for each in value.values()}) <= 1
+    kinds = ((_is_text if name == "names" else _is_number, each) for name, each in value.items())
+    return one_length and all(all(map(is_kind, each)) for is_kind, each in kinds)
 
 
 def _is_options(value: Any) -> bool:

@@ -157,7 +157,7 @@ def held_out_draws(
     draws: list[Draw] = []
     polygons: list[str] = []
     ways: list[str] = []
-    for scene in scenes:
+    for place, scene in enumerate(scenes):
         for number, alone in choose_polygons(scene, Design(polygons=24)):
             frame = make_frame(alone.polygons, View(resolution))
             for name in names:
@@ -165,7 +165,7 @@ def held_out_draws(
                 parts = bench.triangulate(recipe, frame.polygons).parts
                 if all(part is not None for part in parts):
                     draws.append((frame, frame.join(parts)))
-                    polygons.append(f"{scene.name} {number}")
+                    polygons.append(f"{place} {scene.name} {number}")
                     ways.append(name)
     return draws, polygons, ways
 

@@ -215,11 +215,18 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
 def written(row: Any) -> str:
     """Return a row's mean with its interval, in per cent, or why there is none."""
     if np.isnan(row["ci_low"]):
-        one = row["worst"] > row["mean"] * row["polygons"] / 2
-        few = row["polygons"] < FEWEST
-        words = "too few polygons" if few else "one decides" if one else "all equal"
-        return f"{row['mean']:.2%} ({words})"
+        return f"{row['mean']:.2%} ({why_no_interval(row)})"
     return f"{row['mean']:.2%} ({row['ci_low']:.2%} to {row['ci_high']:.2%})"
+
+
+def why_no_interval(row: Any) -> str:
+    """Say why a row's polygons tell no interval of their mean."""
+    if row["polygons"] < FEWEST:
+        return "too few polygons"
+    if row["worst"] <= row["mean"] * (1 + 1e-6):
+        return "all equal"
+    one = row["worst"] > row["mean"] * row["polygons"] / 2
+    return "one decides" if one else "few decide"
 
 
 def plot_regret(summary: pd.DataFrame, folder: Path) -> list[Path]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import json
 import math
 import re
-import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -18,10 +19,14 @@ from scenes.scene import SceneError
 MOST_BYTES = 64 * 2**20
 """Of an unpacked tile; clients expect some hundred kilobytes."""
 
-_FILE = re.compile(r"(?:(\d{1,2})[/_-](\d{1,10})[/_-](\d{1,10}))?[^/]*\.(mvt|pbf)(\.gz)?$")
-"""A tile's file, and its zoom, column and row if its path tells them."""
+_NUMBER = r"(0|[1-9]\d{0,9})"
+_FILE = re.compile(
+    rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
+    re.IGNORECASE,
+)
+"""A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
 
-_EXTRA = 'pip install "raster-harness[tiles]"'
+_EXTRA = '.venv/bin/python -m pip install "raster-harness[tiles]"'
 
 
 class Place(NamedTuple):
@@ -33,6 +38,37 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return "/".join(map(str, self))
+
+
+def first_of(zoom: int) -> int:
+    """The number of the first tile of a zoom, where all of the world's are numbered by zooms.
+
+    >>> [first_of(zoom) for zoom in range(4)]
+    [0, 1, 5, 21]
+    """
+    return (4**zoom - 1) // 3
+
+
+def zoom_of(number: int) -> int:
+    """The zoom of a tile so numbered.
+
+    >>> [zoom_of(number) for number in (0, 1, 4, 5, 20, 21)]
+    [0, 1, 1, 2, 2, 3]
+    """
+    return ((3 * number + 1).bit_length() - 1) // 2
+
+
+class Run(NamedTuple):
+    """Tiles that follow each other in an archive and have the same bytes: mostly one.
+
+    number : of the first, as the archive numbers its tiles, those of a zoom in a row
+    times : how many they are
+    size : bytes of one, as it is stored
+    """
+
+    number: int
+    times: int
+    size: int
 
 
 class Archive(ABC):
@@ -54,6 +90,17 @@ class Archive(ABC):
         """The tiles of a zoom, in an order in which neighbours are near; None for all."""
 
     @abstractmethod
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """All tiles of a zoom, by growing numbers, one by one: there may be many millions."""
+
+    @abstractmethod
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """The name of the first tile of each run, and how many they are; by number, without `last`.
+
+        Both are of one zoom.
+        """
+
+    @abstractmethod
     def packed(self, name: Any) -> bytes | None:
         """A tile's bytes as they are stored; None if there is no such tile."""
 
@@ -66,15 +113,28 @@ class Archive(ABC):
 def unpacked(data: bytes) -> bytes:
     """A tile as the format defines it; its first bytes say how it is packed.
 
-    Raises ValueError if it cannot be unpacked, or has more than `MOST_BYTES` then.
+    All members of gzip and all frames of zstd are read. Raises ValueError if one cannot be
+    unpacked, or all have `MOST_BYTES` or more then.
     """
     if data[:2] == b"\x1f\x8b":
-        stream = zlib.decompressobj(wbits=31)
-        return _whole(stream.decompress(data, MOST_BYTES), ended=stream.eof)
+        with suppress(EOFError):
+            return _whole(gzip.GzipFile(fileobj=io.BytesIO(data)).read(MOST_BYTES), ended=True)
+        return _whole(b"", ended=False)
     if data[:4] == b"\x28\xb5\x2f\xfd":
-        stream = needed("zstandard").ZstdDecompressor().decompressobj()
-        return _whole(stream.decompress(data), ended=stream.eof)
+        return _unpacked_zstd(data)
     return data
+
+
+def _unpacked_zstd(data: bytes) -> bytes:
+    """A stream is bounded, but does not say where a frame is cut off; `decompressobj` does."""
+    zstd = needed("zstandard").ZstdDecompressor()
+    whole = zstd.stream_reader(data, read_across_frames=True).read(MOST_BYTES)
+    ended = True
+    while data and ended and len(whole) < MOST_BYTES:
+        frame = zstd.decompressobj()
+        frame.decompress(data)
+        ended, data = frame.eof, frame.unused_data
+    return _whole(whole, ended=ended)
 
 
 def unpacked_brotli(data: bytes) -> bytes:
@@ -110,14 +170,19 @@ class Folder(Archive):
     """A file, or a folder of files named z/x/y.mvt or z-x-y.pbf, or otherwise; packed or not."""
 
     def __init__(self, path: Path) -> None:
-        found = {}
+        found: dict[Any, Path] = {}
         folder = path if path.is_dir() else path.parent
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            name = file.relative_to(folder).as_posix()
+            name: Any = file.relative_to(folder).as_posix()
             match = _FILE.search(name)
-            if match and file.is_file():
-                place = match[1] and Place(*map(int, match.groups()[:3]))
-                found[place or name] = file
+            if not (match and file.is_file()):
+                continue
+            if match[1]:
+                place = Place(*map(int, match.groups()[:3]))
+                name = place if max(place.x, place.y) < 2**place.zoom else name
+            if name in found:
+                raise SceneError(f"{found[name]} and {file} are both tile {name}: keep one of them")
+            found[name] = file
         if not found:
             raise SceneError(
                 f"{path} holds no tiles: zoom=, layers=, tiles= and pixels= are for .pmtiles, "
@@ -125,8 +190,10 @@ class Folder(Archive):
             )
         self._files = found
         placed = [name for name in found if isinstance(name, Place)]
+        self._names: list[Any] = list(found)
         if len(placed) == len(found):
             self.zooms = tuple(sorted({place.zoom for place in placed}))
+            self._names = sorted(placed, key=lambda place: place.zoom)
         with suppress(OSError):
             self.attribution = attribution_of((path / "metadata.json").read_bytes())
 
@@ -135,6 +202,16 @@ class Folder(Archive):
         if zoom is None:
             return list(self._files)
         return [place for place in self._files if place[0] == zoom]
+
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """Numbered zoom by zoom, in the order of their paths."""
+        for number, name in enumerate(self._names):
+            if zoom is None or name[0] == zoom:
+                yield Run(number, 1, self._files[name].stat().st_size)
+
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """One by one."""
+        yield from ((name, 1) for name in self._names[first:last])
 
     def packed(self, name: Any) -> bytes | None:
         """A file's bytes."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,9 @@ from scenes.scene import SceneError
 from scenes.tiles.archive import (
     Archive,
     Place,
+    Run,
     attribution_of,
+    first_of,
     needed,
     unpacked,
     unpacked_brotli,
@@ -45,8 +49,16 @@ class PMTiles(Archive):
         if header["tile_compression"] == self._format.Compression.BROTLI:
             self._unpack = unpacked_brotli
         self.zooms = tuple(range(header["min_zoom"], min(header["max_zoom"], _DEEPEST) + 1))
-        metadata = self._bytes(header["metadata_offset"], header["metadata_length"])
-        self.attribution = attribution_of(unpacked(metadata))
+        metadata = self._inner(header["metadata_offset"], header["metadata_length"])
+        self.attribution = attribution_of(metadata)
+
+    def _inner(self, start: int, count: int) -> bytes:
+        """A directory or the metadata, unpacked as the header says of these."""
+        kinds = self._format.Compression
+        known: dict[Any, Callable[[bytes], bytes]]
+        known = {kinds.NONE: bytes, kinds.BROTLI: unpacked_brotli}
+        unpack = known.get(self.header["internal_compression"], unpacked)
+        return unpack(self._bytes(start, count))
 
     def _bytes(self, start: int, count: int) -> bytes:
         with self._path.open("rb") as stream:
@@ -60,31 +72,49 @@ class PMTiles(Archive):
     def names(self, zoom: int | None) -> Sequence[Any]:
         """Along the Hilbert curve, as the archive numbers them."""
         zoom = self.zooms[-1] if zoom is None else zoom
-        first, last = ((4**level - 1) // 3 for level in (zoom, zoom + 1))
+        return self._chosen(first_of(zoom), first_of(zoom + 1))
+
+    def _chosen(self, first: int, last: int) -> _Runs:
         self._runs = _Runs(self._entries(first, last), first, last, self._format)
         return self._runs
 
+    def runs(self, zoom: int | None) -> Iterator[Run]:
+        """Numbered along the Hilbert curve."""
+        assert zoom is not None
+        first, last = first_of(zoom), first_of(zoom + 1)
+        for entry, start, end in _within(self._entries(first, last), first, last):
+            yield Run(start, end - start, entry.length)
+
+    def between(self, first: int, last: int) -> Iterator[tuple[Any, int]]:
+        """The tiles of an entry are a run."""
+        for start, count in self._chosen(first, last).starts():
+            yield Place(*self._format.tileid_to_zxy(start)), count
+
     def _entries(self, first: int, last: int) -> Iterator[Any]:
-        """The entries of tiles from `first` to before `last`, through all directories."""
+        """The entries of tiles from `first` to before `last`, in order, through all directories."""
         header = self.header
-        todo = [(header["root_offset"], header["root_length"])]
+        todo: list[Any] = [(header["root_offset"], header["root_length"])]
         seen: set[int] = set()
         while todo:
             place = todo.pop()
+            if isinstance(place, self._format.Entry):
+                yield place
+                continue
             if place[0] in seen:
                 raise ValueError("a directory of it is within itself")
             seen.add(place[0])
-            entries = self._format.deserialize_directory(self._bytes(*place))
+            # The package takes directories packed by gzip alone.
+            entries = self._format.deserialize_directory(gzip.compress(self._inner(*place), 0))
             ends = [entry.tile_id for entry in entries[1:]] + [last]
-            leaves = []
+            found: list[Any] = []
             for entry, end in zip(entries, ends, strict=True):
                 if entry.tile_id >= last or (entry.run_length == 0 and end <= first):
                     continue
                 if entry.run_length:
-                    yield entry
+                    found.append(entry)
                 else:
-                    leaves.append((header["leaf_directory_offset"] + entry.offset, entry.length))
-            todo += reversed(leaves)
+                    found.append((header["leaf_directory_offset"] + entry.offset, entry.length))
+            todo += reversed(found)
 
     def packed(self, name: Any) -> bytes | None:
         """What the archive has for a place of the zoom whose names were asked for last."""
@@ -99,6 +129,19 @@ class PMTiles(Archive):
         return None if data is None else self._unpack(data)
 
 
+def _within(entries: Iterable[Any], first: int, last: int) -> Iterator[tuple[Any, int, int]]:
+    """Entries with a tile from `first` to before `last`, that tile, and the one after their last.
+
+    An entry that does not begin after the one before it is damage, and left out.
+    """
+    before = -1
+    for entry in entries:
+        start, end = max(entry.tile_id, first), min(entry.tile_id + entry.run_length, last)
+        if before < start < end:
+            before = start
+            yield entry, start, end
+
+
 class _Runs(Sequence[Place]):
     """Tiles of a PMTiles archive, of which a run of many may be one entry."""
 
@@ -107,13 +150,15 @@ class _Runs(Sequence[Place]):
         self._entries: list[Any] = []
         self._starts: list[int] = []
         self._before = [0]
-        for entry in entries:
-            start = max(entry.tile_id, first)
-            end = min(entry.tile_id + entry.run_length, last)
-            if start < end and (not self._starts or start > self._starts[-1]):
-                self._entries.append(entry)
-                self._starts.append(start)
-                self._before.append(self._before[-1] + end - start)
+        for entry, start, end in _within(entries, first, last):
+            self._entries.append(entry)
+            self._starts.append(start)
+            self._before.append(self._before[-1] + end - start)
+
+    def starts(self) -> Iterator[tuple[int, int]]:
+        """The first tile of each run, and how many tiles it has."""
+        counts = (after - before for before, after in pairwise(self._before))
+        yield from zip(self._starts, counts, strict=True)
 
     def __len__(self) -> int:
         return self._before[-1]

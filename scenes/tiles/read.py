@@ -7,24 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mapbox_earcut
 import numpy as np
 import pandas as pd
 import shapely
-from numpy.typing import NDArray
 
-from scenes.cleaning.clean import clean
 from scenes.readers import damage
 from scenes.readers.opening import existing
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.suggestions import suggestion
-from scenes.tiles.archive import Archive, Folder, Place, column_and_row
-from scenes.tiles.mbtiles import MBTiles
-from scenes.tiles.pmtiles import PMTiles
-from scenes.tiles.vector_tile import Layer, decode
-
-PIXELS = 512
-"""Side of a tile on the screen; 256 on old maps, 1024 where a screen is dense."""
+from scenes.tiles.archive import Archive, Place, column_and_row
+from scenes.tiles.opening import opened
+from scenes.tiles.usable import PIXELS, check_pixels, rounding, usable
+from scenes.tiles.vector_tile import Layer, layer_of, layers_of
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -32,13 +26,13 @@ USUAL = 16
 MOST = 100_000
 """Tiles of one scene."""
 
-_SIDES = (8, 4096)
-_GRID = 256
-
 
 @dataclass
 class _Found:
-    """What was read so far: for each polygon its tile, its layer, its name in messages."""
+    """What was read so far: for each polygon its tile, its layer, its name in messages.
+
+    absent : tiles that the archive has not
+    """
 
     polygons: list[shapely.Polygon] = field(default_factory=list)
     layers: list[str] = field(default_factory=list)
@@ -48,6 +42,7 @@ class _Found:
     repaired: list[Note] = field(default_factory=list)
     extents: set[int] = field(default_factory=set)
     known: dict[str, None] = field(default_factory=dict)
+    absent: int = 0
 
 
 def read(
@@ -73,15 +68,11 @@ def read(
     whole units, else dropped; a polygon that reaches further than a tile's side is dropped, too.
     Raises SceneError if the file is missing, cannot be read, or holds no polygon for this.
     """
-    if pixels % 2 or not _SIDES[0] <= pixels <= _SIDES[1]:
-        raise SceneError(
-            f"pixels={pixels} is no even number from {_SIDES[0]} to {_SIDES[1]}: give 256, 512 "
-            "or 1024"
-        )
+    check_pixels(pixels)
     found = _Found()
     file = existing(path)
     with damage.clear_errors(path, "map tiles"):
-        archive = _opened(file)
+        archive = opened(file)
         zoom = _zoom(path, archive, zoom)
         names = archive.names(zoom)
         chosen = _chosen(names, tiles, zoom)
@@ -101,15 +92,10 @@ def read(
         dropped=found.dropped,
         repaired=found.repaired,
         attributes=_table(found) if attributes else None,
-        notes=_notes(found, len(chosen), len(names), zoom, pixels),
+        notes=_notes(found, len(chosen) - found.absent, len(names), zoom, pixels),
         tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
     )
     return scene if limit is None else scene.head(limit)
-
-
-def _opened(path: Path) -> Archive:
-    kinds: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
-    return kinds.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
 
 
 def _zoom(path: str, archive: Archive, zoom: int | None) -> int | None:
@@ -158,74 +144,29 @@ def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels:
     with damage.noted(found.dropped, f"tile {name}", "cannot be read"):
         data = archive.read(name)
         if data is None:
+            found.absent += 1
             return
-        decoded = decode(data)
-        found.known |= dict.fromkeys(layer.name for layer in decoded)
-        wanted = None if layers is None else layers.split(",")
-        for layer in decoded:
-            if wanted is None or layer.name in wanted:
-                _add_layer(found, str(name), layer, pixels)
+        there = layers_of(data)
+        found.known |= dict.fromkeys(filter(None, there))
+        wanted = None if layers is None else [*layers.split(","), ""]
+        for layer, parts in there.items():
+            if wanted is None or layer in wanted:
+                with damage.noted(found.dropped, f"{name} {layer}".strip(), "cannot be read"):
+                    _add_layer(found, str(name), layer_of(layer, parts), pixels)
     if len(found.polygons) > before:
         found.tiles.append(str(name))
         found.first.append(len(found.polygons))
 
 
 def _add_layer(found: _Found, tile: str, layer: Layer, pixels: int) -> None:
-    """Add what is valid, in px, and note what is not."""
+    """Add what is usable, in px, and note what is not."""
     place = f"{tile} {layer.name}"
-    found.dropped += [(f"{place} {which}", why) for which, why in layer.dropped]
+    own = usable(layer, pixels)
     found.extents.add(layer.extent)
-
-    def flipped(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        turned: NDArray[np.float64] = xy * [1, -1] + [0, layer.extent]
-        return turned
-
-    up = shapely.transform(layer.polygons, flipped)
-    labels = [f"{place} feature {k}" for k in layer.feature.tolist()]
-    cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flipped)
-    crossing = _between_units(cleaned.polygons, cleaned.source)
-    far = _reaching(cleaned.polygons, cleaned.source, layer.extent)
-    for which, why in cleaned.dropped:
-        found.dropped.append((which.partition(" #")[0], why))
-    for which, why in cleaned.repaired:
-        label, _, number = which.rpartition(" #")
-        if int(number) in crossing:
-            drawn = _drawn_by_earcut(up[int(number)])
-            found.dropped.append((label, f"{why.partition(';')[0]}; {drawn}"))
-        else:
-            found.repaired.append((label, why))
-    for index in sorted(far - crossing):
-        found.dropped.append((labels[index], "reaches further than a tile over its tile's edge"))
-    gone = list(crossing | far)
-    kept = cleaned.polygons[~np.isin(cleaned.source, gone)]
-    scale = pixels / layer.extent
-    found.polygons += list(shapely.transform(kept, lambda xy: xy * scale))
-    found.layers += [layer.name] * len(kept)
-
-
-def _between_units(polygons: NDArray[Any], source: NDArray[np.int64]) -> set[int]:
-    """Which sources have a polygon with a vertex that a repair put between whole units."""
-    points, owner = shapely.get_coordinates(polygons, return_index=True)
-    return set(source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
-
-
-def _reaching(polygons: NDArray[Any], source: NDArray[np.int64], extent: int) -> set[int]:
-    """Which sources have a polygon that reaches further than a tile's side over the edge."""
-    bounds = shapely.bounds(polygons).reshape(-1, 4)
-    out = (bounds[:, :2] < -extent).any(axis=1) | (bounds[:, 2:] > 2 * extent).any(axis=1)
-    return set(source[out].tolist())
-
-
-def _drawn_by_earcut(polygon: shapely.Polygon) -> str:
-    """What a map client makes of an invalid polygon: the share of its area that earcut draws."""
-    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    points = np.concatenate(rings)
-    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-    rows = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
-    a, b, c = (points[rows[:, k]] for k in range(3))
-    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
-    share = np.abs(ux * vy - uy * vx).sum() / 2 / shapely.make_valid(polygon).area
-    return f"left out (earcut's triangles have {share:.1%} of its area)"
+    found.dropped += [(f"{place} {which}", why) for which, why in own.dropped]
+    found.repaired += [(f"{place} {which}", why) for which, why in own.repaired]
+    found.polygons += list(own.polygons)
+    found.layers += [layer.name] * len(own.polygons)
 
 
 def _table(found: _Found) -> pd.DataFrame:
@@ -233,17 +174,14 @@ def _table(found: _Found) -> pd.DataFrame:
     return pd.DataFrame({"tile": tiles, "layer": found.layers})
 
 
-def _notes(found: _Found, asked: int, there: int, zoom: int | None, pixels: int) -> tuple[str, ...]:
+def _notes(
+    found: _Found, chosen: int, there: int, zoom: int | None, pixels: int
+) -> tuple[str, ...]:
     """What was chosen, and whether pixels are exact."""
     at = "" if zoom is None else f" of zoom {zoom}"
-    notes = [f"{asked} of {there} tiles{at}, {len(found.tiles)} with polygons"]
+    notes = [f"{chosen} of {there} tiles{at}, {len(found.tiles)} with polygons"]
     notes.append(f"layers {', '.join(dict.fromkeys(found.layers))}")
-    notes += [
-        f"a unit is 1/{extent} of {pixels} px, which is not on the grid of 1/{_GRID} px: rounded"
-        for extent in sorted(found.extents)
-        if _GRID * pixels % extent
-    ]
-    return tuple(notes)
+    return (*notes, *rounding(found.extents, pixels))
 
 
 def _nothing(path: str, found: _Found, layers: str | None, tiles: str) -> str:

@@ -11,6 +11,7 @@ area of its feature does, so that tiles of version 1 are read, too.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,18 +56,42 @@ class Layer:
     dropped: list[Note]
 
 
-def decode(tile: bytes) -> list[Layer]:
-    """Read all layers of a tile that is not compressed.
+def layers_of(tile: bytes) -> dict[str, list[memoryview]]:
+    """The layers of a tile that is not compressed, unread, by name; "" for any without.
 
-    Raises ValueError, in one line, where the tile or a layer is not as the format says. What is
-    wrong with one feature alone is noted, and that feature left out.
+    Each name should have one. Raises ValueError, in one line, where the tile is not as the format
+    says.
     """
-    layers = [_layer(value) for _, value in _known(fields(memoryview(tile)), {_LAYERS: BYTES})]
-    names = [layer.name for layer in layers]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise ValueError(f"it has layer {min(twice)} twice")
-    return layers
+    found: dict[str, list[memoryview]] = {}
+    for _, value in _known(fields(memoryview(tile)), {_LAYERS: BYTES}):
+        found.setdefault(_name(value), []).append(value)
+    return found
+
+
+def _name(layer: memoryview) -> str:
+    with suppress(ValueError):
+        for number, kind, value in fields(layer):
+            if (number, kind) == (_NAME, BYTES):
+                return bytes(value).decode()
+    return ""
+
+
+def layer_of(name: str, found: list[memoryview]) -> Layer:
+    """Read a layer that `layers_of` found.
+
+    Raises ValueError, in one line, where it is not as the format says. What is wrong with one
+    feature alone is noted, and that feature left out.
+    """
+    if not name:
+        raise ValueError("a layer has no name")
+    if len(found) > 1:
+        raise ValueError(f"it has layer {name} twice")
+    return _layer(name, found[0])
+
+
+def decode(tile: bytes) -> list[Layer]:
+    """Read all layers of a tile; raises as the two above."""
+    return [layer_of(*each) for each in layers_of(tile).items()]
 
 
 def _known(
@@ -80,22 +105,19 @@ def _known(
             yield number, value
 
 
-def _layer(data: memoryview) -> Layer:
+def _layer(name: str, data: memoryview) -> Layer:
     single: dict[int, Any] = {_EXTENT: 4096}
     features: list[memoryview] = []
     counts = {_KEYS: 0, _VALUES: 0}
     for number, value in _known(fields(data), _OF_LAYER):
-        if number in (_EXTENT, _VERSION, _NAME):
+        if number in (_EXTENT, _VERSION):
             single[number] = value
         elif number == _FEATURES:
             features.append(value)
-        else:
+        elif number in counts:
             counts[number] += 1
             if number == _VALUES and len(list(_known(fields(value), _OF_VALUE))) != 1:
                 raise ValueError("a value is of no known type, or of several")
-    if _NAME not in single:
-        raise ValueError("a layer has no name")
-    name = bytes(single[_NAME]).decode()
     if single.get(_VERSION) not in (1, 2):
         raise ValueError(f"layer {name} is of version {single.get(_VERSION)}, not 1 or 2")
     extent = single[_EXTENT]
@@ -145,9 +167,6 @@ def _strokes(geometry: Sequence[int], kind: int) -> None:
         allowed = (_MOVE,) if kind == POINT or not place else (_MOVE, _TO)
         if command not in allowed or not 0 < count <= (len(geometry) - place - 1) // 2:
             raise ValueError(f"command {command}, {count} times, does not fit in")
-        steps = geometry[place + 1 : place + 1 + 2 * count]
-        if command == _TO and (0, 0) in zip(steps[::2], steps[1::2], strict=True):
-            raise ValueError("it has a point twice")
         place += 1 + 2 * count
 
 

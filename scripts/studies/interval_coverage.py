@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval
+from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval, ratio_interval
 from harness.figures.ratios import RUN_SCATTER, of_any_run, paired_ratio
 from harness.study.statistics import by_polygon, median_estimate, regret_ends, regret_interval
 
@@ -123,6 +123,8 @@ def kinds() -> Iterator[Kind]:
         yield Kind("regret of times", "40 that are equal", number, _regret_of_times(number, 0.0))
         yield Kind("correlation", "rank, skewed", number, _correlation(number))
         yield Kind("criteria compared", "paired ranks", number, _compared(number))
+    for number in (8, 12, 24):
+        yield Kind("ratio over tiles", "sizes differ", number, _over_tiles(number))
     yield Kind("ratio of times", "epochs differ", 6, _ratio(6, 1))
     for number in (6, 24):
         yield Kind("ratio of times", "runs and epochs differ", number, _ratio_of_any_run(number))
@@ -136,6 +138,22 @@ def _exponential(number: int) -> Callable[[np.random.Generator], Trial]:
     def make(rng: np.random.Generator) -> Trial:
         values = rng.exponential(size=number)
         return Trial(_mean(values, rng), _percentile(values, rng), 1.0)
+
+    return make
+
+
+def _over_tiles(number: int) -> Callable[[np.random.Generator], Trial]:
+    """Count tiles whose lanes differ threefold, and of which larger ones are saved less."""
+    spread, slope = 0.6, 0.05
+
+    def make(rng: np.random.Generator) -> Trial:
+        size = rng.standard_normal(number)
+        base = np.exp(spread * size)
+        values = base * (0.7 + slope * size + 0.05 * rng.standard_normal(number))
+        drawn = rng.integers(number, size=(999, number))
+        ratios = values[drawn].sum(axis=1) / base[drawn].sum(axis=1)
+        low, high = np.quantile(ratios, [0.025, 0.975])
+        return Trial(ratio_interval(values, base), (low, high), 0.7 + slope * spread)
 
     return make
 

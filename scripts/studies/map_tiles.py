@@ -48,12 +48,16 @@ FIELD = 16
 
 CACHE = 16
 SCALES, TURNS = (0.7, 0.85, 1.0, 1.2, 1.4), (0, 30)
+PITCHES, TILTED_SCALES = (30, 60), (0.7, 1.0, 1.4)
+DISTANCE = 1.5 * 1024
+"""Of the camera, in px at full size: MapLibre's, before a viewport of 1024 px."""
+
 DRAWS = 2000
 LANES = ("data", "zoom", "triangulator", "tiles", "polygons", "dropped", "triangles", "fragments",
          "quads", "helper_lanes", "ratio", "low", "high")  # fmt: skip
 BYTES = ("data", "zoom", "triangulator", "order", "packing", "triangles", "tile_bytes", "added",
          "vertices_shaded")  # fmt: skip
-VIEWS = ("data", "zoom", "triangulator", "scale", "turn", "helper_lanes", "ratio")
+VIEWS = ("data", "zoom", "triangulator", "pitch", "scale", "turn", "helper_lanes", "ratio")
 
 
 def main() -> None:
@@ -63,17 +67,22 @@ def main() -> None:
     parser.add_argument("--second", type=Path)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    subjects: list[tuple[str, int, str, Archive]] = [
-        ("helsinki", zoom, f"helsinki-tiles:zoom={zoom},tiles=999", PMTiles(FILE)) for zoom in ZOOMS
-    ]
-    if given.second:
-        archive = Folder(given.second)
-        (zoom,) = archive.zooms
-        subjects.append((given.second.name, zoom, f"{given.second}:tiles=999", archive))
-    for data, zoom, text, archive in subjects:
-        if not _done(given.out / "views.csv", data, zoom):
+    for data, zoom, text, archive in subjects(given.second):
+        if not done(given.out / "views.csv", data, zoom):
             scene = load(text)
             _measure(given.out, data, zoom, scene, archive)
+
+
+def subjects(second: Path | None) -> list[tuple[str, int, str, Archive]]:
+    """Name, zoom, scene and archive of all that is measured; `second` is a folder of tiles."""
+    found: list[tuple[str, int, str, Archive]] = [
+        ("helsinki", zoom, f"helsinki-tiles:zoom={zoom},tiles=999", PMTiles(FILE)) for zoom in ZOOMS
+    ]
+    if second:
+        archive = Folder(second)
+        (zoom,) = archive.zooms
+        found.append((second.name, zoom, f"{second}:tiles=999", archive))
+    return found
 
 
 def _measure(out: Path, data: str, zoom: int, scene: Scene, archive: Archive) -> None:
@@ -90,9 +99,9 @@ def _measure(out: Path, data: str, zoom: int, scene: Scene, archive: Archive) ->
     known = {**about, "tiles": len(scene.tiling.names), "polygons": len(frame.source)}
     lanes = [{**known, "dropped": len(scene.dropped), **row} for row in _lanes(frame, rows)]
     sizes = [{**about, **row} for row in _bytes(scene, frame, rows, archive)]
-    _append(out / "lanes.csv", LANES, lanes)
-    _append(out / "bytes.csv", BYTES, sizes)
-    _append(out / "views.csv", VIEWS, [{**about, **row} for row in _views(frame, rows)])
+    append(out / "lanes.csv", LANES, lanes)
+    append(out / "bytes.csv", BYTES, sizes)
+    append(out / "views.csv", VIEWS, [{**about, **row} for row in _views(frame, rows)])
     sys.stdout.write(f"{data}, zoom {zoom}: {len(frame.source)} polygons\n")
 
 
@@ -240,27 +249,41 @@ def vertices_shaded(rows: NDArray[np.int32]) -> int:
 
 def _views(frame: Frame, rows: dict[str, NDArray[np.int32]]) -> Iterator[dict[str, Any]]:
     """Helper lanes of the triangles that were chosen upright at full size, in other views."""
+    views = [(0, turn, scale) for turn in TURNS for scale in SCALES]
+    views += [(p, turn, scale) for p in PITCHES for turn in TURNS for scale in TILTED_SCALES]
+    for pitch, turn, scale in views:
+        points = seen(frame, pitch, turn, scale)
+        lanes = {n: int(predict(points, r)["helper_lanes"].sum()) for n, r in rows.items()}
+        for name, count in lanes.items():
+            ratio = f"{count / lanes[BASE]:.4f}"
+            row = {"triangulator": name, "pitch": pitch, "scale": scale, "turn": turn}
+            yield {**row, "helper_lanes": count, "ratio": ratio}
+
+
+def seen(frame: Frame, pitch: float, turn: float, scale: float) -> NDArray[np.int32]:
+    """(n, 2) where a tile's vertices are in a view, in 1/256 px.
+
+    turn, pitch : degrees, of the map and of the camera that looks at the middle of the tile
+    """
     centre = frame.width * SUBPIXEL / 2
-    for turn in TURNS:
-        angle = np.radians(turn)
-        to = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        for scale in SCALES:
-            points = np.rint((frame.points - centre) @ to.T * scale + 2 * centre).astype(np.int32)
-            lanes = {n: int(predict(points, r)["helper_lanes"].sum()) for n, r in rows.items()}
-            for name, count in lanes.items():
-                ratio = f"{count / lanes[BASE]:.4f}"
-                row = {"triangulator": name, "scale": scale, "turn": turn}
-                yield {**row, "helper_lanes": count, "ratio": ratio}
+    angle, tilt = np.radians([turn, pitch])
+    to = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    flat = (frame.points - centre) @ to.T * scale
+    away = flat[:, 1] * np.sin(tilt)
+    nearer = DISTANCE * SUBPIXEL / (DISTANCE * SUBPIXEL + away)
+    projected = flat * [1.0, np.cos(tilt)] * nearer[:, None]
+    return np.rint(projected + 2 * centre).astype(np.int32)
 
 
-def _done(path: Path, data: str, zoom: int) -> bool:
+def done(path: Path, data: str, zoom: int) -> bool:
+    """Whether a table has rows of a zoom."""
     if not path.exists():
         return False
     with path.open() as file:
         return any((row["data"], row["zoom"]) == (data, str(zoom)) for row in csv.DictReader(file))
 
 
-def _append(path: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
+def append(path: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
     """Add rows to a table; those of a zoom that was stopped half-way are written once more."""
     before: list[dict[str, Any]] = []
     keys = {(row["data"], str(row["zoom"])) for row in rows}

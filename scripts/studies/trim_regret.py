@@ -3,6 +3,7 @@
     python scripts/studies/trim_regret.py FOLDER
 
 Random triangulations, other counters and the rasterisers that only count are most of its tables.
+Of single polygons, what is simulated with is kept: helper lanes of what criteria choose.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ MEASURES = ("quads", "helper_lanes", "time_work_0")
 def main() -> None:
     """Trim both tables of the folder named on the command line."""
     folder = Path(sys.argv[1])
-    for name in ("measured.csv", "extremes.csv"):
+    for name in ("measured.csv", "extremes.csv", "correlations_by_resolution.csv"):
         (folder / name).unlink(missing_ok=True)
     for name in ("regret.csv", "regret_by_polygon.csv"):
         table = pd.read_csv(folder / name)
         drawn_by = "opengl" if "opengl" in set(table["rasteriser"]) else "reference"
         kept = table["measure"].isin(MEASURES) & (table["rasteriser"] == drawn_by)
         kept &= ~table["name"].str.startswith("random")
+        if name == "regret_by_polygon.csv":
+            kept &= (table["kind"] == "criterion") & (table["measure"] == "helper_lanes")
         table[kept].to_csv(folder / name, index=False, float_format="%.6g")
 
 

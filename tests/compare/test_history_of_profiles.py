@@ -85,13 +85,12 @@ def test_only_profiles_are_profiles(kept, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda content: content.update(refused=True), "was refused when it was made"),
         (lambda content: content.pop("terms"), "is a damaged profile: KeyError"),
         (lambda content: content["terms"][0].update(name="luck"), "is a damaged profile"),
         (lambda content: content["terms"][0].update(seconds="much"), "is a damaged profile"),
     ],
 )
-def test_what_is_damaged_or_refused_is_one_line(harness, kept, change, message):
+def test_what_is_damaged_is_one_line(harness, kept, change, message):
     file = kept / "98.json"
     content: dict[str, Any] = json.loads(file.read_text())
     change(content)
@@ -99,3 +98,22 @@ def test_what_is_damaged_or_refused_is_one_line(harness, kept, change, message):
     code, _, err = harness("history", str(kept))
     assert code == BAD_INPUT
     assert_one_line(err, message)
+
+
+def test_what_was_refused_is_left_out_and_told(harness, kept):
+    (kept / "98.json").rename(kept / "98.refused.json")
+    file = kept / "98.refused.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), "refused": True}))
+    code, out, err = harness("history", str(kept), "--out", "h")
+    assert code == 0, err
+    assert "98.refused.json was refused when it was made: left out" in out
+    assert "→ 2.5" in out
+
+
+def test_profiles_lie_in_folders_and_are_written_in_any_way(kept):
+    (kept / "2025").mkdir()
+    file = kept / "98.json"
+    content = json.loads(file.read_text())
+    file.unlink()
+    (kept / "2025" / "98.json").write_text(json.dumps(content, separators=(",", ":")))
+    assert len(find_runs([kept]).runs) == 8

@@ -16,6 +16,7 @@ from shapely import Polygon, box
 from harness.measuring import server
 from harness.measuring.run import run
 from harness.measuring.worker import Executor, Worker
+from scenes.real.helsinki_tiles import FILE
 from tests.conftest import BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT
@@ -82,6 +83,7 @@ class Reader:
         ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
         courtyard = box(20, 0, 36, 16).difference(box(24, 4, 32, 12))
         write_geojson(folder / "buildings.geojson", [ell, courtyard, box(0, 20, 8, 28)])
+        (folder / "berlin.pmtiles").symlink_to(FILE)
 
     def follow(self, block: Block) -> None:
         """Do what a block says."""

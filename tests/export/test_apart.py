@@ -50,6 +50,8 @@ def test_after_many_crashes_a_part_fails_as_a_whole(monkeypatch):
     found = apart.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:dies_at_large")
     assert sorted(found.failed) == list(range(9))
     assert tried == [9, 4, 2, 1, 1, 2, 5]
+    assert "after 1 crashes, polygons near another fail with it" in found.failed[8]
+    assert "near another" not in found.failed[0]
 
 
 def test_a_batch_of_nothing():

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from harness.errors import NothingMeasured, UsageError
-from harness.figures.views import over_views, views_told
+from harness.figures.views import over_views, said
 from harness.frame import View, frame_of, view_of
 from harness.measuring.lower_limits import limits
 from harness.measuring.plan import Plan
@@ -65,11 +65,11 @@ def test_the_models_own_triangles_are_the_base_and_views_add_up(model, tmp_path)
     assert best["proven"] == best["polygons"] == base["polygons"]
     ratio = over_views(best, base, "helper_lanes")
     lanes = [each["counters"]["helper_lanes"] for each in (best, base)]
-    assert ratio.value == pytest.approx(lanes[0] / lanes[1])
-    assert 0.5 < ratio.low < ratio.value < ratio.high < 1.0
-    told = views_told(list(stored.records))
-    assert told[0] == "over 4 views, ratios of sums and their 95 % intervals:"
-    assert told[2].startswith(f"optimal:edge-length in ratio to original: helper lanes {ratio},")
+    assert ratio.ratio == pytest.approx(lanes[0] / lanes[1])
+    assert 0.5 < ratio.ratio < 1.0
+    told = said(list(stored.records))
+    few = "helper lanes in ratio to original's, over 4 views, too few for intervals: "
+    assert told[0].startswith(f"{few}optimal:edge-length {ratio.written}, delaunay ")
 
 
 def test_with_a_depth_test_no_outline_is_a_limit(model, tmp_path):
@@ -114,9 +114,9 @@ def test_ties_of_depth_are_told():
         about = {"triangulator": name, "status": "ok", "base": "original"}
         return {**about, "counters": found, "views": views}
 
-    told = views_told([record("original", 1234), record("delaunay", 1)])
+    told = said([record("original", 1234), record("delaunay", 1)])
     assert told[-1] == "1,234 depth tests of original are ties: rounding decides them"
-    assert "ties" not in views_told([record("original", 0), record("delaunay", 1)])[-1]
+    assert "ties" not in said([record("original", 0), record("delaunay", 1)])[-1]
 
 
 def test_a_run_goes_on_and_another_model_is_another_scene(model, tmp_path):
@@ -187,5 +187,5 @@ def test_on_the_command_line_the_usual_triangulators_are_those_of_models(model, 
     assert code == 0, err
     names = [each["triangulator"] for each in read_run(tmp_path / "out").records]
     assert names == list(MODEL_TRIANGULATORS)
-    assert "over 4 views, ratios of sums" in told
+    assert "helper lanes in ratio to original's, over 4 views, too few" in told
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err

@@ -87,6 +87,13 @@ def test_an_older_pages_law_has_fewer_terms(harness, saved):
     ]
 
 
+@pytest.mark.parametrize("name", ["llvmpipe (LLVM 15.0.7)", "Microsoft Basic Render Driver"])
+def test_a_program_on_the_processor_is_no_gpu(harness, saved, name):
+    file = saved(lambda result: result["device"].update(description=name))
+    assert harness("import", file, "--out", "p.json")[0] == 0
+    assert json.loads(Path("p.json").read_text())["device"]["software"]
+
+
 def times(result: dict[str, Any], name: str) -> list[float]:
     return result["times"][name]["samples_s"]
 

@@ -11,15 +11,17 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
+from harness.figures.views import VIEWS
 from harness.frame import Frame
 from harness.measuring import tasks
+from harness.measuring.records import _views_of
 from harness.measuring.worker import Worker
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
-from harness.rasterisers.reference import outlines
+from harness.rasterisers.reference import Reference, outlines
 from harness.rasterisers.submission_order import submission
 from tests.rasterisers.pixels import covered
 
@@ -76,6 +78,19 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     image = call(tasks.image, whole, tiles[1], NATIVE)
     assert np.array_equal(image, reference.image(whole, tiles[1], NATIVE))
     assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+
+
+def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
+    device = next((each for each in get("opengl").devices() if each.name == "softpipe"), None)
+    if device is None:
+        pytest.skip("softpipe is not installed")
+    with Worker(device.name, device.environment) as worker:
+        drawn = worker.call(tasks.count, "opengl", device, *tiles, NATIVE, timeout_s=120)
+    exact = reference.count(*tiles, NATIVE)
+    assert disagreements(tiles[0], drawn, exact)
+    for name in ("fragments", "quads", "helper_lanes"):
+        assert drawn[name].sum() == pytest.approx(exact[name].sum(), rel=0.01)
+        assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=0.02)
 
 
 def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):
@@ -174,3 +189,14 @@ def test_what_cannot_cut_says_so(tiles):
     with pytest.raises(UsageError, match="pyrender cannot cut at a tile's edge; use opengl"):
         uncut.image(*tiles, NATIVE)
     assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
+
+
+def test_a_record_holds_each_counters_sum_a_tile(tiles):
+    frame, triangles = tiles
+    cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
+    counters = Reference().count(cut, triangles, NATIVE)
+    kept = _views_of(cut, counters)[VIEWS]
+    assert set(kept) == set(counters)
+    for name, values in counters.items():
+        assert kept[name] == [values[:100].sum(), 0, values[100:].sum()]
+    assert _views_of(replace(frame, tiles=None), counters) == {}

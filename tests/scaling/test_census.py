@@ -11,17 +11,12 @@ import shapely
 from harness.frame import SUBPIXEL, bare_frame, on_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
-from harness.scaling.census import (
-    COUNTING,
-    GAINED,
-    MEASURES,
-    Options,
-    gains,
-    total,
-)
+from harness.scaling.census import COUNTING, Options
 from harness.scaling.census_report import at_least, below, quantile_of
+from harness.scaling.counted import gains
 from harness.scaling.dataset import Dataset
 from harness.scaling.snapping import on_pixels
+from harness.scaling.sums import GAINED, MEASURES, total, whole
 from harness.scaling.task_queue import Alone
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
@@ -33,7 +28,8 @@ OPTIONS = Options(NAMES, units_per_pixel=0.25, cell=100.0)
 def census(pattern, out, options=OPTIONS):
     dataset = Dataset(str(pattern), out, options, COUNTING)
     summary = dataset.complete(Alone(), Reporter(quiet=True))
-    return summary, total(out, [part.key for part in dataset.cut.parts], len(options.triangulators))
+    keys = [part.key for part in dataset.cut.parts]
+    return summary, whole(total(out, keys), len(options.triangulators))
 
 
 def on_the_grid(xy):

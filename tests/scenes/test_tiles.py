@@ -6,6 +6,8 @@ import base64
 import gzip
 import json
 import sqlite3
+import tracemalloc
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +34,11 @@ from harness.errors import UsageError
 from harness.frame import SUBPIXEL, View, frame_of, view_of
 from scenes import Scene, SceneError, load
 from scenes.real.helsinki_tiles import FILE
+from scenes.scene import Note
 from scenes.tiles import archive
-from scenes.tiles.archive import Place, column_and_row, unpacked
+from scenes.tiles.archive import Place, column_and_row, first_of, unpacked
 from scenes.tiles.pmtiles import PMTiles
+from scenes.tiles.slices import Chosen, read_tiles
 from scenes.tiles.vector_tile import decode
 from scenes.tiles.wire import varints
 from tests.paths import ROOT
@@ -44,6 +48,8 @@ STREETS = sorted((HERE / "tiles").glob("*.mvt*"))
 FIXTURES = json.loads((HERE / "mvt_fixtures.json").read_text())["tiles"]
 CONTRADICTED = {"016": "003", "057": "051"}
 """Called valid, but one that is called invalid has the same fault: 016 has even the same bytes."""
+HARMLESS = {"046"}
+"""A line has a point twice: no polygon is lost."""
 
 Ring = tuple[tuple[int, int], ...]
 
@@ -122,7 +128,8 @@ def test_fixtures_of_the_format_are_read_or_refused_in_a_line(name):
     except ValueError as error:
         notes.append(str(error))
     assert all(0 < len(note) < 100 and "\n" not in note for note in notes)
-    assert bool(notes) == (not fixture["valid"] or name in CONTRADICTED)
+    valid = fixture["valid"] and name not in CONTRADICTED
+    assert bool(notes) == (not valid and name not in HARMLESS)
 
 
 def test_fixtures_that_are_called_valid_but_are_not():
@@ -395,9 +402,54 @@ def test_all_archives_hold_the_same(how, tmp_path):
             load(f"{path}:zoom=9")
 
 
+@pytest.mark.parametrize("how", ["gzip", "zstd"])
+def test_a_tile_in_several_packed_pieces_is_read_whole(how):
+    packed = PACKED[how][0]
+    pieces = packed(b"one, ") + packed(b"") + packed(b"two")
+    assert unpacked(pieces) == b"one, two"
+    for short in (pieces[:-1], pieces[:-9]):
+        with pytest.raises(ValueError, match="cut off"):
+            unpacked(short)
+
+
+@pytest.mark.parametrize("how", ["gzip", "zstd"])
+def test_no_more_is_unpacked_than_a_tile_may_have(how, monkeypatch):
+    monkeypatch.setattr(archive, "MOST_BYTES", 2**16)
+    packed = PACKED[how][0](bytes(2**24))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="more than 64 MiB"):
+        unpacked(packed)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
+
+
 def test_brotli_is_what_the_header_says(tmp_path):
     path = two(tmp_path, brotli.compress, Compression.BROTLI)["pmtiles"]
     assert len(load(f"{path}:zoom=3").polygons) == 2
+
+
+@pytest.mark.parametrize("kind", ["NONE", "GZIP", "BROTLI", "ZSTD"])
+def test_directories_are_packed_as_the_header_says(kind, tmp_path):
+    pack = {"BROTLI": brotli.compress} | {key.upper(): each[0] for key, each in PACKED.items()}
+    first = 139  # this and 31 entries: the root begins as gzip does, where it is not packed
+    leaf = gzip.decompress(serialize_directory([Entry(first, 0, 4, 1), Entry(first + 1, 4, 4, 1)]))
+    leaf = pack[kind](leaf)
+    others = [Entry(first + 2 + k, 8, 4, 1) for k in range(30)]
+    root = gzip.decompress(serialize_directory([Entry(first, 0, len(leaf), 0), *others]))
+    assert root[:2] == b"\x1f\x8b"
+    about = pack[kind](b'{"attribution": "us"}')
+    content, header, start = b"", {}, 127
+    parts = {"root": pack[kind](root), "metadata": about, "leaf_directory": leaf}
+    for name, part in (parts | {"tile_data": b"aaaabbbbcccc"}).items():
+        header |= {f"{name}_offset": start + len(content), f"{name}_length": len(part)}
+        content += part
+    header |= {"clustered": True, "min_zoom": 4, "max_zoom": 4, "tile_type": TileType.MVT}
+    header |= {"internal_compression": Compression[kind], "tile_compression": Compression.NONE}
+    (tmp_path / "a.pmtiles").write_bytes(serialize_header(header) + content)
+    tiles = PMTiles(tmp_path / "a.pmtiles")
+    assert [tiles.read(name) for name in tiles.names(4)] == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
+    assert tiles.attribution == "us"
 
 
 def test_runs_and_leaves_of_a_pmtiles_archive_are_followed(tmp_path):
@@ -464,6 +516,38 @@ def test_what_cannot_be_read_is_said_in_a_line(text, message, tmp_path):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("names", [("x/1/0/0.mvt", "y/1/0/0.mvt"), ("1/0/0.mvt", "1/0/0.pbf")])
+def test_two_files_for_one_tile_are_refused_by_name(names, tmp_path):
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(encoded([COURT]))
+    with pytest.raises(SceneError, match="are both tile 1/0/0: keep one of them") as error:
+        load(f"{tmp_path}:zoom=1")
+    assert all(name in str(error.value) for name in names)
+
+
+@pytest.mark.parametrize(
+    ("name", "tile"),
+    [
+        ("14/9384/9577.MVT", "14/9384/9577"),
+        ("x/14-9384-9577.vector.Pbf.GZ", "14/9384/9577"),
+        ("0/0/0.mvt", "0/0/0"),
+        ("20-06-01.mvt", "20-06-01.mvt"),
+        ("20-6-01.mvt", "20-6-01.mvt"),
+        ("a/2024-06-01.mvt", "a/2024-06-01.mvt"),
+        ("31-6-1.mvt", "31-6-1.mvt"),
+        ("2-10-11.mvt", "2-10-11.mvt"),
+        ("v1/0/0.mvt", "v1/0/0.mvt"),
+    ],
+)
+def test_a_path_names_a_tile_or_does_not(name, tile, tmp_path):
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_bytes(encoded([COURT]))
+    found = archive.Folder(tmp_path)
+    assert [str(each) for each in found.names(None)] == [tile]
+    assert bool(found.zooms) == ("." not in tile)
+
+
 def test_a_damaged_tile_of_several_is_a_note(tmp_path):
     for number in range(3):
         data = encoded([COURT])
@@ -474,12 +558,83 @@ def test_a_damaged_tile_of_several_is_a_note(tmp_path):
     assert scene.dropped[0][1].startswith("cannot be read: a field of")
 
 
+def of_version(number: int, layer: str) -> bytes:
+    return encoded([COURT], layer=layer).replace(b"\x78\x02", bytes([0x78, number]))
+
+
+def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], str]:
+    """The layers that are read, and what is said of the others, by a scene and by a census."""
+    scene = load(f"{path}:pixels=512" + (f",layers={layers}" if layers else ""))
+    wanted = None if layers is None else tuple(layers.split(","))
+    (tile,) = read_tiles(str(path), (0, 1), Chosen(layers=wanted))
+    found = scene.attributes["layer"].to_list()
+    assert [name for name, _, own in tile.layers if len(own.polygons)] == found
+    return found, scene.dropped, tile.damage
+
+
+def test_a_bad_layer_costs_itself_alone_and_only_where_it_is_asked_for(tmp_path):
+    path = tmp_path / "a.mvt"
+    good, bad, nameless = encoded([COURT]), of_version(3, "poi"), of_version(2, "x")
+    path.write_bytes(bad + good)
+    why = "cannot be read: layer poi is of version 3, not 1 or 2"
+    assert read_both(path, None) == (["land"], [("a.mvt poi", why)], f"layer poi {why}")
+    assert read_both(path, "land") == (["land"], [], "")
+    path.write_bytes(bad + good + bad)
+    assert read_both(path, None)[1] == [("a.mvt poi", "cannot be read: it has layer poi twice")]
+    assert read_both(path, "land") == (["land"], [], "")
+    path.write_bytes(nameless.replace(b"\x0a\x01x", b"\x32\x01x") + good)
+    why = "cannot be read: a layer has no name"
+    assert read_both(path, "land") == (["land"], [("a.mvt", why)], f"layer {why}")
+
+
+def test_a_line_with_a_point_twice_is_no_lost_polygon(tmp_path):
+    line = bytes([9, 2, 2, 18, 0, 0, 4, 4])
+    feature = b"\x18\x02\x22" + bytes([len(line)]) + line
+    layer = b"\x0a\x04road\x78\x02\x12" + bytes([len(feature)]) + feature
+    path = tmp_path / "a.mvt"
+    path.write_bytes(encoded([COURT]) + b"\x1a" + bytes([len(layer)]) + layer)
+    assert read_both(path, None) == (["land"], [], "")
+
+
+def test_what_is_in_the_log_of_a_database_is_read(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        tile = encoded([COURT])
+        database.execute("INSERT INTO tiles VALUES (3, 0, 0, ?)", (tile,))
+        database.commit()
+        scene = load(f"{path}:zoom=3")
+    assert set(scene.tiling.names) == {"3/4/2", "3/4/3", "3/0/7"}
+
+
+def test_a_tile_that_is_null_is_damaged(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
+        database.commit()
+    scene = load(f"{path}:zoom=3")
+    assert scene.tiling.names == ("3/4/3",)
+    assert scene.dropped == [("tile 3/4/2", "cannot be read: its tile_data is NULL")]
+    damaged = {
+        tile.name: tile.damage for tile in read_tiles(path, (first_of(3), first_of(4)), Chosen())
+    }
+    assert damaged == {"3/4/2": "cannot be read: its tile_data is NULL", "3/4/3": ""}
+
+
+def test_tiles_of_a_box_that_are_not_there_do_not_count(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)
+    for each in path.values():
+        scene = load(f"{each}:zoom=3,tiles=-180,-85,180,85")
+        assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
+
+
 def test_without_the_extra_a_line_says_how_to_get_it(monkeypatch, tmp_path):
     def absent(name: str) -> Any:
         raise ImportError(name)
 
     monkeypatch.setattr(archive, "import_module", absent)
-    with pytest.raises(SceneError, match=r'need the package pmtiles: pip install "raster-harness'):
+    how = r'need the package pmtiles: .venv/bin/python -m pip install "raster-harness\[tiles\]"'
+    with pytest.raises(SceneError, match=how):
         load(f"{FILE}:zoom=14")
 
 

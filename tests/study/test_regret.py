@@ -309,7 +309,7 @@ def test_polygons_are_drawn_again_in_the_order_they_were_met_in():
 
 def test_half_of_what_all_lose_is_no_single_polygons_fault():
     row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.25, "polygons": 8}
-    assert written({**row, "worst": 1.0}) == "25.00% (all equal)"
+    assert written({**row, "worst": 1.0}) == "25.00% (few decide)"
     assert written({**row, "worst": 1.01}) == "25.00% (one decides)"
 
 

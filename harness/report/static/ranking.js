@@ -88,7 +88,8 @@ function rankingTable(at, index) {
   });
   return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
     element("table", { class: "ranking" }, element("caption", {}, `${at.rasteriser} on ${at.device}, ${at.condition}`),
-      element("thead", {}, head), element("tbody", {}, ...body))), at.explained ? element("p", { class: "quiet" }, at.explained) : null);
+      element("thead", {}, head), element("tbody", {}, ...body))), at.explained ? element("p", { class: "quiet" }, at.explained) : null,
+      ...at.views.map((line) => element("p", { class: "quiet" }, line)));
 }
 
 function drawRanking() {

@@ -1,0 +1,118 @@
+"""What is said of map tiles and views of a model: sums, with intervals over them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.figures.intervals import (
+    FEWEST,
+    RESAMPLES,
+    TAIL_OF_RATIO,
+    mean_interval,
+    ratio_interval,
+)
+from harness.figures.views import VIEWS, over_views, said
+from harness.stored.checking import wrong_field
+from harness.summary import row_of
+
+
+def record(name: str, lanes: list[int], **more: object) -> dict:
+    counted = {"helper_lanes": lanes, "quads": [each // 2 for each in lanes]}
+    return {
+        "triangulator": name, "status": "ok", "polygons": 9, "fit": "tile", VIEWS: counted,
+        "counters": {key: sum(values) for key, values in counted.items()}, **more,
+    }  # fmt: skip
+
+
+BASE = record("ear-clipping", [90, 40, 160, 20, 75, 130, 55, 88])
+OTHER = record("flips:l1", [70, 33, 120, 20, 60, 99, 44, 60])
+
+
+def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
+    """From its definition: leave each value out in turn; deviations in their own errors."""
+    base, own = (np.array(each[VIEWS]["helper_lanes"], float) for each in (BASE, OTHER))
+
+    def ratio_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+        n = len(x)
+        without = np.array([np.delete(x, k).sum() / np.delete(y, k).sum() for k in range(n)])
+        ratio = x.sum() / y.sum()
+        return ratio, np.sqrt((n - 1) / n * np.square(without - ratio).sum())
+
+    ratio, error = ratio_and_error(own, base)
+    places = np.random.default_rng(0).integers(8, size=(RESAMPLES, 8))
+    pairs = [ratio_and_error(own[row], base[row]) for row in places]
+    t = np.sort([(each - ratio) / wide for each, wide in pairs if wide > 0])
+    t = np.sort(np.append(t, np.zeros(RESAMPLES - len(t))))
+    low, high = (
+        t[int(np.ceil(tail * RESAMPLES)) - 1] for tail in (TAIL_OF_RATIO, 1 - TAIL_OF_RATIO)
+    )
+    assert ratio_interval(own, base) == pytest.approx((ratio - high * error, ratio - low * error))
+
+
+@pytest.mark.parametrize(
+    ("own", "base"),
+    [
+        ([1.0] * 5, [2.0] * 5),
+        ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]),
+        ([1.0, 2.0, 3.0, 4.0, 5.0, 7.0], [0.0] * 6),
+    ],
+)
+def test_what_tiles_do_not_tell_has_no_interval(own, base):
+    assert np.isnan(ratio_interval(np.array(own), np.array(base))).all()
+
+
+def test_a_tile_without_lanes_counts_as_any_other():
+    own, base = np.array([0.0, 7, 9, 4, 8, 3, 6]), np.array([0.0, 9, 12, 6, 9, 4, 9])
+    low, high = ratio_interval(own, base)
+    assert low < own.sum() / base.sum() < high
+
+
+def test_figures_are_sums_over_views_and_intervals_over_views():
+    over = over_views(OTHER, BASE)
+    lanes = np.array(OTHER[VIEWS]["helper_lanes"], float)
+    usual = np.array(BASE[VIEWS]["helper_lanes"], float)
+    assert (over.measure, over.views) == ("helper_lanes", 8)
+    assert over.ratio == pytest.approx(506 / 658)
+    assert (over.low, over.high) == ratio_interval(lanes, usual)
+    assert (over.mean, over.mean_low, over.mean_high) == (lanes.mean(), *mean_interval(lanes))
+    row = row_of({**OTHER, "key": "0" * 16}, BASE)
+    assert row["views"] == 8
+    assert row["view_ratio_low"] == over.low
+    assert row["view_mean_high"] == over.mean_high
+    line, quads = said([BASE, OTHER])
+    assert quads.startswith("quads in ratio to ear-clipping's, with 95 %")
+    assert line == (
+        "helper lanes in ratio to ear-clipping's, with 95 % intervals over 8 tiles: "
+        f"flips:l1 0.769 ({over.low:.3f}-{over.high:.3f})"
+    )
+
+
+@pytest.mark.parametrize(("tiles", "few"), [(1, "1 tile,"), (FEWEST - 1, f"{FEWEST - 1} tiles,")])
+def test_few_tiles_tell_no_interval(tiles, few):
+    base, other = (
+        record(each["triangulator"], each[VIEWS]["helper_lanes"][:tiles]) for each in (BASE, OTHER)
+    )
+    line = said([base, other])[0]
+    assert f"over {few} too few for intervals: flips:l1 0." in line
+    assert "(" not in line
+    row = row_of({**other, "key": "0" * 16}, base)
+    assert row["view_ratio_low"] is row["view_mean_low"] is None
+
+
+def test_other_scenes_and_other_polygons_say_nothing():
+    assert said([{**BASE, VIEWS: None}, OTHER]) == []
+    assert over_views({**OTHER, "polygons": 8}, BASE) is None
+    assert said([BASE]) == []
+    short = record("flips:l1", [1, 2])
+    assert over_views(short, BASE) is None
+
+
+@pytest.mark.parametrize("tiles", [[1], {"quads": 3}, {"quads": [1, "2"]}, {"a": [1], "b": [1, 2]}])
+def test_damaged_tiles_are_refused(tiles):
+    good = {
+        "key": "0" * 16, "scene": "a", "triangulator": "fan", "rasteriser": "opengl", "device": "x",
+        "resolution": 512, "rotation": 0.0, "status": "ok", VIEWS: {"quads": [1, 2]},
+    }  # fmt: skip
+    assert wrong_field(good) is None
+    assert wrong_field({**good, VIEWS: tiles}) == VIEWS

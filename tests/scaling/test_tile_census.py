@@ -1,0 +1,350 @@
+"""A census of map tiles counts what the scene of the same tiles does, in parts, in any archive."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pmtiles.tile import (
+    Compression,
+    Entry,
+    TileType,
+    serialize_directory,
+    serialize_header,
+    zxy_to_tileid,
+)
+from pmtiles.writer import write
+
+from harness.frame import SUBPIXEL, frame_of, view_of
+from harness.progress import Reporter
+from harness.rasterisers.reference import predict
+from harness.scaling.dataset import Dataset
+from harness.scaling.sums import MEASURES, total
+from harness.scaling.task_queue import Alone
+from harness.scaling.tile_census import TILE_COUNTING, TileOptions, also_found
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse
+from scenes import SceneError, load
+from scenes.real.helsinki_tiles import FILE
+from scenes.tiles.archive import Place, first_of
+from scenes.tiles.opening import opened
+from scenes.tiles.pmtiles import PMTiles
+from scenes.tiles.slices import MOST_TILES, chosen, cut
+from tests.scenes.test_tiles import COURT, archives, encoded
+
+NAMES = ("ear-clipping", "flips:l1")
+EXACT = ("fragments", "quads", "helper_lanes", "bbox_tests", "triangles")
+
+
+def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> Any:
+    """The sums of each zoom and layer, what else the parts say, and the summary."""
+    name, what = chosen(text)
+    dataset = Dataset(name, out, TileOptions(names, what), TILE_COUNTING)
+    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    return total(out, dataset.keys_done), also_found(out, dataset.keys_done), summary
+
+
+def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
+    """The same sums by layer and triangulator, of the scene in which each tile is a view."""
+    scene = load(text)
+    frame = frame_of(scene, view_of(scene))
+    layers = scene.attributes["layer"].to_numpy()[frame.source]
+    found = {}
+    for name in names:
+        rows = frame.join(triangulate_polygons(parse(name), frame.polygons).parts)
+        counted = predict(frame.points, rows, frame.window)
+        counted["triangles"] = np.ones(len(rows), np.int64)
+        width, height = np.ptp(frame.points[rows] / SUBPIXEL, axis=1).T
+        counted["half_perimeter"] = width + height
+        owner = layers[frame.owner(rows)]
+        for layer in set(layers):
+            own = {key: values[owner == layer].sum() for key, values in counted.items()}
+            found[layer, name] = own | {"polygons": len(set(frame.source[layers == layer]))}
+    return found
+
+
+@pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
+def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
+    monkeypatch.setattr("scenes.tiles.slices.MOST_TILES", 2)
+    monkeypatch.setattr("harness.scaling.tile_census.AT_A_TIME", 300)
+    groups, _, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
+    expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
+    assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
+    assert set(groups) == {(zoom, "area"), (zoom, "building")}
+    for (layer, name), own in expected.items():
+        sums = groups[zoom, layer]
+        assert sums.footprints == own["polygons"]
+        for measure in EXACT:
+            column = sums.totals[NAMES.index(name), MEASURES.index(measure)]
+            assert column == own[measure], (layer, name, measure)
+        half = sums.totals[NAMES.index(name), MEASURES.index("half_perimeter")]
+        assert half == pytest.approx(own["half_perimeter"], rel=1e-12)
+
+
+def test_what_is_lost_is_that_of_the_scene_and_tiles_and_vertices_are_counted(tmp_path):
+    groups, _, summary = census(f"{FILE}:zoom=14", tmp_path)
+    scene = load("helsinki-tiles:zoom=14,tiles=999")
+    layers = [which.split()[1] for which, _ in scene.dropped]
+    assert {layer: sums.dropped for (_, layer), sums in groups.items()} == {
+        layer: layers.count(layer) for layer in ("area", "building")
+    }
+    assert sum(sums.repaired for sums in groups.values()) == len(scene.repaired)
+    assert [sums.tiles for sums in groups.values()] == [4, 4]
+    frame = frame_of(scene, view_of(scene))
+    assert sum(sums.vertices for sums in groups.values()) == len(frame.points)
+    assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
+
+
+def same(a: Any, b: Any) -> bool:
+    return set(a) == set(b) and all(
+        np.array_equal(a[group].arrays()[name], b[group].arrays()[name])
+        for group in a
+        for name in a[group].arrays()
+    )
+
+
+def test_all_archives_count_the_same(tmp_path):
+    court, box = encoded([COURT]), encoded([shapely.box(-40, 8, 30, 90), COURT], layer="water")
+    tiles = {Place(3, 4, 2): court, Place(3, 4, 3): box, Place(2, 1, 1): court + box}
+    found = {
+        kind: census(path, tmp_path / f"out-{kind}")[0]
+        for kind, path in archives(tmp_path, tiles, Compression.NONE).items()
+    }
+    assert set(found["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
+    assert same(found["pmtiles"], found["mbtiles"])
+    assert same(found["pmtiles"], found["folder"])
+    some = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0]
+    assert set(some) == {(3, "water")}
+    assert some[3, "water"].footprints == 2
+
+
+def written(path: Path, tiles: dict[int, bytes]) -> str:
+    """A PMTiles archive of tiles by their numbers."""
+    with write(str(path)) as writer:
+        for number, data in tiles.items():
+            writer.write_tile(number, data)
+        header = {"tile_type": TileType.MVT, "tile_compression": Compression.NONE}
+        writer.finalize(header, {})
+    return str(path)
+
+
+def test_a_run_of_equal_tiles_counts_as_often_as_it_is_there(tmp_path, monkeypatch):
+    first = first_of(8)
+    once = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
+    path = written(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
+    read = []
+    real = PMTiles.read
+    monkeypatch.setattr(PMTiles, "read", lambda self, name: read.append(name) or real(self, name))
+    often = census(path, tmp_path / "often")
+    assert len(read) == 1
+    one, nine = once[0][8, "land"], often[0][8, "land"]
+    assert (nine.footprints, nine.tiles, nine.vertices) == (9, 9, 9 * one.vertices)
+    assert np.array_equal(nine.totals, 9 * one.totals)
+    assert np.array_equal(nine.bins, 9 * one.bins)
+
+
+def test_slices_hold_each_tile_once_and_are_small(tmp_path):
+    first = first_of(9)
+    tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
+    path = written(tmp_path / "a.pmtiles", tiles)
+    slices = cut(path, None)
+    assert len(slices.rows) == -(-len(tiles) // MOST_TILES)
+    assert sum(slices.sizes) == len(tiles)
+    assert max(slices.sizes) == MOST_TILES
+    archive = opened(Path(path))
+    found = [place for rows in slices.rows for place in archive.between(*rows)]
+    assert found == [(place, 1) for place in archive.names(9)]
+
+
+def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("scenes.tiles.slices.MOST_BYTES", 100)
+    sizes = (40, 40, 40, 300, 10, 90, 1)
+    tiles = {first_of(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
+    assert cut(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
+
+
+def test_entries_beside_leaves_are_in_order(tmp_path):
+    """A root may hold both; the tiles of a leaf come before those of what follows it."""
+    leaf = serialize_directory([Entry(first_of(3) + 1, 0, 4, 1), Entry(first_of(3) + 2, 4, 4, 1)])
+    ends = [Entry(first_of(3), 8, 4, 1), Entry(first_of(3) + 1, 0, len(leaf), 0)]
+    root = serialize_directory([*ends, Entry(first_of(3) + 9, 12, 4, 2)])
+    places = {"metadata_offset": 127, "root_offset": 127, "leaf_directory_offset": 127 + len(root)}
+    places |= {"tile_data_offset": 127 + len(root) + len(leaf), "root_length": len(root)}
+    lengths = {"metadata_length": 0, "leaf_directory_length": len(leaf), "tile_data_length": 16}
+    about = {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
+    about |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
+    path = tmp_path / "a.pmtiles"
+    path.write_bytes(
+        serialize_header({**places, **lengths, **about}) + root + leaf + b"aaaabbbbccccdddd"
+    )
+    tiles = PMTiles(path)
+    assert [tiles.packed(name) for name in tiles.names(3)] == [
+        b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
+    ]  # fmt: skip
+    assert [(run.number - first_of(3), run.times) for run in tiles.runs(3)] == [
+        (0, 1), (1, 1), (2, 1), (9, 2),
+    ]  # fmt: skip
+
+
+def test_an_entry_that_repeats_tiles_is_left_out(tmp_path):
+    """Damage may give one number to two entries: a tile is there once."""
+    numbers = [first_of(3) + each for each in (0, 2, 2, 5)]
+    root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
+    places = {"metadata_offset": 127, "root_offset": 127, "leaf_directory_offset": 127}
+    places |= {"tile_data_offset": 127 + len(root), "root_length": len(root)}
+    lengths = {"metadata_length": 0, "leaf_directory_length": 0, "tile_data_length": 4}
+    about = {"clustered": True, "min_zoom": 3, "max_zoom": 3, "tile_type": TileType.MVT}
+    about |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
+    path = tmp_path / "a.pmtiles"
+    path.write_bytes(serialize_header({**places, **lengths, **about}) + root + b"aaaa")
+    found = [run.number - first_of(3) for run in PMTiles(path).runs(3)]
+    assert found == [0, 2, 5]
+    assert len(PMTiles(path).names(3)) == 3
+
+
+def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
+    tiles = {Place(5, k, 7): encoded([COURT]) for k in range(4)}
+    file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
+    good = census(file, tmp_path / "good")[0]
+    tiles[Place(5, 2, 7)] = tiles[Place(5, 2, 7)][:-3]
+    for kind, path in archives(tmp_path, tiles, Compression.NONE).items():
+        groups, (damaged, known), summary = census(path, tmp_path / f"bad-{kind}")
+        ((name, why),) = damaged
+        assert name == "5/2/7"
+        assert why.startswith("cannot be read: a field of")
+        assert known == ["land"]
+        assert summary.counts["damaged", "tile that cannot be read"] == 1
+        assert groups[5, "land"].tiles == 3
+        assert np.array_equal(4 * groups[5, "land"].totals, 3 * good[5, "land"].totals)
+
+
+def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
+    tile = encoded([shapely.box(0, 0, 1, 1), COURT])
+    path = written(tmp_path / "a.pmtiles", {0: tile})
+    groups, _, summary = census(f"{path}:pixels=8", tmp_path / "small")
+    assert (groups[0, "land"].footprints, groups[0, "land"].dropped) == (1, 1)
+    assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
+    told: list[str] = []
+    reporter = Reporter(quiet=True)
+    reporter.once = told.append
+    path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
+    name, what = chosen(path)
+    dataset = Dataset(name, tmp_path / "5000", TileOptions(NAMES, what), TILE_COUNTING)
+    dataset.complete(Alone(), reporter)
+    assert "1/5000 of 512 px" in told[0]
+
+
+def table_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "census.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
+    arguments = ("census", f"{FILE}:zoom=12-13", "-o", "out", "--triangulators", ",".join(NAMES))
+    code, out, error = harness(*arguments)
+    assert code == 0
+    lines = [line.split() for line in out.splitlines() if line.startswith(("12", "13"))]
+    assert [line[:2] for line in lines] == [
+        [zoom, layer] for zoom in ("12", "13") for layer in ("area", "building")
+    ]
+    assert "warning: dropped" in error
+    rows = [row for row in table_of(tmp_path / "out") if row["measure"] == "helper_lanes"]
+    assert len(rows) == 4 * len(NAMES)
+    for line, row in zip(lines, rows[1::2], strict=True):
+        counts = [row[name] for name in ("tiles", "polygons", "vertices", "dropped")]
+        counts.append(f"{float(row['total_of_base']):.0f}")
+        assert [cell.replace(",", "") for cell in line[2:7]] == counts
+        assert line[7] == f"{-float(row['gain_of_total']):+.1%}"
+    assert (tmp_path / "out" / "plots" / "gains.svg").stat().st_size > 5000
+    assert not (tmp_path / "out" / "damaged.csv").exists()
+    before = (tmp_path / "out" / "census.csv").read_bytes()
+    parts = sorted((tmp_path / "out" / "parts").glob("*.npz"))
+    assert len(parts) == 2
+    parts[0].unlink()
+    parts[1].write_bytes(parts[1].read_bytes()[:-40])  # as a disk that was full leaves it
+    assert harness(*arguments)[0] == 0
+    assert (tmp_path / "out" / "census.csv").read_bytes() == before
+
+
+KILLED = """
+import os, signal, sys
+from harness.scaling import tile_census
+from harness.cli import main
+begun = []
+real = tile_census.save
+def save(*arguments):
+    if begun:
+        os.kill(os.getpid(), signal.SIGKILL)
+    begun.append(1)
+    real(*arguments)
+tile_census.save = save
+sys.argv[1:] = {arguments!r}
+main()
+"""
+
+
+def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
+    arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
+    arguments += ["--triangulators", ",".join(NAMES)]
+    script = KILLED.format(arguments=arguments)
+    killed = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=False)
+    assert killed.returncode == -9
+    assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
+    assert harness(*arguments)[0] == 0
+    assert harness(*arguments[:3], "whole", *arguments[4:])[0] == 0
+    assert table_of(tmp_path / "out") == table_of(tmp_path / "whole")
+    assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["FILE:zoom=3"], 2, "has no zoom 3; it has 12 to 16"),
+        (["FILE:zoom=3-4"], 2, "has no zooms 3 to 4; it has 12 to 16"),
+        (["FILE:zoom=16-12"], 2, "zoom=16-12 is no zoom nor a range: give zoom=14 or zoom=12-16"),
+        (["FILE:zoom=x"], 2, "zoom=x is no zoom nor a range"),
+        (["FILE:pixels=7"], 2, "pixels=7 is no even number"),
+        (["FILE:layer=a"], 2, "has no parameter 'layer'; did you mean layers?"),
+        (["FILE:zoom=12,layers=wood"], 4, "no layer 'wood'; it has area, building"),
+        (["FILE", "--cell", "5"], 2, "is map tiles: --units-per-pixel, --cell, --layer and"),
+        (["FILE", "--triangulators", "fan"], 2, "give two or more to compare"),
+        (["no.pmtiles"], 2, "there is no file no.pmtiles"),
+        (["bad.pmtiles"], 2, "is no PMTiles archive: give one, or write it again"),
+        (["a.mvt:zoom=3"], 2, "does not say at which zoom its tiles are: leave zoom= out"),
+        (["a.gpkg:pixels=512"], 2, "a.gpkg holds no tiles"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_line(harness, tmp_path, arguments, code, message):
+    (tmp_path / "bad.pmtiles").write_bytes(bytes(200))
+    (tmp_path / "a.mvt").write_bytes(encoded([COURT]))
+    (tmp_path / "a.gpkg").write_bytes(b"x")
+    given = [each.replace("FILE", str(FILE)) for each in arguments]
+    found, _, error = harness("census", *given, "-o", "out", "-q")
+    assert found == code
+    assert message in error
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+
+
+def test_which_files_are_map_tiles(tmp_path):
+    for name in ("a.mvt", "zooms/14/9/8.pbf", "packed/b.mvt.gz", "archives/c.pmtiles"):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(gzip.compress(encoded([COURT])))
+    (tmp_path / "no").mkdir()
+    (tmp_path / "no" / "a.osm.pbf").write_bytes(b"")
+    for name in ("a.mvt", "zooms", "packed", "archives", "archives/*.pmtiles"):
+        assert chosen(str(tmp_path / name)) is not None, name
+    for name in ("no", "no/a.osm.pbf", "a.parquet", "*.gpkg"):
+        assert chosen(str(tmp_path / name)) is None, name
+    with pytest.raises(SceneError, match="has no parameter 'tiles'"):
+        chosen("a.pmtiles:tiles=4")
+    found = census(str(tmp_path / "packed"), tmp_path / "out")[0]
+    assert list(found) == [(None, "land")]
