@@ -57,8 +57,8 @@ class Faces(NamedTuple):
 
 
 def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces, and how many groups of coplanar triangles are none, by reason."""
-    pairs = _neighbours(mesh)
+    """Return the flat faces, and how much else is left, by reason."""
+    pairs, left = _neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
     _, group = connected_components(graph, directed=False)
@@ -66,7 +66,8 @@ def flat_faces(mesh: Mesh) -> tuple[Faces, Counter[str]]:
     slots = np.flatnonzero(size[group] > 1)
     slots = slots[np.argsort(group[slots], kind="stable")]
     face = np.unique(group[slots], return_inverse=True)[1]
-    return _tested(mesh, slots, face)
+    faces, told = _tested(mesh, slots, face)
+    return faces, left + told
 
 
 def _thick(mesh: Mesh) -> NDArray[np.bool_]:
@@ -79,34 +80,37 @@ def _thick(mesh: Mesh) -> NDArray[np.bool_]:
     return np.asarray(high & np.isfinite(corners).all(axis=(1, 2)))
 
 
-def _neighbours(mesh: Mesh) -> Ints:
-    """(e, 2) pairs of triangles that belong to one face.
+def _neighbours(mesh: Mesh) -> tuple[Ints, Counter[str]]:
+    """(e, 2) pairs of triangles that belong to one face; what belongs to none, by reason.
 
     A triangle with a corner twice, as strips are joined by, is no neighbour of any.
     """
     a, b, c = mesh.triangles.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     if len(whole) < len(mesh.triangles):
-        return whole[_neighbours(mesh.with_triangles(mesh.triangles[whole]))]
+        pairs, left = _neighbours(mesh.with_triangles(mesh.triangles[whole]))
+        return whole[pairs], left
     thick = _thick(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
     twin = np.asarray(link(corner), dtype=np.int64)
     edges = np.flatnonzero(twin > np.arange(len(twin)))
     edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
-    edges = edges[~_crowded(mesh, edges)]
+    sides = sides_of(mesh.triangles)
+    ordered = np.sort(sides)
+    crowded = np.unique(ordered[2:][ordered[2:] == ordered[:-2]])
+    edges = edges[~np.isin(sides[edges], crowded)]
     kept = [
         part[_together(mesh, part, twin[part])]
         for part in np.split(edges, range(_AT_A_TIME, len(edges), _AT_A_TIME))
     ]
     chosen = np.concatenate(kept)
-    return np.stack([chosen // 3, twin[chosen] // 3], axis=1)
-
-
-def _crowded(mesh: Mesh, edges: Ints) -> NDArray[np.bool_]:
-    """(e,) which half-edges are of an edge that has more than two triangles."""
-    keys = sides_of(mesh.triangles)
-    ordered = np.sort(keys)
-    return np.isin(keys[edges], ordered[2:][ordered[2:] == ordered[:-2]])
+    left = Counter(
+        {
+            "triangles too thin, or with a place that is no number": int((~thick).sum()),
+            "edges with more than two triangles": len(crowded),
+        }
+    )
+    return np.stack([chosen // 3, twin[chosen] // 3], axis=1), +left
 
 
 def _together(mesh: Mesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
@@ -150,11 +154,14 @@ def _tested(mesh: Mesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
     turned = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
     off = _off_affine(mesh.affine[vertices], points, owner, count)
     twice = _twice(triangles, len(keys))
+    own = np.bincount(triangles.reshape(-1), minlength=len(keys))
+    shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > own
     reasons = {
         "bent beyond the tolerance": _any(bend > mesh.tolerance, owner, count)
         | _any(~turned, face, count),
         "texture coordinates, normals or the like differ": _any(off > 1.0, owner, count),
-        "edges with more than two triangles": _any(twice, face, count),
+        "triangles on the same side of an edge": _any(twice, face, count),
+        "smooth, without normals in the file": _any(shaded, owner, count),
     }
     bad = np.zeros(count, dtype=np.bool_)
     told: Counter[str] = Counter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,15 @@ from numpy.typing import NDArray
 from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile
 from harness.models.mesh import Mesh, Part, tolerance_of
 
-HARMLESS = ("KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metadata")
-"""Extensions of a primitive that say nothing of its triangles' order."""
+_VARIANTS = "KHR_materials_variants"
+HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
+"""Extensions of a mesh or primitive that say nothing of its triangles' order."""
 
 _LEAST = {"NORMAL": 1e-4, "TANGENT": 1e-4, "COLOR": 1e-4, "TEXCOORD": 2.0**-18, "POSITION": 0.0}
 """By how much an attribute may be off an affine function on a face, at least: nobody sees that."""
+
+_WHOLE = 1e-4
+"""Of a mesh's extent: what a step of whole coordinates counts for, at most."""
 
 _FULL = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 
@@ -26,6 +31,7 @@ class GltfModel:
 
     def __init__(self, path: Path) -> None:
         self._file = GltfFile(path)
+        self.left: Counter[str] = Counter()
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield the parts of each mesh."""
@@ -33,16 +39,18 @@ class GltfModel:
         meshes = self._file.json.get("meshes", [])
         alike: dict[str, list[dict[str, Any]]] = {}
         places: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        left: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self._placements(len(meshes)), strict=True):
             for primitive in mesh["primitives"]:
                 key = _key(primitive)
                 alike.setdefault(key, []).append(primitive)
                 places[key] = places.get(key, ()) + matrices
+                left[key] = left.get(key) or self._why_left(mesh, primitive)
         for mesh in meshes:
             keys = [_key(each) for each in mesh["primitives"]]
             fresh = [key for key in dict.fromkeys(keys) if key not in seen]
             seen.update(fresh)
-            parts = [self._part(alike[key], places[key]) for key in fresh]
+            parts = [self._part(alike[key], places[key], left[key]) for key in fresh]
             yield [part for part in parts if part is not None]
 
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
@@ -73,18 +81,36 @@ class GltfModel:
             waiting += [(child, matrix) for child in node.get("children", [])]
         return found
 
+    def _why_left(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
+        """Return why a primitive's triangles stay as they are, "" if they need not."""
+        own = primitive.get("extensions", {})
+        strange = [name for name in (*mesh.get("extensions", {}), *own) if name not in HARMLESS]
+        if strange:
+            return f"extension {strange[0]}"
+        materials = self._file.json.get("materials", [])
+        for each in (primitive, *own.get(_VARIANTS, {}).get("mappings", [])):
+            if "material" in each and materials[each["material"]].get("alphaMode") == "BLEND":
+                return "a blended material shows in which order triangles are drawn"
+        return ""
+
     def _part(
-        self, primitives: list[dict[str, Any]], placements: tuple[NDArray[np.float64], ...]
+        self,
+        primitives: list[dict[str, Any]],
+        placements: tuple[NDArray[np.float64], ...],
+        left: str,
     ) -> Part | None:
-        """Return what primitives draw; None for lines and points."""
+        """Return what primitives draw; None for lines, points and what has no positions."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
-        if mode not in (TRIANGLES, STRIP, FAN):
-            return None
         attributes = primitive["attributes"]
-        positions = self._file.array(attributes["POSITION"])
+        if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
+            return None
+        positions, normalized = self._values(attributes["POSITION"])
+        if normalized:
+            units = np.diag([*3 * [1.0 / _FULL[positions.dtype.str[1:]]], 1.0])
+            placements = tuple(matrix @ units for matrix in placements)
         triangles = self._triangles(primitive, mode, len(positions))
-        columns = _Columns(len(positions))
+        columns = _Columns(len(positions), np.unique(triangles))
         for name, accessor in sorted(attributes.items()):
             if name != "POSITION":
                 columns.add(name, *self._values(accessor))
@@ -92,10 +118,12 @@ class GltfModel:
             for name, accessor in sorted(target.items()):
                 columns.add(name, *self._values(accessor))
         exact = positions.astype(np.float64)
-        whole = positions.dtype.kind != "f"
-        mesh = Mesh(exact, triangles, *columns.stacked(), 1.0 if whole else tolerance_of(exact))
-        strange = [name for name in primitive.get("extensions", {}) if name not in HARMLESS]
-        left = f"extension {strange[0]}" if strange else ""
+        used = exact[np.unique(triangles)]
+        if positions.dtype.kind == "f" or len(used) == 0:
+            tolerance = tolerance_of(used)
+        else:
+            tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
+        mesh = Mesh(exact, triangles, *columns.stacked(), tolerance)
         return Part(mesh, primitives, left, placements)
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
@@ -124,9 +152,10 @@ class GltfModel:
 
 
 class _Columns:
-    """What vertices carry beside their positions."""
+    """What vertices carry beside their positions; used : those that triangles use."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, used: NDArray[np.int64]) -> None:
+        self._used = used
         self._affine: list[NDArray[np.float64]] = [np.empty((count, 0))]
         self._fixed: list[NDArray[np.float64]] = [np.empty((count, 0))]
 
@@ -142,12 +171,9 @@ class _Columns:
         if least is None:
             self._fixed.append(given)
             return
-        if values.dtype.kind == "f":
-            step = tolerance_of(given)
-        else:
-            step = 1.0 / _FULL[values.dtype.str[1:]] if normalized else 1.0
-            given = given * step
-        self._affine.append(given / max(least, step))
+        if normalized:
+            given = given / _FULL[values.dtype.str[1:]]
+        self._affine.append(given / max(least, tolerance_of(given[self._used])))
 
     def stacked(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, k) and (n, j): the affine ones, in units of what may be off, and the fixed ones."""

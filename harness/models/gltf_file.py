@@ -14,7 +14,7 @@ import json
 import struct
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,7 @@ class GltfFile:
                 "`gltf-transform copy`"
             )
         self.buffers = [self._buffer(each) for each in self.json.get("buffers", [])]
+        self._images = [each["uri"] for each in self.json.get("images", []) if "uri" in each]
         self._grown: set[int] = set()
         self._changed: set[int] = set()
 
@@ -231,17 +232,28 @@ class GltfFile:
             beside = self._place_buffers(out, output)
             text = self._text
             if self._grown or beside:
-                text = json.dumps(self.json, ensure_ascii=False, separators=(",", ":")).encode()
+                text = self._json_text()
             with output.file() as file:
                 file.write(self._packed(text) if binary else text)
             return output.publish()
 
+    def _json_text(self) -> bytes:
+        """Write the JSON anew; half of a surrogate pair, which UTF-8 cannot write, is escaped."""
+        try:
+            return json.dumps(self.json, allow_nan=False, separators=(",", ":")).encode()
+        except ValueError as error:
+            raise SceneError(
+                f"{self.path}: a number in its JSON is none, or too large for double precision: "
+                "correct it first"
+            ) from error
+
     def _require_beside(self, out: Path) -> None:
-        """Refuse a folder in which files that the model names are not."""
+        """Refuse a folder in which files that the output names are not."""
         if out.parent.resolve() == self.path.parent.resolve():
             return
-        named = [*self.json.get("buffers", []), *self.json.get("images", [])]
-        for uri in (each["uri"] for each in named if "uri" in each):
+        buffers = enumerate(self.json.get("buffers", []))
+        kept = [each["uri"] for n, each in buffers if "uri" in each and n not in self._changed]
+        for uri in (*kept, *self._images):
             if not uri.startswith("data:") and not (out.parent / unquote(uri)).is_file():
                 raise UsageError(f"-o {out}: the model names {uri}; copy that there first")
 
@@ -262,7 +274,7 @@ class GltfFile:
                 suffix = f".{number}.bin"
                 with output.file(suffix) as file:
                     file.write(self.buffers[number])
-                about["uri"] = out.name + suffix
+                about["uri"] = quote(out.name + suffix)
             renamed = True
         return renamed
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -29,7 +30,9 @@ CRITERION = "edge-length"
 
 
 class Model(Protocol):
-    """A model whose triangles can be replaced."""
+    """A model whose triangles can be replaced; left : what is in no part, by reason."""
+
+    left: Counter[str]
 
     def groups(self) -> Iterator[list[Part]]:
         """Yield parts whose triangles may touch."""
@@ -66,6 +69,7 @@ class Changes:
     area, flat_area : in the model's units
     before, after : length of all sides of changed faces' triangles, in the model's units
     left : faces and parts left as they are, by reason
+    notes : what else the user has to know
     seen : where nothing is written, counters of the model before and after, in views from around
     """
 
@@ -79,11 +83,13 @@ class Changes:
     before: float = 0.0
     after: float = 0.0
     left: Counter[str] = field(default_factory=Counter)
+    notes: set[str] = field(default_factory=set)
     seen: list[Seen] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     seconds: float = 0.0
 
 
+@np.errstate(all="ignore")
 def retriangulate(
     source: Path,
     out: Path | None,
@@ -109,6 +115,7 @@ def retriangulate(
     cost_named(criterion)
     model, groups = opened(source)
     changes = Changes()
+    changes.left += model.left
     drawn: list[Drawn] = []
     for parts in groups:
         made = [_made(part, criterion, changes) for part in parts]
@@ -116,7 +123,9 @@ def retriangulate(
         for part, found in zip(parts, made, strict=True):
             drawn.append(Drawn(part.mesh, found.triangles, part.placements))
             if (found.triangles != part.mesh.triangles).any():
-                model.replace(part, found.triangles)
+                with _clear_errors(source):
+                    model.replace(part, found.triangles)
+                changes.notes |= {part.note} - {""}
     if out is None:
         changes.seen = look(drawn, sizes) if changes.changed else []
     else:
@@ -125,6 +134,7 @@ def retriangulate(
     return changes
 
 
+@np.errstate(all="ignore")
 def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     """Return a model and its parts, those together that may touch.
 
@@ -140,9 +150,13 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
         raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
     existing(str(source))
     cut_off.check(source)
-    with damage.clear_errors(str(source), f"a model ({source.suffix})"):
+    with _clear_errors(source):
         model = kind(source)
         return model, list(model.groups())
+
+
+def _clear_errors(source: Path) -> AbstractContextManager[None]:
+    return damage.clear_errors(str(source), f"a model ({source.suffix})")
 
 
 @dataclass

@@ -27,6 +27,8 @@ class Mesh:
         displacements), each column in units of what may be off in it
     fixed : (n, j) what has to be one and the same all over a face (joints, identifiers)
     tolerance : by how much a flat face may be bent, in the units of positions
+    uses : (n,) how many faces of the file have a corner there, where normals are to be made of
+        these; 0 where normals are in the file, None where there is no such vertex
     """
 
     positions: NDArray[np.float64]
@@ -34,6 +36,7 @@ class Mesh:
     affine: NDArray[np.float64]
     fixed: NDArray[np.float64]
     tolerance: float
+    uses: NDArray[np.int64] | None = None
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
@@ -53,18 +56,29 @@ class Part:
     source : what the model needs to find them again
     left : why they stay as they are, "" if they need not
     placements : (4, 4) matrices, one for each place where it is drawn
+    note : what is to be said where triangles change, "" for nothing
     """
 
     mesh: Mesh
     source: Any
     left: str = ""
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
+    note: str = ""
 
 
 def tolerance_of(values: NDArray[np.float64]) -> float:
     """Return what rounding to single precision explains, in the units of the values, (n, k)."""
     known = np.abs(values[np.isfinite(values)])
     return STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
+
+
+def centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values (n, k) from the middle of those that are numbers: how far away it is is exact.
+
+    So it is for double precision and texts; single precision rounds what is far from 0 more.
+    """
+    known = values[np.isfinite(values).all(axis=1)]
+    return values - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else values
 
 
 def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:

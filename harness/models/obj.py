@@ -6,7 +6,9 @@ A vertex is a triple of position, texture coordinate and normal.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +19,23 @@ from harness.models.mesh import Mesh, Part
 from harness.models.text_file import TextFile, numbered, text_step, text_tolerance
 
 _WORD = re.compile(rb"\S+")
-_NEW_PART = (b"usemtl", b"g", b"o", b"s", b"mtllib")
+_NEW_PART = (
+    *(b"usemtl", b"usemap", b"mtllib", b"maplib", b"g", b"mg", b"o", b"s"),
+    *(b"lod", b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj"),
+)
 _LEAST = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
 """By how much colours, texture coordinates and normals may be off on a flat face, at least."""
 
 Triple = tuple[int, int, int]
+
+
+@dataclass
+class _Part:
+    """Triangles of one material and group, and where in the text the words of each corner are."""
+
+    smooth: bool = False
+    triples: list[list[Triple]] = field(default_factory=list)
+    spans: list[list[tuple[int, int]]] = field(default_factory=list)
 
 
 class ObjModel:
@@ -29,9 +43,13 @@ class ObjModel:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.left: Counter[str] = Counter()
         self._text = TextFile(path)
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
-        self._parts: list[tuple[list[list[Triple]], list[list[tuple[int, int]]]]] = [([], [])]
+        self._parts = [_Part()]
+        self._begun: list[bytes] = []
+        self._largest = [0, 0, 0]
+        self._smooth: list[int] = []  # the position of each corner to be shaded smooth
         place = 0
         for number, line in enumerate(self._text.data.splitlines(keepends=True), 1):
             try:
@@ -40,22 +58,42 @@ class ObjModel:
                 text = line.decode(errors="replace").strip()[:60]
                 raise UsageError(f"{path} line {number} is not OBJ: {text!r}") from error
             place += len(line)
+        for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
+            if largest > len(lines):
+                raise UsageError(
+                    f"{path} is not OBJ: a face names {kind.decode()} {largest:,} of {len(lines):,}"
+                )
 
     def _read(self, line: bytes, place: int) -> None:
-        words = line.split()
+        text = line.partition(b"#")[0]
+        whole = not self._begun
+        words = self._begun + text.split()
+        self._begun = []
         kind = words[0] if words else b""
-        if kind in self._lines:
+        if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):  # it goes on
+            self._begun = [*words[:-1], *words[-1][:-1].split()]
+        elif kind in self._lines:
             self._lines[kind].append(words[1:])
-        elif kind in _NEW_PART and self._parts[-1][0]:
-            self._parts.append(([], []))
-        elif kind == b"f" and not line.rstrip().endswith(b"\\"):
-            found = [
-                (match.start(), match.end()) for match in _WORD.finditer(line.partition(b"#")[0])
-            ]
-            if len(found) == 4:
-                triples, spans = self._parts[-1]
-                triples.append([self._triple(line[first:last]) for first, last in found[1:]])
-                spans.append([(place + first, place + last) for first, last in found[1:]])
+        elif kind in _NEW_PART:
+            smooth = self._parts[-1].smooth
+            if kind == b"s":
+                smooth = words[1:2] not in ([], [b"off"], [b"0"])
+            self._parts.append(_Part(smooth))
+        elif kind == b"f":
+            self._read_face(words[1:], text if whole else b"", place)
+
+    def _read_face(self, words: list[bytes], text: bytes, place: int) -> None:
+        """Read a face; text : the line that it is, b"" if it is on several."""
+        part = self._parts[-1]
+        triples = [self._triple(word) for word in words]
+        if part.smooth:
+            self._smooth += [position for position, _, normal in triples if not normal]
+        if len(words) == 3 and text:
+            found = [match.span() for match in _WORD.finditer(text)]
+            part.triples.append(triples)
+            part.spans.append([(place + first, place + last) for first, last in found[1:]])
+        else:
+            self.left["faces that are no triangles, or on several lines"] += 1
 
     def _triple(self, word: bytes) -> Triple:
         """Return 1 + the index of position, texture coordinate and normal, 0 for none."""
@@ -66,8 +104,9 @@ class ObjModel:
             if part:
                 given = int(part)
                 result[column] = given if given > 0 else len(lines) + 1 + given
-                if not 1 <= result[column] <= len(lines):
+                if given == 0 or result[column] < 1:
                     raise ValueError("an index that is of nothing")
+                self._largest[column] = max(self._largest[column], result[column])
         if result[0] == 0:
             raise ValueError("a corner without a position")
         return result[0], result[1], result[2]
@@ -77,11 +116,12 @@ class ObjModel:
         values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
         step = text_step(word for line in self._lines[b"v"] for word in line[:3])
+        uses = np.bincount(self._smooth, minlength=len(xyz) + 1)
         parts = []
-        for triples, spans in self._parts:
-            if not triples:
+        for part in self._parts:
+            if not part.triples:
                 continue
-            corners = np.array(triples, dtype=np.int64).reshape(-1, 3)
+            corners = np.array(part.triples, dtype=np.int64).reshape(-1, 3)
             first, number = numbered(corners)
             vertices = corners[first]
             positions = xyz[vertices[:, 0] - 1]
@@ -93,9 +133,11 @@ class ObjModel:
                 given = np.vstack([np.zeros((1, found.shape[1])), found])
                 affine.append(given[vertices[:, column]] / off)
             tolerance = text_tolerance(positions, step)
-            mesh = Mesh(positions, number.reshape(-1, 3), np.hstack(affine), fixed, tolerance)
+            made = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
+            triangles = number.reshape(-1, 3)
+            mesh = Mesh(positions, triangles, np.hstack(affine), fixed, tolerance, made)
             words = [_word(vertex) for vertex in vertices.tolist()]
-            parts.append(Part(mesh, (np.array(spans, dtype=np.int64), words)))
+            parts.append(Part(mesh, (np.array(part.spans, dtype=np.int64), words)))
         yield parts
 
     def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:

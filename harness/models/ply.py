@@ -6,6 +6,7 @@ Source: G. Turk, "The PLY Polygon File Format", 1994.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.mesh import Mesh, Part, tolerance_of
+from harness.models.mesh import Mesh, Part, centred, tolerance_of
 from harness.models.text_file import TextFile, text_step, text_tolerance, write_bytes
 
 _KINDS = {
@@ -35,6 +36,11 @@ _LEAST = {
 }
 """By how much what is interpolated may be off on a flat face, at least; the rest has to agree."""
 
+_UNSHADED = (
+    "it holds no normals: a program that makes smooth ones of the triangles round each vertex may "
+    "shade other triangles otherwise; store normals first"
+)
+
 
 class _Element(NamedTuple):
     """name, size, and (name, kind) of each property; a list's kind is "count kind"."""
@@ -49,6 +55,7 @@ class PlyModel:
 
     def __init__(self, path: Path) -> None:
         self._text = TextFile(path)
+        self.left: Counter[str] = Counter()
         self._spans: NDArray[np.int64] | None = None  # of a text: where the indices stand
         self._read()
 
@@ -131,6 +138,9 @@ class PlyModel:
     def _read_faces(self, element: _Element, lines: list[bytes], begins: list[int]) -> None:
         if element.properties[0][0] != self._list:
             raise ValueError("a face does not begin with its vertices")
+        for name, kind in element.properties[1:]:
+            if " " in kind:
+                raise ValueError(f"a list of {name}")
         spans, indices, others = [], [], []
         for begin, line in zip(begins, lines, strict=True):
             found = list(re.finditer(rb"\S+", line))
@@ -148,6 +158,7 @@ class PlyModel:
         given = self._vertices
         positions = np.column_stack([given[axis] for axis in "xyz"]).astype(np.float64)
         affine, fixed = [np.empty((len(positions), 0))], [np.empty((len(positions), 0))]
+        used = np.unique(self._indices)
         for name, values in given.items():
             column = values.astype(np.float64)[:, None]
             least = _LEAST.get(name)
@@ -155,21 +166,23 @@ class PlyModel:
                 continue
             if least is None:
                 fixed.append(column)
-            elif values.dtype.kind == "f":
-                affine.append(column / max(least, tolerance_of(column)))
             else:
-                affine.append(column)
-        tolerance = (
-            tolerance_of(positions)
-            if self._spans is None
-            else text_tolerance(positions, self._step)
-        )
+                affine.append(column / max(least, tolerance_of(column[used])))
+        if self._spans is not None:
+            tolerance = text_tolerance(positions[used], self._step)
+        elif any(given[axis].dtype.itemsize > 4 for axis in "xyz"):
+            tolerance = tolerance_of(centred(positions[used]))
+        else:
+            tolerance = tolerance_of(positions[used])
         columns = [np.zeros(len(self._indices)), *self._others.values()]
         owner = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
         whole = Mesh(positions, self._indices, np.hstack(affine), np.hstack(fixed), tolerance)
+        note = "" if "nx" in given else _UNSHADED
         yield [
             Part(
-                whole.with_triangles(self._indices[owner == value]), np.flatnonzero(owner == value)
+                whole.with_triangles(self._indices[owner == value]),
+                np.flatnonzero(owner == value),
+                note=note,
             )
             for value in range(int(owner.max()) + 1)
         ]

@@ -46,6 +46,7 @@ def load(text: str) -> Scene:
     return read(name, **arguments_for(name, read, dict(given)))
 
 
+@np.errstate(all="ignore")
 def read(
     path: str,
     *,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +24,7 @@ class StlModel:
 
     def __init__(self, path: Path) -> None:
         self._text = TextFile(path)
+        self.left: Counter[str] = Counter()
         data = self._text.data
         self._records: NDArray[np.void] | None = None
         count = int.from_bytes(data[_HEAD - 4 : _HEAD], "little")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.mesh import tolerance_of
+from harness.models.mesh import centred, tolerance_of
 from harness.stored.output import Output
 
 Ints = NDArray[np.int64]
@@ -58,8 +58,9 @@ def text_step(words: Iterable[bytes]) -> float:
 
 def text_tolerance(positions: NDArray[np.float64], step: float) -> float:
     """Return by how much a face may be bent whose positions (n, 3) were written in a text."""
-    largest = float(np.abs(positions[np.isfinite(positions)]).max(initial=0.0))
-    return max(tolerance_of(positions), min(step, SHARE * largest))
+    local = centred(positions)
+    largest = float(np.abs(local[np.isfinite(local)]).max(initial=0.0))
+    return max(tolerance_of(local), min(step, SHARE * largest))
 
 
 def numbered(rows: NDArray[np.generic]) -> tuple[Ints, Ints]:

@@ -1,0 +1,132 @@
+"""What is left as it is, and that it is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.models.gltf_file import GltfFile
+from harness.models.in_place import Changes, retriangulate
+from scenes import SceneError
+from tests.models.build import KITE, LONG, Builder
+
+BLENDED = "a blended material shows in which order triangles are drawn"
+
+
+def of_gltf(builder: Builder, folder) -> Changes:
+    return retriangulate(builder.write(folder / "a.glb"), folder / "b.glb")
+
+
+def of_text(text: str, folder, suffix: str = ".obj") -> tuple[Changes, str]:
+    source, out = folder / f"a{suffix}", folder / f"b{suffix}"
+    source.write_text(text)
+    return retriangulate(source, out), out.read_text()
+
+
+@pytest.mark.parametrize("by", ["material", "variant"])
+def test_triangles_of_a_blended_material_keep_their_order(tmp_path, by):
+    for mode, left in (("BLEND", {BLENDED: 1}), ("MASK", {})):
+        builder = Builder()
+        builder.json["materials"] = [{}, {"alphaMode": mode}]
+        more = {"material": 1}
+        if by == "variant":
+            mappings = [{"material": 1, "variants": [0]}]
+            more = {"material": 0, "extensions": {"KHR_materials_variants": {"mappings": mappings}}}
+        builder.primitive(KITE, LONG, **more)
+        assert of_gltf(builder, tmp_path).left == left
+
+
+def test_of_primitives_that_draw_the_same_one_is_blended(tmp_path):
+    builder = Builder()
+    builder.json["materials"] = [{}, {"alphaMode": "BLEND"}]
+    first = builder.primitive(KITE, LONG, material=1)
+    builder.json["meshes"].append({"primitives": [{**first, "material": 0}]})
+    assert of_gltf(builder, tmp_path).left == {BLENDED: 1}
+
+
+def test_indices_to_which_an_extension_of_the_mesh_refers_stay(tmp_path):
+    builder = Builder()
+    indices = builder.primitive(KITE, LONG)["indices"]
+    told = {"EXT_mesh_manifold": {"manifoldPrimitive": {"indices": indices}}}
+    builder.json["meshes"][0]["extensions"] = told
+    assert of_gltf(builder, tmp_path).left == {"extension EXT_mesh_manifold": 1}
+    assert GltfFile(tmp_path / "b.glb").array(indices).ravel().tolist() == LONG.ravel().tolist()
+
+
+POINTS = "v 0 0 0\nv 2 -1 0\nv 9 0 0\nv 2 1 0\nv 9 9 9\nvn 0 0 1\n"
+FACES = ("f 1 2 3\n", "f 1 3 4\n")
+
+
+@pytest.mark.parametrize(
+    "word", ["usemap", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj"]
+)
+def test_obj_states_part_triangles(tmp_path, word):
+    faces = f"{word} a\n{FACES[0]}{word} b\n{FACES[1]}"
+    assert of_text(POINTS + faces, tmp_path)[0].changed == 0
+    assert of_text(POINTS + "".join(FACES), tmp_path)[0].changed == 1
+
+
+SMOOTH = {"smooth, without normals in the file": 1}
+
+
+@pytest.mark.parametrize(
+    ("beside", "left"),
+    [
+        ("s 1\n{}f 3 4 5\n", SMOOTH),
+        ("s on\nusemtl a\n{}usemtl b\nf 3 4 5 1\n", SMOOTH),
+        ("s 1\n{}f 3 4 \\\n5\n", SMOOTH),
+        ("s 1\n{}", {}),
+        ("s off\n{}f 3 4 5\n", {}),
+        ("s 1\n{}s 0\nf 3 4 5\n", {}),
+        ("{}f 3 4 5\n", {}),
+    ],
+)
+def test_obj_whose_smooth_normals_are_made_of_its_triangles(tmp_path, beside, left):
+    done, _ = of_text(POINTS + beside.format("".join(FACES)), tmp_path)
+    several = "faces that are no triangles, or on several lines"
+    done.left.pop(several, None)
+    assert (done.left, done.changed) == (left, not left)
+
+
+def test_obj_with_normals_may_be_smooth(tmp_path):
+    faces = "s 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 3//1 4//1 5//1\n"
+    assert of_text(POINTS + faces, tmp_path)[0].changed == 1
+
+
+def ply(vertex: str = "", values: str = "", face: str = "", more: str = "") -> str:
+    rows = "".join(f"{x:g} {y:g} {z:g}{values}\n" for x, y, z in KITE.tolist())
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex 4\n{axes}{vertex}element face 2\n"
+        f"property list uchar int vertex_indices\n{face}end_header\n{rows}"
+        f"3 0 1 2{more}\n3 0 2 3{more}\n"
+    )
+
+
+def test_ply_without_normals_is_said_to_be_shaded_otherwise(tmp_path):
+    (note,) = of_text(ply(), tmp_path, ".ply")[0].notes
+    assert "it holds no normals" in note
+    normals = "".join(f"property float n{axis}\n" for axis in "xyz")
+    assert of_text(ply(normals, " 0 0 1"), tmp_path, ".ply")[0].notes == set()
+
+
+def test_lists_on_faces_of_a_text_are_refused_as_of_binary(tmp_path):
+    text = ply(face="property list uchar float texcoord\n", more=" 6 0 0 1 0 1 1")
+    with pytest.raises(SceneError, match="a list of texcoord"):
+        of_text(text, tmp_path, ".ply")
+
+
+def test_what_is_left_is_counted(tmp_path):
+    builder = Builder()
+    points = np.vstack([KITE, [(KITE[1] + KITE[2]) / 2, (np.nan, 0, 0), (0, 0, 3), (0, 0, -3)]])
+    fins = [(0, 1, 6), (0, 1, 7)]
+    triangles = [*LONG, *fins, (2, 1, 4), (3, 2, 5), (0, 0, 3)]
+    builder.primitive(points.astype("<f4"), triangles)
+    assert of_gltf(builder, tmp_path).left == {
+        "triangles too thin, or with a place that is no number": 2,
+        "edges with more than two triangles": 1,
+    }
+    faces = "f 1 2 3 4\nf 1 2 \\\n5\nf 1 3 4\n"
+    done, after = of_text(POINTS + faces, tmp_path)
+    assert done.left == {"faces that are no triangles, or on several lines": 2}
+    assert after == POINTS + faces

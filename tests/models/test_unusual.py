@@ -1,0 +1,143 @@
+"""Files that are unusual, but legal, are read; what is damaged is refused in a line."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.models.gltf import GltfModel
+from harness.models.in_place import retriangulate
+from harness.models.seen import read
+from scenes import SceneError
+from tests.models.build import KITE, LONG, Builder
+
+DATA = "data:application/octet-stream;base64,"
+
+
+def kite_text(folder: Path, *, shared: bool = False, uri: str = "", **more: Any) -> Path:
+    """Write a kite as .gltf; shared : its indices have to move, so its JSON is written anew."""
+    builder = Builder()
+    indices = builder.primitive(KITE, LONG)["indices"]
+    if shared:
+        builder.json["accessors"].append(dict(builder.json["accessors"][indices]))
+    binary = builder.write(folder / "kite.glb").read_bytes()
+    size = struct.unpack_from("<I", binary, 12)[0]
+    data = binary[28 + size :]
+    if uri:
+        (folder / uri).write_bytes(data)
+    about = {"byteLength": len(data), "uri": uri or DATA + base64.b64encode(data).decode()}
+    for key, value in more.items():
+        builder.json.setdefault(key, type(value)())
+        builder.json[key] += value if isinstance(value, list) else [value]
+    path = folder / "kite.gltf"
+    path.write_text(json.dumps({**builder.json, "buffers": [about]}))
+    return path
+
+
+@pytest.mark.parametrize("more", [{"bufferViews": [{}]}, {"images": [None]}])
+@pytest.mark.parametrize("folder", [".", "other"])
+def test_what_is_damaged_beside_the_mesh(tmp_path, more, folder):
+    source = kite_text(tmp_path, **more)
+    with pytest.raises(SceneError, match=r"kite\.gltf cannot be read as a model"):
+        retriangulate(source, tmp_path / folder / "out.gltf")
+
+
+def rewritten(source: Path, extras: str) -> dict[str, Any]:
+    source.write_text(source.read_text()[:-1] + f', "extras": {extras}}}')
+    out = source.with_name("out.gltf")
+    assert retriangulate(source, out).changed == 1
+    return json.loads(out.read_text())
+
+
+def test_half_a_surrogate_pair_is_kept(tmp_path):
+    told = rewritten(kite_text(tmp_path, shared=True), r'{"n": "\ud83d", "o": "\u00e9"}')
+    assert told["extras"] == {"n": "\ud83d", "o": "é"}
+
+
+@pytest.mark.parametrize("number", ["1e400", "NaN"])
+def test_a_number_that_json_cannot_hold_is_refused(tmp_path, number):
+    with pytest.raises(SceneError, match="a number in its JSON is none, or too large"):
+        rewritten(kite_text(tmp_path), f'{{"a": {number}}}')
+    assert not (tmp_path / "out.gltf").exists()
+
+
+def test_the_name_of_a_new_buffer_is_escaped(tmp_path):
+    source = kite_text(tmp_path, uri="buf.bin")
+    for name in ("a%41.gltf", "a b#c.gltf"):
+        retriangulate(source, tmp_path / name)
+        assert retriangulate(tmp_path / name, None).changed == 0
+
+
+def test_only_what_the_output_names_has_to_be_beside_it(tmp_path):
+    source = kite_text(tmp_path, uri="buf.bin")
+    out = tmp_path / "other" / "kite.gltf"
+    assert [path.name for path in retriangulate(source, out).files] == [
+        "kite.gltf",
+        "kite.gltf.0.bin",
+    ]
+    assert retriangulate(out, None).changed == 0
+
+
+@pytest.mark.parametrize("far", [0, 20])
+def test_normalized_positions_are_placed_as_they_are_drawn(tmp_path, far):
+    seen = []
+    for normalized in (False, True):
+        builder = Builder()
+        points = np.rint(KITE / 9 * 32767)
+        values = points.astype("<i2") if normalized else (points / 32767).astype("<f4")
+        primitive = builder.primitive(values, LONG)
+        if normalized:
+            builder.json["accessors"][primitive["attributes"]["POSITION"]]["normalized"] = True
+        builder.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [far, 0, 0]}]
+        builder.json["scenes"] = [{"nodes": [0, 1]}]
+        seen.append(retriangulate(builder.write(tmp_path / "a.glb"), None, sizes=[64]).seen)
+    assert seen[0] == seen[1]
+
+
+def test_a_primitive_without_positions_is_passed_over(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    builder.json["meshes"].append({"primitives": [{"attributes": {}}]})
+    assert retriangulate(builder.write(tmp_path / "a.glb"), tmp_path / "b.glb").changed == 1
+    assert [len(parts) for parts in GltfModel(tmp_path / "b.glb").groups()] == [1, 0]
+
+
+POINTS = ["v 0 0 0", "v 2 -1 0", "v 9 0 0", "v 2 1 0"]
+FACES = ["f 1 2 3", "f 1 3 4"]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["v 0 0 0 # first", *POINTS[1:], *FACES],
+        ["v 0 \\", "0 0", *POINTS[1:], *FACES],
+        ["v 0 0\\", "0\\", "", *POINTS[1:], *FACES],
+        [*FACES, *POINTS],
+    ],
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_obj_of_other_programs(tmp_path, lines, end):
+    source, out = tmp_path / "a.obj", tmp_path / "b.obj"
+    source.write_bytes(end.join([*lines, ""]).encode())
+    assert retriangulate(source, out).changed == 1
+    changed = [line for line in out.read_bytes().decode().split(end) if line[:1] == "f"]
+    assert changed == ["f 4 1 2", "f 4 2 3"]
+
+
+@pytest.mark.parametrize("value", ["1e200", "1e308", "-1e308", "inf", "nan"])
+def test_values_beyond_single_precision_are_no_warning(tmp_path, value):
+    source = tmp_path / "a.obj"
+    more = [f"v {value} 0 0", f"v 0 {value} 1", "f 1 2 5", "f 5 6 3"]
+    source.write_text("\n".join([*POINTS, *more, *FACES, ""]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for out in (tmp_path / "b.obj", None):
+            retriangulate(source, out, sizes=[64])
+        read(str(source), views=1, pixels=64)
