@@ -183,6 +183,8 @@ def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
     """Whether a 3D model is to be written as one, or only looked at."""
     from scenes.readers.reader import is_model
 
+    if check and out is not None:
+        raise UsageError("--check writes nothing: give -o or --check, not both")
     if check:
         return True
     if out is None:
@@ -210,6 +212,8 @@ def _in_place(
     done = retriangulate(source, out, criterion or CRITERION)
     for reason, count in sorted(done.left.items()):
         typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
+    for note in sorted(done.notes):
+        typer.echo(f"{source}: {note}", err=True)
     share = done.flat_area / done.area if done.area else 0.0
     typer.echo(
         f"{source}: {done.triangles:,} triangles, {done.flat:,} of them in {done.faces:,} "

@@ -18,6 +18,7 @@ from harness.models.gltf import GltfModel
 from harness.models.in_place import _mixed, retriangulate
 from harness.models.mesh import Mesh, tolerance_of
 from scenes import SceneError
+from tests.harness.test_cli import assert_one_line
 from tests.models.build import KITE, LONG, Builder
 
 
@@ -87,7 +88,16 @@ def test_check_writes_nothing(tmp_path, harness):
     code, told, _ = harness("triangulate", "plate.glb", "--check")
     assert code == 0
     assert "2 faces would get other diagonals" in told
+    code, _, err = harness("triangulate", "plate.glb", "--check", "-o", "new.glb")
+    assert code == 2
+    assert_one_line(err, "give -o or --check, not both")
     assert [path.name for path in tmp_path.iterdir()] == ["plate.glb"]
+
+
+def test_what_else_there_is_to_know_is_told(tmp_path, harness):
+    plate().export(tmp_path / "plate.ply")
+    _, _, err = harness("triangulate", "plate.ply", "--check")
+    assert "normals" in err
 
 
 def test_on_the_command_line(tmp_path, harness):
