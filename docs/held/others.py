@@ -15,6 +15,7 @@ from docs.held.lookups import (
     some,
     table_row,
     text,
+    three,
     two,
     whole,
 )
@@ -87,6 +88,28 @@ def models() -> list[str]:
         changed = f"{row['changed']} of {row['models']}"
         lines.append(table_row(_KINDS[row["kind"]], changed, row["pixels"], *cells))
     return lines
+
+
+SHARES_FLAT = "models-share.csv"
+
+
+def flat_shares() -> list[str]:
+    """Return helper lanes after to before, by the share of a model's area that is flat."""
+    lines = []
+    for share in dict.fromkeys(row["kind"] for row in some(SHARES_FLAT)):
+        rows = [one(SHARES_FLAT, kind=share, pixels=pixels) for pixels in (64, 256, 1024)]
+        cells = [
+            f"{three(row['lanes_median'])} {interval(row['lanes_low'], row['lanes_high'], three)}"
+            for row in rows
+        ]
+        lines.append(table_row(share, *cells))
+    return lines
+
+
+def saved_by_share(share: str) -> list[str]:
+    """Return the median percentages of helper lanes that are saved, by size."""
+    rows = (one(SHARES_FLAT, kind=share, pixels=pixels) for pixels in (64, 256, 1024))
+    return [percent(1.0 - float(row["lanes_median"]), 1) for row in rows]
 
 
 def _saved(kind: str, what: str, pixels: int) -> float:
@@ -163,6 +186,16 @@ def models_reordered() -> list[str]:
 
 
 STUDY_OF_MODELS: list[Held] = [
+    Table("| flat | 64 px | 256 px | 1024 px |", flat_shares),
+    Sentence(
+        "With half of the area flat, {}, {} and {} % are saved, with a tenth {}, {} and {} %, with a"
+        " hundredth {}, {} and {} %.",
+        lambda: [each for share in ("0.5", "0.1", "0.01") for each in saved_by_share(share)],
+    ),
+    Sentence(
+        "there the most that is saved is {} % of the helper lanes",
+        lambda: [max(saved_by_share("0.05"), key=float)],
+    ),
     Table("| models | depth test | px | helper lanes | shaded quads |", models_hidden),
     Sentence("At most {} % of the parts' depth tests are ties, and {} % of the block's", most_ties),
     Table("| models | order | before | after |", models_reordered),
@@ -186,7 +219,7 @@ MODELS_PLAN = (
     r"at (1024|64) px",
     r"the 10 % that were expected|255 levels|cache of 16",
     r"(?s)## Registered on 2026-11-23, before it was measured.*?\*\*Result\.\*\*",
-    r"a tie of 0\.02|more than 0\.02",
+    r"a tie of 0\.02|more than 0\.02|\| flat \| 64 px \| 256 px \| 1024 px \|",
 )
 
 LEARNED_PLAN = (
