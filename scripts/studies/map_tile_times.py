@@ -10,7 +10,6 @@ machine; a zoom that is there is not timed again.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import subprocess
@@ -25,7 +24,7 @@ import mapbox_earcut
 
 from harness.frame import Frame, frame_of, view_of
 from scenes import Scene, load
-from scripts.studies.map_tiles import NAMES, append, done, subjects
+from scripts.studies.map_tiles import NAMES, append, arguments, done, subjects
 from tests.ports import languages
 from tests.ports.languages import HERE, Cases
 from triangulators.polygon import rings_of
@@ -38,11 +37,7 @@ MACHINE = ("data", "zoom", "processor", "slower", "load", "warnings")
 
 def main() -> None:
     """Read the command line and time what is missing."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--second", type=Path)
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
+    given = arguments(__doc__)
     for data, zoom, text, _ in subjects(given.second):
         if done(given.out / "machine.csv", data, zoom):
             continue

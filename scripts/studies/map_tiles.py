@@ -62,15 +62,21 @@ VIEWS = ("data", "zoom", "triangulator", "pitch", "scale", "turn", "helper_lanes
 
 def main() -> None:
     """Read the command line and measure what is missing."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--second", type=Path)
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
+    given = arguments(__doc__)
     for data, zoom, text, archive in subjects(given.second):
         if not done(given.out / "views.csv", data, zoom):
             scene = load(text)
             _measure(given.out, data, zoom, scene, archive)
+
+
+def arguments(description: str | None) -> argparse.Namespace:
+    """Read the command line: out, a folder, which is made; second, a folder of tiles or None."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--second", type=Path)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    return given
 
 
 def subjects(second: Path | None) -> list[tuple[str, int, str, Archive]]:

@@ -64,13 +64,18 @@ def fetched(draw: Draw) -> int:
     return found
 
 
-def judged(profile: dict[str, Any]) -> dict[str, float]:
-    """Return the figures of `COLUMNS` of a profile."""
+def drawn(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, Any]]]:
+    """Return the draws that a profile has times of, made again, and what it holds of each."""
     step = profile["device"]["details"].get("step") or 1
     made = [design.snapped(draw, step) for draw in design.draws(profile["seed"])]
     timed = {(each["kind"], each["name"]): each for each in profile["times"]}
     draws = [draw for draw in made if (draw.kind, draw.name) in timed]
-    told = [timed[draw.kind, draw.name] for draw in draws]
+    return draws, [timed[draw.kind, draw.name] for draw in draws]
+
+
+def judged(profile: dict[str, Any]) -> dict[str, float]:
+    """Return the figures of `COLUMNS` of a profile."""
+    draws, told = drawn(profile)
     seconds = np.exp(np.log([each["epochs_s"] for each in told]).mean(axis=1))
     fitted, _ = fitted_of(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]

@@ -10,8 +10,6 @@ projected triangles (H) and of their expected quads (Q). Sums over sheet metal p
 from __future__ import annotations
 
 import argparse
-import csv
-import sys
 import tempfile
 from pathlib import Path
 
@@ -23,7 +21,7 @@ from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
 from harness.triangulating.seen import original
-from scripts.studies.models import extruded
+from scripts.studies.models import extruded, write_table
 
 SIZES = (16, 64, 256, 1024)
 COLUMNS = ("pixels", "models", "saved", "by_e", "by_h", "by_q")
@@ -70,10 +68,7 @@ def main() -> None:
         ratios = [f"{each / lanes:.4f}" for each in expected]
         saved = f"{lanes / VIEWS / chosen.each:.1f}"
         rows.append(dict(zip(COLUMNS, (pixels, chosen.each, saved, *ratios), strict=True)))
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,9 @@ import argparse
 import csv
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -95,6 +96,16 @@ def row(kind: str, models: list[trimesh.Trimesh], folder: Path) -> list[dict[str
     ]
 
 
+def write_table(
+    out: Path | None, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]
+) -> None:
+    """Write rows as CSV to a file, or to the terminal."""
+    with out.open("w", newline="") if out else sys.stdout as file:
+        table = csv.DictWriter(file, columns, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
 def main() -> None:
     """Measure all kinds and write the table."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -107,10 +118,7 @@ def main() -> None:
             rows += row(kind, list(extruded(kind, chosen.each)), Path(place))
         for kind in ("icosphere", "uv sphere", "torus", "terrain"):
             rows += row(kind, [smooth(kind)], Path(place))
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,6 @@ share of depth tests that are ties.
 from __future__ import annotations
 
 import argparse
-import csv
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +24,7 @@ from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.triangulating.seen import original
 from scenes import load
-from scripts.studies.models import THICK, extruded
+from scripts.studies.models import THICK, extruded, write_table
 
 SIZES = (256, 1024)
 COLUMNS = (
@@ -88,10 +86,7 @@ def main() -> None:
                 ]
                 values = (kind, depth, pixels, len(pairs), *quantiles, f"{ties:.6f}")
                 rows.append(dict(zip(COLUMNS, values, strict=True)))
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,9 @@ drawn by pyrender with textures, colours and light, the pixels, how many differ 
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ import trimesh
 from harness.models.in_place import retriangulate
 from harness.models.views import directions
 from harness.rasterisers import find_device
+from scripts.studies.models import write_table
 from tests.models.kept import closed, lost
 from tests.models.thirty import GLTF, MODELS, fan
 
@@ -125,10 +124,7 @@ def main() -> None:
             seen = ((before != before[:, :1, :1]).any(axis=3).sum(), (off > 1).sum(), off.max())
             values = (name, *told, *states, *seen, *found)
             rows.append(dict(zip(COLUMNS, values, strict=True)))
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -12,10 +12,8 @@ other diagonals. `file` is the order as it is, `meshoptimizer` its reorderMesh, 
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import subprocess
-import sys
 import tempfile
 from collections import deque
 from pathlib import Path
@@ -23,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.models.in_place import opened, retriangulate
-from scripts.studies.models import extruded
+from scripts.studies.models import extruded, write_table
 from triangulators.geometry.vertex_cache import CACHE_SIZE, vertex_cache_order
 
 KINDS = ("cad", "glyphs", "helsinki")
@@ -99,10 +97,7 @@ def main() -> None:
                 found = [f"{sum(map(shaded, both[name])) / count:.4f}" for name in meshes]
                 values = (kind, len(meshes["before"]), count, order, *found)
                 rows.append(dict(zip(COLUMNS, values, strict=True)))
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

@@ -9,15 +9,13 @@ row for each share of the area that is flat, which is the kind, and each size on
 from __future__ import annotations
 
 import argparse
-import csv
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
-from scripts.studies.models import COLUMNS, extruded, row
+from scripts.studies.models import COLUMNS, extruded, row, write_table
 
 SHARES = (1.0, 0.5, 0.2, 0.1, 0.05, 0.01)
 
@@ -48,10 +46,7 @@ def main() -> None:
             for share in SHARES
             for each in row(f"{share:g}", [in_sphere(part, share) for part in parts], Path(place))
         ]
-    with chosen.out.open("w", newline="") if chosen.out else sys.stdout as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
+    write_table(chosen.out, COLUMNS, rows)
 
 
 if __name__ == "__main__":

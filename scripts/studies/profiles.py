@@ -50,6 +50,7 @@ from harness.study import calibration_draws as study
 from harness.study import cost_model
 from harness.study.model_terms import HeldOut
 from harness.study.statistics import regret_ends, regret_interval
+from scripts.studies.missing_terms import drawn
 
 OWN = "optimal:calibrated"
 TEN = (
@@ -100,12 +101,9 @@ def main() -> None:
 
 def refitted(profile: dict[str, Any]) -> dict[str, Any]:
     """Return a profile as its times tell it by today's terms; its advice stays as it is."""
-    step = profile["device"]["details"].get("step") or 1
-    made = [design.snapped(draw, step) for draw in design.draws(profile["seed"])]
-    timed = {(each["kind"], each["name"]): each for each in profile["times"]}
-    draws = [draw for draw in made if (draw.kind, draw.name) in timed]
+    draws, told = drawn(profile)
     found = Measured(
-        epochs=np.array([timed[draw.kind, draw.name]["epochs_s"] for draw in draws]).T,
+        epochs=np.array([each["epochs_s"] for each in told]).T,
         speeds=np.array([1.0, profile["drift"]]),
         empty_s=profile["empty_s"],
         control=Ratio(*profile["control"], rounds=0),

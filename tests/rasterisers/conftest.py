@@ -4,15 +4,43 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
 from harness.frame import Frame, bare_frame
+from harness.measuring.worker import Worker
 from harness.rasterisers import Options, Rasteriser, find_device, get
 
 Coordinates = list[list[int]]
 MakeFrame = Callable[..., tuple[Frame, np.ndarray]]
+Call = Callable[..., Any]
+
+
+DEVICES = [
+    ("opengl", "llvmpipe"),
+    ("opengl", "zink"),
+    ("osmesa", "osmesa"),
+    ("bounding-box", "llvmpipe"),
+    ("scanline", "llvmpipe"),
+    ("webgpu", "llvmpipe"),
+    ("webgpu", "lavapipe"),
+]
+
+
+@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
+def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
+    """Run a task on a device in a process of its own; skipped where it is not installed."""
+    rasteriser, name = request.param
+    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
+    if device is None:
+        pytest.skip(f"{rasteriser} on {name} is not installed")
+    with Worker(name, device.environment) as worker:
+        yield (
+            rasteriser,
+            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
+        )
 
 
 def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:

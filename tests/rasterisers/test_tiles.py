@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -25,33 +24,8 @@ from harness.rasterisers.reference import Reference, outlines
 from harness.rasterisers.submission_order import submission
 from tests.rasterisers.pixels import covered
 
-DEVICES = [
-    ("opengl", "llvmpipe"),
-    ("opengl", "zink"),
-    ("osmesa", "osmesa"),
-    ("bounding-box", "llvmpipe"),
-    ("scanline", "llvmpipe"),
-    ("webgpu", "llvmpipe"),
-    ("webgpu", "lavapipe"),
-]
 NATIVE = Options()
 SHUFFLED = Options(order="shuffled", seed=1)
-
-Call = Callable[..., Any]
-
-
-@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
-def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
-    """Run a task on a device in a process of its own; skipped where it is not installed."""
-    rasteriser, name = request.param
-    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
-    if device is None:
-        pytest.skip(f"{rasteriser} on {name} is not installed")
-    with Worker(name, device.environment) as worker:
-        yield (
-            rasteriser,
-            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
-        )
 
 
 @pytest.fixture(scope="session")

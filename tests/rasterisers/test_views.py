@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,25 +22,8 @@ from harness.triangulating.recipes import parse
 from harness.triangulating.seen import in_views, original
 from scenes.scene import Viewing
 from tests.models.test_in_place import plate
-from tests.rasterisers.test_tiles import DEVICES
 
 NATIVE = Options()
-
-Call = Callable[..., Any]
-
-
-@pytest.fixture(scope="module", params=DEVICES, ids="-".join)
-def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
-    """Run a task on a device in a process of its own; skipped where it is not installed."""
-    rasteriser, name = request.param
-    device = next((each for each in get(rasteriser).devices() if each.name == name), None)
-    if device is None:
-        pytest.skip(f"{rasteriser} on {name} is not installed")
-    with Worker(name, device.environment) as worker:
-        yield (
-            rasteriser,
-            lambda task, *case: worker.call(task, rasteriser, device, *case, timeout_s=120),
-        )
 
 
 def framed(path: str, **how: Any) -> Frame:
