@@ -30,12 +30,15 @@ many() { # scene: more where one polygon of a few decides
 [ -e results/calibration/llvmpipe.json ] ||
     "${harness[@]}" calibrate --device llvmpipe --resolution 512 --budget 0.2 --quiet
 
+# The README's table.
+once $to/llvmpipe/city "${harness[@]}" run --scene city --device llvmpipe
+
 # What does the choice buy? As each triangulator gives its triangles, and all in one kind of order.
 peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:l1,refined
 peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
-        --resolution 256,512,1024,2048,4096 --triangulators $peers \
+        --resolution 256,512,1024,4096 --triangulators $peers \
         --budget $([ $scene = counties ] && echo 3 || echo 1) # one draw takes 20 ms and more
 done
 
@@ -98,6 +101,24 @@ once $to/zink/gains-city "${harness[@]}" run --scene city --device zink \
 once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
     --rasterisers osmesa --resolution 256,1024 --triangulators $peers --budget 0.5 \
     --calibration results/calibration/llvmpipe.json
+
+# The same triangulations on every device, and a summary of each run (SwiftShader's is made by the
+# page, in Chromium).
+devices() { # rasteriser, device, name of the summary
+    [[ devices == *"$only"* ]] && [ ! -e "$to/devices/$3.json" ] || return 0
+    mkdir -p "$to/devices"
+    for scene in city helsinki; do
+        once "$to/devices/$3-$scene" "${harness[@]}" run --scene $scene --rasterisers "$1" \
+            --device "$2" --resolution 1024 --budget 1 --triangulators \
+            ear-clipping,delaunay,greedy,refined,optimal:half-perimeter,optimal:overdraw,optimal:expected-quads
+    done
+}
+devices opengl llvmpipe opengl-llvmpipe
+devices opengl zink opengl-zink
+devices opengl softpipe opengl-softpipe
+devices osmesa osmesa osmesa
+devices webgpu llvmpipe webgpu-llvmpipe
+devices webgpu lavapipe webgpu-lavapipe
 
 once $to/osmesa/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers osmesa --device osmesa --budget 0.05
