@@ -174,9 +174,14 @@ def _may_match(group: Any, wanted: list[tuple[str, str, float]]) -> bool:
 
 
 def edges(file: Path) -> bytes:
-    """The first and the last bytes of a file; of a folder, the names in it."""
+    """The first and the last bytes of a file, and of SQLite's log beside it; a folder's names."""
     if file.is_dir():
         return "\n".join(sorted(each.name for each in file.iterdir())).encode()
+    log = file.with_name(f"{file.name}-wal")
+    return _ends(file) + (_ends(log) if log.is_file() else b"")
+
+
+def _ends(file: Path) -> bytes:
     with file.open("rb") as stream:
         head = stream.read(_EDGE)
         stream.seek(max(0, file.stat().st_size - _EDGE))

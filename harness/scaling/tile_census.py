@@ -71,11 +71,11 @@ class _Found:
 
     def add(self, tile: Tile) -> None:
         """Take a tile in; count what waits, if that is enough."""
-        self.known.update(tile.known)
+        self.known.update(tile.parts.known)
         if tile.damage:
             self.damaged.append((tile.name, tile.damage))
             self.counts["damaged", "tile or layer that cannot be read"] += tile.times
-        for name, extent, own in tile.layers:
+        for name, extent, own in tile.parts.layers:
             if not (len(own.polygons) or own.dropped):
                 continue
             group = (tile.zoom, name)

@@ -17,8 +17,8 @@ from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.suggestions import suggestion
 from scenes.tiles.archive import Archive, Place, column_and_row
 from scenes.tiles.opening import opened
-from scenes.tiles.usable import PIXELS, check_pixels, rounding, usable
-from scenes.tiles.vector_tile import Layer, layer_of, layers_of
+from scenes.tiles.tile import parts_of
+from scenes.tiles.usable import PIXELS, check_pixels, rounding
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -139,34 +139,26 @@ def _chosen(names: Any, tiles: str, zoom: int | None) -> Sequence[Any]:
 
 
 def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels: int) -> None:
-    """Read one tile; if it is damaged, note that."""
+    """Read one tile: add what is usable, in px, and note what is not."""
+    parts = parts_of(
+        lambda: archive.read(name), None if layers is None else layers.split(","), pixels
+    )
+    found.absent += parts.absent
+    found.known |= dict.fromkeys(parts.known)
     before = len(found.polygons)
-    with damage.noted(found.dropped, f"tile {name}", "cannot be read"):
-        data = archive.read(name)
-        if data is None:
-            found.absent += 1
-            return
-        there = layers_of(data)
-        found.known |= dict.fromkeys(filter(None, there))
-        wanted = None if layers is None else [*layers.split(","), ""]
-        for layer, parts in there.items():
-            if wanted is None or layer in wanted:
-                with damage.noted(found.dropped, f"{name} {layer}".strip(), "cannot be read"):
-                    _add_layer(found, str(name), layer_of(layer, parts), pixels)
+    for layer, extent, own in parts.layers:
+        place = f"{name} {layer}"
+        found.extents.add(extent)
+        found.dropped += [(f"{place} {which}", why) for which, why in own.dropped]
+        found.repaired += [(f"{place} {which}", why) for which, why in own.repaired]
+        found.polygons += list(own.polygons)
+        found.layers += [layer] * len(own.polygons)
+    found.dropped += [(f"{name} {layer}".strip(), why) for layer, why in parts.damaged]
+    if parts.damage:
+        found.dropped.append((f"tile {name}", parts.damage))
     if len(found.polygons) > before:
         found.tiles.append(str(name))
         found.first.append(len(found.polygons))
-
-
-def _add_layer(found: _Found, tile: str, layer: Layer, pixels: int) -> None:
-    """Add what is usable, in px, and note what is not."""
-    place = f"{tile} {layer.name}"
-    own = usable(layer, pixels)
-    found.extents.add(layer.extent)
-    found.dropped += [(f"{place} {which}", why) for which, why in own.dropped]
-    found.repaired += [(f"{place} {which}", why) for which, why in own.repaired]
-    found.polygons += list(own.polygons)
-    found.layers += [layer.name] * len(own.polygons)
 
 
 def _table(found: _Found) -> pd.DataFrame:

@@ -9,18 +9,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from scenes.readers import damage
 from scenes.readers.opening import existing
-from scenes.scene import Note, SceneError
+from scenes.scene import SceneError
 from scenes.slices import Slices, edges, identity_of
 from scenes.spec import arguments_for, exists, parsed
 from scenes.tiles.archive import Archive, Place, Run
 from scenes.tiles.opening import opened
-from scenes.tiles.usable import PIXELS, Usable, check_pixels, usable
-from scenes.tiles.vector_tile import layer_of, layers_of
+from scenes.tiles.tile import Parts, parts_of
+from scenes.tiles.usable import PIXELS, check_pixels
 
 MOST_TILES, MOST_BYTES = 4096, 2**21
 """Of a slice, where it has several tiles: bytes as they are stored."""
@@ -146,17 +147,18 @@ class Tile(NamedTuple):
 
     zoom : None where the archive does not say
     times : tiles in a row that have the same bytes
-    layers : of those that were asked for, name, extent, and polygons
-    known : names of all layers
-    damage : why it, or layers of those, cannot be read; "" where all can
     """
 
     name: str
     zoom: int | None
     times: int
-    layers: list[tuple[str, int, Usable]]
-    known: list[str]
-    damage: str
+    parts: Parts
+
+    @property
+    def damage(self) -> str:
+        """Why it, or layers of it, cannot be read; "" where all can."""
+        layers = (f"layer {name}".strip() + f" {why}" for name, why in self.parts.damaged)
+        return "; ".join(filter(None, (*layers, self.parts.damage)))
 
 
 def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Tile]:
@@ -166,18 +168,7 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
     """
     with damage.clear_errors(path, "map tiles"):
         archive = opened(existing(path))
-        found = archive.between(*numbers)
-        for name, times in found:
+        for name, times in archive.between(*numbers):
             zoom = name.zoom if archive.zooms and isinstance(name, Place) else None
-            notes: list[Note] = []
-            known: list[str] = []
-            layers: list[tuple[str, int, Usable]] = []
-            with damage.noted(notes, str(name), "cannot be read"):
-                there = layers_of(archive.read(name) or b"")
-                known = [each for each in there if each]
-                for each, parts in there.items():
-                    if what.layers is None or each in (*what.layers, ""):
-                        with damage.noted(notes, each, f"layer {each}".strip() + " cannot be read"):
-                            layer = layer_of(each, parts)
-                            layers.append((each, layer.extent, usable(layer, what.pixels)))
-            yield Tile(str(name), zoom, times, layers, known, "; ".join(why for _, why in notes))
+            parts = parts_of(partial(archive.read, name), what.layers, what.pixels)
+            yield Tile(str(name), zoom, times, parts)

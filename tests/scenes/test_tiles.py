@@ -38,7 +38,7 @@ from scenes.scene import Note
 from scenes.tiles import archive
 from scenes.tiles.archive import Place, column_and_row, first_of, unpacked
 from scenes.tiles.pmtiles import PMTiles
-from scenes.tiles.slices import Chosen, read_tiles
+from scenes.tiles.slices import Chosen, cut, read_tiles
 from scenes.tiles.vector_tile import decode
 from scenes.tiles.wire import varints
 from tests.paths import ROOT
@@ -568,7 +568,7 @@ def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], st
     wanted = None if layers is None else tuple(layers.split(","))
     (tile,) = read_tiles(str(path), (0, 1), Chosen(layers=wanted))
     found = scene.attributes["layer"].to_list()
-    assert [name for name, _, own in tile.layers if len(own.polygons)] == found
+    assert [name for name, _, own in tile.parts.layers if len(own.polygons)] == found
     return found, scene.dropped, tile.damage
 
 
@@ -604,6 +604,11 @@ def test_what_is_in_the_log_of_a_database_is_read(tmp_path):
         database.execute("INSERT INTO tiles VALUES (3, 0, 0, ?)", (tile,))
         database.commit()
         scene = load(f"{path}:zoom=3")
+        before, size = cut(path, None).identity, Path(path).stat().st_size
+        database.execute("INSERT INTO tiles VALUES (3, 1, 0, ?)", (tile,))
+        database.commit()
+        assert Path(path).stat().st_size == size
+        assert cut(path, None).identity != before
     assert set(scene.tiling.names) == {"3/4/2", "3/4/3", "3/0/7"}
 
 
