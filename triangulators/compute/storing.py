@@ -6,6 +6,7 @@ import gc
 import hashlib
 import pickle
 import re
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -22,6 +23,9 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from triangulators.compute.compiled_files import digest, dotted, place
+
+PATIENCE_S = 60.0
+"""Longer than any kernel takes; a process that was stopped keeps its locks."""
 
 
 def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -72,17 +76,36 @@ def _alone(what: str) -> Iterator[None]:
     """Let no other process compile the same: who comes second waits, and loads it.
 
     A lock on one byte of a file, which the system takes from a process that ends, and refuses where
-    two would wait for each other. Where it cannot be had, both compile.
+    two would wait for each other. Where it cannot be had, or who has it was stopped, both compile.
     """
     if _Files.only_kept:
         yield
         return
     byte = int.from_bytes(hashlib.sha256(what.encode()).digest()[:4], "big") >> 1
-    _lock("LOCK_EX", byte)
+    _lock_soon(byte)
     try:
         yield
     finally:
         _lock("LOCK_UN", byte)
+
+
+def _lock_soon(byte: int) -> None:
+    """Take the lock on a byte, or go on without it after `PATIENCE_S`.
+
+    The thread that waits meanwhile gives it up at once, should it get it after that.
+    """
+    late = threading.Event()
+
+    def wait() -> None:
+        _lock("LOCK_EX", byte)
+        if late.is_set():
+            _lock("LOCK_UN", byte)
+
+    waiting = threading.Thread(target=wait, daemon=True)
+    waiting.start()
+    waiting.join(PATIENCE_S)
+    if waiting.is_alive():
+        late.set()
 
 
 def _lock(what: str, byte: int) -> None:
