@@ -68,7 +68,7 @@ def examine() -> list[Finding]:
         *_egl(),
         *(_devices("opengl", kind) for kind in ("gpu", "llvmpipe", "softpipe", "zink")),
         _compute(),
-        *(_devices("webgpu", kind) for kind in ("gpu", "lavapipe", "llvmpipe")),
+        *(_devices("webgpu", kind) for kind in ("gpu", "lavapipe", "llvmpipe", "swiftshader")),
         _osmesa(),
         _pyrender(),
         _reference(),

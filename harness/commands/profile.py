@@ -56,6 +56,8 @@ def profile(
     draws = [draw for draw in design.draws(seed) if kind.supports(Options(work=draw.work))]
     bench = Bench(Worker, timeout_s=600)
     try:
+        step = bench.open(backend).details.get("step") or 1
+        draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
         length = timing.budget_s * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:

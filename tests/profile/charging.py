@@ -52,6 +52,19 @@ class Charging(MockRasteriser):
         return Charged(seconds + COSTS["half_perimeter"] * found["half_perimeter"] / SUBPIXEL)
 
 
+class Coarse(Charging):
+    """Its grid is 1/16 px: what it is given lies on that."""
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        return [Device("coarse", software=True, details={"step": 16})]
+
+    def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
+        if options.work or len(triangles) > 2:  # the test of its timer draws what it likes
+            assert not (frame.points % 16).any()
+        return super()._prepare(frame, triangles, options)
+
+
 class Drifting(Charging):
     """It becomes twice as slow while it is measured."""
 

@@ -12,7 +12,7 @@ import pytest
 
 from harness.commands import running
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
-from harness.profile import advice, measured, words
+from harness.profile import advice, design, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
 from harness.study.calibration_draws import read_coefficients
 from tests.harness.test_cli import assert_one_line
@@ -67,6 +67,14 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
     (recipe,) = running.recipes((OWN,), 0, Path("p.json"), ())
     assert dict(recipe.calibration or ()) == coefficients
+
+
+def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
+    code, _, err = profiled(harness, "Coarse")
+    assert code == 0, err
+    content = json.loads(Path("p.json").read_text())
+    there = {each["checksum"] for each in content["times"]}
+    assert there == {design.snapped(draw, 16).checksum for draw in design.draws(0)}
 
 
 def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):

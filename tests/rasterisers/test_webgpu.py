@@ -26,7 +26,16 @@ Call = Callable[..., Any]
 @pytest.fixture(scope="module", params=DEVICES)
 def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
     """Run a task on a device; skipped where it is not installed, which must be said."""
-    name = request.param
+    yield from _on(request.param)
+
+
+@pytest.fixture(scope="module")
+def on_swiftshader() -> Iterator[Call]:
+    """Run a task on a device with a grid of 1/16 px."""
+    yield from _on("swiftshader")
+
+
+def _on(name: str) -> Iterator[Call]:
     if name not in [device.name for device in get("webgpu").devices()]:
         with pytest.raises(NoRasteriser, match="apt-get install -y") as error:
             find_device("webgpu", name)
@@ -143,6 +152,19 @@ def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, native, scatt
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
+def test_swiftshader_counts_what_the_reference_does_on_its_grid(
+    on_swiftshader, reference, native, scattered
+):
+    details = on_swiftshader(tasks.open_device).details
+    assert (details["step"], details["subpixel_bits"]) == (16, 4)
+    frame, triangles = scattered(seed=6, size=250, number=150, grid=1)
+    moved = replace(frame, points=snapped(frame.points, 16))
+    counted = on_swiftshader(tasks.count, frame, triangles, native)
+    assert disagreements(moved, counted, reference.count(moved, triangles, native)) == []
+    picture = on_swiftshader(tasks.image, frame, triangles, native)
+    assert np.array_equal(picture, reference.image(moved, triangles, native))
+
+
 def test_what_it_cannot_do_is_said(on_device, native, loose):
     frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
     assert not get("webgpu").supports(Options(samples=4))
@@ -196,7 +218,7 @@ def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, s
 )
 def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, names):
     monkeypatch.setattr(adapters.sys, "platform", system)
-    monkeypatch.setattr(adapters.egl, "lavapipe_environment", lambda: None)
+    monkeypatch.setattr(adapters.egl, "vulkan_environment", lambda places: None)
     answer = {"devices": found, "problems": []}
     monkeypatch.setattr(probing, "ask", lambda asked: [answer for _ in asked])
     devices, problems = adapters.probe.__wrapped__()

@@ -6,6 +6,7 @@ its own; all of them at once, which takes about half a second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,21 +23,26 @@ SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
 LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
 """What makes Mesa draw on the CPU, in the thread that asks for it."""
 
-ICD_FOLDERS = ("/usr/local/share", "/etc", "/usr/share")
+LAVAPIPE = (
+    "/usr/local/share/vulkan/icd.d/lvp_icd*.json",
+    "/etc/vulkan/icd.d/lvp_icd*.json",
+    "/usr/share/vulkan/icd.d/lvp_icd*.json",
+)
+SWIFTSHADER = (
+    "/usr/lib/chromium/vk_swiftshader_icd.json",
+    "/usr/lib/chromium-browser/vk_swiftshader_icd.json",
+    "/opt/google/chrome/vk_swiftshader_icd.json",
+)
+"""Where files may be that tell Vulkan's loader of a driver; Chromium brings SwiftShader along."""
 
 
-def lavapipe_icd() -> Path | None:
-    """Return the file that tells the Vulkan loader where lavapipe is, None if not installed."""
-    for folder in ICD_FOLDERS:
-        found = sorted(Path(folder, "vulkan", "icd.d").glob("lvp_icd*.json"))
-        if found:
-            return found[0]
-    return None
+def vulkan_environment(places: Sequence[str]) -> dict[str, str] | None:
+    """Return what makes Vulkan's loader see one driver alone, None where it is not installed.
 
-
-def lavapipe_environment() -> dict[str, str] | None:
-    """Return what makes Vulkan's loader see lavapipe alone, None where it is not installed."""
-    icd = lavapipe_icd()
+    places : patterns of files that tell of it; the first that is there counts
+    """
+    found = (icd for place in places for icd in sorted(Path("/").glob(place.lstrip("/"))))
+    icd = next(found, None)
     if icd is None:
         return None
     # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
@@ -50,7 +56,7 @@ def recipes() -> list[tuple[str, dict[str, str]]]:
         ("llvmpipe", LLVMPIPE),
         ("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}),
     ]
-    if vulkan := lavapipe_environment():
+    if vulkan := vulkan_environment(LAVAPIPE):
         found.append(("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}))
         # Mesa versions differ in which of the two they heed.
         found.append(("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}))

@@ -38,9 +38,11 @@ def recipes() -> list[tuple[str, tuple[str, ...], dict[str, str]]]:
     if sys.platform == "win32":
         found.append(("warp", ("DX12",), {}))
     if sys.platform == "linux":
-        if vulkan := egl.lavapipe_environment():
+        if vulkan := egl.vulkan_environment(egl.LAVAPIPE):
             found.append(("lavapipe", ("Vulkan",), vulkan))
         found.append(("llvmpipe", ("GL",), egl.LLVMPIPE))
+        if vulkan := egl.vulkan_environment(egl.SWIFTSHADER):
+            found.append(("swiftshader", ("Vulkan",), vulkan))
     return found
 
 

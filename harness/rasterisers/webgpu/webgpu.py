@@ -64,7 +64,7 @@ class WebGPU(Rasteriser):
     lacking = "one sample a pixel"
     counters: ClassVar[tuple[str, ...]] = COUNTED
     cuts = True
-    known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "warp")
+    known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "swiftshader", "warp")
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -85,6 +85,8 @@ class WebGPU(Rasteriser):
             return f"run: {adapters.egl.INSTALL_VULKAN}"
         if name == "llvmpipe":
             return f"run: {adapters.egl.INSTALL}"
+        if name == "swiftshader":
+            return "run: apt-get install -y chromium, which brings it along"
         return "WebGPU finds no such adapter; install its vendor's driver, or choose another"
 
     def __init__(self, device: Device) -> None:
@@ -117,6 +119,7 @@ class WebGPU(Rasteriser):
                 "version": f"WebGPU on {told['backend_type']} {told['description']}".strip(),
                 "max_size": self.max_size,
                 "subpixel_bits": bits,
+                "step": self._step,
                 "timer": self._has_timer,
             },
         )
