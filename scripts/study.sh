@@ -111,6 +111,7 @@ devices() { # rasteriser, device, name of the summary
         once "$to/devices/$3-$scene" "${harness[@]}" run --scene $scene --rasterisers "$1" \
             --device "$2" --resolution 1024 --budget 1 --triangulators \
             ear-clipping,delaunay,greedy,refined,optimal:half-perimeter,optimal:overdraw,optimal:expected-quads
+        "${harness[@]}" import "$to/devices/$3-$scene" --summary "$to/devices/$3.json"
     done
 }
 devices opengl llvmpipe opengl-llvmpipe

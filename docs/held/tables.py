@@ -21,9 +21,17 @@ from docs.held.lookups import (
 )
 from docs.held.others import alarms
 from harness.figures.ratios import Ratio, of_any_run
+from harness.study.model_terms import LETTERS
 from harness.study.regret import why_no_interval
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
+
+
+def processor() -> list[str]:
+    """Return family, model and vector width of the CPU that the tables of times were measured on."""
+    cpu = values("reference/llvmpipe/gains-city/run.json")["cpu"]
+    return [cpu["family"], cpu["model"], str(cpu["vector_bits"])]
+
 
 # ---------------------------------------------------------------- what the choice buys
 
@@ -196,35 +204,24 @@ def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[floa
 
 # ---------------------------------------------------------------- other tables
 
-TERMS = {
-    ("expected_blocks",): "P",
-    ("half_perimeter", "expected_blocks"): "H + P",
-    ("half_perimeter", "expected_blocks", "expected_setups"): "**H + P + R**",
-    None: "all eight",
-    ("area",): "S",
-    ("area", "half_perimeter"): "S + H",
-    ("triangles", "area", "half_perimeter"): "**T + S + H**",
-}
+FITS = {"four-scenes": (1, 2, 3, 8), "three-terms": (1, 2, 3)}
+"""Calibrations, and of how many terms the models are that are shown."""
 
 
 def terms() -> list[str]:
     """Return the table of the fewest terms that predict a draw's time."""
-    fits = [
-        fit
-        for name in ("four-scenes", "three-terms")
-        for fit in values(f"reference/llvmpipe/calibration/{name}.json")["models"]
-    ]
     lines = []
-    for wanted, label in TERMS.items():
-        fit = next(
-            fit
-            for fit in fits
-            if (len(fit["terms"]) == 8 if wanted is None else set(fit["terms"]) == set(wanted))
-        )
-        low, high = fit["regret_ci95"]
-        shown = f"{percent(fit['regret'], 2)} % ({percent(low, 2)} to {percent(high, 2)})"
-        of = (three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"]))
-        lines.append(table_row(label, *of, shown))
+    for name, sizes in FITS.items():
+        models = values(f"reference/llvmpipe/calibration/{name}.json")["models"]
+        near = "standard_errors_from_best"
+        fewest = next((m for m in models if m[near] <= 1), min(models, key=lambda m: m[near]))
+        for fit in (each for each in models if len(each["terms"]) in sizes):
+            label = " + ".join(LETTERS[term] for term in fit["terms"])
+            label = f"all: {label}" if len(fit["terms"]) == len(LETTERS) else label
+            low, high = fit["regret_ci95"]
+            shown = f"{percent(fit['regret'], 2)} % ({percent(low, 2)} to {percent(high, 2)})"
+            of = (three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"]))
+            lines.append(table_row(f"**{label}**" if fit is fewest else label, *of, shown))
     return lines
 
 
@@ -247,7 +244,7 @@ def orders() -> list[str]:
         "delaunay": "Delaunay",
     }
     columns = [(scene, order) for scene in SCENES for order in ("own", "vertex-cache", "walk")]
-    found = {name: [three(_ordered(scene, name)[o]) for scene, o in columns] for name in labels}
+    found = {name: [three(ordered(scene, name)[o]) for scene, o in columns] for name in labels}
     least = [min(cells[place] for cells in found.values()) for place in range(len(columns))]
     return [
         table_row(
@@ -257,9 +254,10 @@ def orders() -> list[str]:
     ]
 
 
-def _ordered(scene: str, name: str) -> Row:
+def ordered(scene: str, name: str, base: str = "ear-clipping") -> Row:
+    """Return the row of times in ratio to another triangulator's, by order of triangles."""
     file = "llvmpipe/orders/orders.csv"
-    return one(file, scene=scene, triangulator=name, base="ear-clipping", resolution=1024)
+    return one(file, scene=scene, triangulator=name, base=base, resolution=1024)
 
 
 def extremes() -> list[str]:
@@ -530,9 +528,29 @@ def faster(name: str, px: int) -> str:
 
 def own_order_costs() -> list[str]:
     """Return by how many per cent Delaunay's own order is slower than a walk, by scene."""
-    rows = [_ordered(scene, "delaunay") for scene in SCENES]
+    rows = [ordered(scene, "delaunay") for scene in SCENES]
     base = [(float(row["own"]), float(row["walk"])) for row in rows]
     return [f"{100.0 * (own / walk - 1.0):.0f}" for own, walk in base]
+
+
+def on_two_processors() -> list[float]:
+    """Return by which shares ratios to ear clipping's differ between two processors, up to 1024 px.
+
+    Not those of `optimal:calibrated`, which is another triangulation on each.
+    """
+    plain = {"rasteriser": "opengl", "order": "native", "base": "ear-clipping", "fit": "box"}
+    where = {**plain, "rotation": 0, "work": 0, "samples": 1}
+    kept = ("scene", "resolution", "triangulator")
+    here, there = (
+        {
+            tuple(row[name] for name in kept): float(row["time_ratio"])
+            for row in some(f"llvmpipe/{file}", **where)
+            if int(row["resolution"]) <= 1024
+            and row["triangulator"] not in ("ear-clipping", "optimal:calibrated")
+        }
+        for file in ("gains/gains.csv", "gains-on-another.csv")
+    )
+    return [abs(here[key] / there[key] - 1.0) for key in here if key in there]
 
 
 def work(name: str, work: int, samples: int) -> str:
@@ -576,9 +594,9 @@ AGAIN = "reference/llvmpipe/calibration/four-scenes.json"
 
 
 def held_out(file: str) -> list[str]:
-    """Return R2 over and within polygons that were held out."""
+    """Return R2 over and within polygons that were held out, and how many these are."""
     fit = values(file)["held_out"]
-    return [three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"])]
+    return [*(three(fit[f"r2_{how}_polygons"]) for how in ("over", "within")), str(fit["polygons"])]
 
 
 def city(device: str, criterion: str, measure: str, rasteriser: str = "opengl") -> str:

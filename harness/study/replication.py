@@ -16,6 +16,7 @@ import pandas as pd
 
 from harness.figures.intervals import FEWEST
 from harness.figures.registry import find
+from harness.study import our_figures
 from harness.study.analysis import TIME
 from harness.study.statistics import TOO_FEW
 
@@ -223,58 +224,58 @@ def _turned(triangulator: str, holds: Callable[[Figure], bool]) -> Callable[...,
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
-        "0.996 (0.994 to 0.998)",
+        our_figures.Q_RANKS_LANES,
         _at_least("expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
-        "0.983 (0.972 to 0.991), A 0.861 (0.773 to 0.915)",
+        our_figures.H_BEFORE_A_BY_LANES,
         _ahead("half-perimeter", "overdraw", "helper_lanes"),
     ),
     Claim(
         "H predicts the draw time better than the paper's A, polygon by polygon",
-        "0.966 (0.955 to 0.975), A 0.874 (0.820 to 0.914)",
+        our_figures.H_BEFORE_A_BY_TIME,
         _ahead("half-perimeter", "overdraw", f"{TIME}0"),
     ),
     Claim(
         "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
-        "1.000",
+        our_figures.A_RANKS_TESTS,
         _at_least("overdraw", "bbox_tests", 0.999, walker=True),
     ),
     Claim(
         "D, the shape, predicts helper lanes worst of the criteria that can rank",
-        "0.754 (0.547 to 0.791)",
+        our_figures.D_IS_LAST,
         _shape_is_last,
     ),
     Claim(
         "The best for H is drawn faster than ear clipping's triangles",
-        "0.841 of its time (city, 1024 px)",
+        our_figures.H_AGAINST_EAR_CLIPPING,
         _faster("choice", USUAL),
     ),
     Claim(
         "The best for H is drawn faster than Delaunay's triangles",
-        "0.949 of its time (city, 1024 px)",
+        our_figures.H_AGAINST_DELAUNAY,
         _faster("choice", DELAUNAY),
     ),
     Claim(
         "It is so in the same order of triangles, too: the gain is one of diagonals",
-        "0.936 of Delaunay's time (Helsinki, 1024 px); 0.994 on letters, where it is not",
+        our_figures.H_AGAINST_DELAUNAY_WALKED,
         _faster("walked", DELAUNAY),
     ),
     Claim(
         "Trusting Q costs at most 1 % more quads than the fewest there are",
-        "0.01 % (0.00 % to 0.02 %) (city, 1024 px)",
+        our_figures.REGRET_OF_Q,
         _regret("expected-quads", "quads", 0.01),
     ),
     Claim(
         "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
         " or less",
-        "0.92 at the worst angle (city, 512 px)",
+        our_figures.H_TURNED,
         _turned(BEST, lambda worst: worst.value <= 0.95),
     ),
     Claim(
         "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
-        "0.99 at the worst angle (city, 512 px)",
+        our_figures.A_TURNED,
         _turned("optimal:overdraw", lambda worst: worst.value > 0.95),
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from functools import cache
 
@@ -83,6 +84,15 @@ def test_a_figure_follows_its_file(monkeypatch):
 @pytest.mark.parametrize("name", sorted(CHARTS))
 def test_charts_are_drawn_from_the_files_as_they_are(name):
     assert text_of(f"docs/images/{name}.svg") == CHARTS[name]()
+
+
+def test_studies_are_of_one_commit_and_of_one_processor():
+    files = sorted((ROOT / "results" / "reference").glob("*/*/run.json"))
+    facts = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    assert len(files) > 50
+    assert len({each["environment"]["git"]["commit"] for each in facts}) == 1
+    assert not any(each["environment"]["git"]["dirty"] for each in facts)
+    assert len({each["cpu"]["label"] for each in facts}) == 1
 
 
 def test_a_typed_figure_is_found():
