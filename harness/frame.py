@@ -278,6 +278,11 @@ def _snapped(placed: Iterable[Polygon], scale: float, view: View, side: int) -> 
     )
 
 
+def on_coarser_grid(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
+    """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
+    return ((points + step // 2) // step * step).astype(np.int32)
+
+
 def on_grid(
     polygons: Sequence[Polygon],
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:

@@ -13,11 +13,6 @@ def _ranks(measure: str, *criteria: str) -> list[str]:
     return [three(row[column]) for row in rows for column in ("value", "ci_low", "ci_high")]
 
 
-def _against_delaunay(scene: str, order: str) -> str:
-    row = tables.ordered(scene, BEST_FOR_H, base="delaunay")
-    return three(row[order])
-
-
 HELD: list[Held] = [
     Sentence(
         'Q_RANKS_LANES = "{} ({} to {})"', lambda: _ranks("helper_lanes", "expected_quads")
@@ -45,7 +40,10 @@ HELD: list[Held] = [
     ),
     Sentence(
         'H_AGAINST_DELAUNAY_WALKED = "{} of its time (Helsinki, 1024 px); {} on letters',
-        lambda: [_against_delaunay(scene, "walk") for scene in ("helsinki", "glyphs")],
+        lambda: [
+            three(tables.ordered(scene, BEST_FOR_H, base="delaunay")["walk"])
+            for scene in ("helsinki", "glyphs")
+        ],
     ),
     Sentence(
         'REGRET_OF_Q = "{} % ({} to {}) (city, 1024 px)"',

@@ -28,7 +28,7 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import SUBPIXEL, Frame, bare_frame
+from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
 from harness.profile import placing
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
@@ -102,7 +102,7 @@ def snapped(draw: Draw, step: int) -> Draw:
 
     So devices draw it whose grid is coarser than ours.
     """
-    points = (draw.frame.points + step // 2) // step * step
+    points = on_coarser_grid(draw.frame.points, step)
     return draw if step == 1 else replace(draw, frame=_framed(points))
 
 

@@ -140,9 +140,8 @@ def _chosen(names: Any, tiles: str, zoom: int | None) -> Sequence[Any]:
 
 def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels: int) -> None:
     """Read one tile: add what is usable, in px, and note what is not."""
-    parts = parts_of(
-        lambda: archive.read(name), None if layers is None else layers.split(","), pixels
-    )
+    wanted = None if layers is None else layers.split(",")
+    parts = parts_of(archive, name, wanted, pixels)
     found.absent += parts.absent
     found.known |= dict.fromkeys(parts.known)
     before = len(found.polygons)

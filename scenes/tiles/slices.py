@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -170,5 +169,5 @@ def read_tiles(path: str, numbers: tuple[int, int], what: Chosen) -> Iterator[Ti
         archive = opened(existing(path))
         for name, times in archive.between(*numbers):
             zoom = name.zoom if archive.zooms and isinstance(name, Place) else None
-            parts = parts_of(partial(archive.read, name), what.layers, what.pixels)
+            parts = parts_of(archive, name, what.layers, what.pixels)
             yield Tile(str(name), zoom, times, parts)

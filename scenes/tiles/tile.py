@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from scenes.readers import damage
 from scenes.scene import Note
+from scenes.tiles.archive import Archive
 from scenes.tiles.usable import Usable, usable
 from scenes.tiles.vector_tile import layer_of, layers_of
 
@@ -38,25 +39,22 @@ class Parts:
     absent: bool = False
 
 
-def parts_of(
-    data: Callable[[], bytes | None], wanted: Collection[str] | None, pixels: int
-) -> Parts:
-    """Read a tile; of a layer that is damaged, nothing is kept.
+def parts_of(archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int) -> Parts:
+    """Read a tile of an archive; of a layer that is damaged, nothing is kept.
 
-    data : gives its bytes, None where there is no such tile; may raise whatever it meets
     wanted : names of layers, beside those without one; None for all
     pixels : a tile's side on the screen
     """
     parts, notes = Parts(), list[Note]()
     with damage.noted(notes, "", "cannot be read"):
-        there = data()
+        there = archive.read(name)
         parts.absent = there is None
         found = layers_of(there or b"")
-        parts.known = [name for name in found if name]
-        for name, pieces in found.items():
-            if wanted is None or name in ("", *wanted):
-                with damage.noted(parts.damaged, name, "cannot be read"):
-                    layer = layer_of(name, pieces)
-                    parts.layers.append(Read(name, layer.extent, usable(layer, pixels)))
+        parts.known = [each for each in found if each]
+        for each, pieces in found.items():
+            if wanted is None or each in ("", *wanted):
+                with damage.noted(parts.damaged, each, "cannot be read"):
+                    layer = layer_of(each, pieces)
+                    parts.layers.append(Read(each, layer.extent, usable(layer, pixels)))
     parts.damage = notes[0][1] if notes else ""
     return parts

@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from harness import rasterisers
 from harness.figures.intervals import mean_interval
 from harness.figures.ratios import Ratio
+from harness.frame import on_coarser_grid
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.settings import TimingSettings
@@ -50,7 +51,6 @@ from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.rasterisers.webgpu.webgpu import snapped
 from harness.study import calibration_draws as study
 from harness.study import cost_model
 from harness.study.model_terms import HeldOut
@@ -196,7 +196,10 @@ def law_of(profile: dict[str, Any], draws: list[study.Draw]) -> NDArray[np.float
     """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
     each = {term["name"]: term["seconds"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
-    moved = [(replace(frame, points=snapped(frame.points, step)), *more) for frame, *more in draws]
+    moved = [
+        (replace(frame, points=on_coarser_grid(frame.points, step)), *more)
+        for frame, *more in draws
+    ]
     rows = design_of([counters(design.Draw("", "", "", *draw)) for draw in moved])
     return np.asarray(rows @ np.array([each[name] for name in TERMS]))
 

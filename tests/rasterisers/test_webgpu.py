@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from harness.errors import NoRasteriser, UsageError
+from harness.frame import on_coarser_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, find_device, get, probing
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.webgpu import adapters
-from harness.rasterisers.webgpu.webgpu import snapped
 from tests.rasterisers.conftest import loose_triangles
 
 DEVICES = ("llvmpipe", "lavapipe")
@@ -130,7 +130,7 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
     tally = opened._tally_once
 
     def coarse(target: Any, frame: Any, part: Any) -> Any:
-        return tally(target, replace(frame, points=snapped(frame.points, 16)), part)
+        return tally(target, replace(frame, points=on_coarser_grid(frame.points, 16)), part)
 
     opened._tally_once = coarse
     try:
@@ -146,7 +146,7 @@ def test_a_coarse_grid_is_found_and_drawn_on(on_device, reference, native, scatt
     frame, triangles = scattered(seed=4, size=128, number=50, grid=1)
     step, counted, picture = on_device(count_on_a_coarse_grid, frame, triangles, native)
     assert step == 16
-    on_it = replace(frame, points=snapped(frame.points, 16))
+    on_it = replace(frame, points=on_coarser_grid(frame.points, 16))
     assert disagreements(on_it, counted, reference.count(on_it, triangles, native)) == []
     assert np.array_equal(picture, reference.image(on_it, triangles, native))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
@@ -158,7 +158,7 @@ def test_swiftshader_counts_what_the_reference_does_on_its_grid(
     details = on_swiftshader(tasks.open_device).details
     assert (details["step"], details["subpixel_bits"]) == (16, 4)
     frame, triangles = scattered(seed=6, size=250, number=150, grid=1)
-    moved = replace(frame, points=snapped(frame.points, 16))
+    moved = replace(frame, points=on_coarser_grid(frame.points, 16))
     counted = on_swiftshader(tasks.count, frame, triangles, native)
     assert disagreements(moved, counted, reference.count(moved, triangles, native)) == []
     picture = on_swiftshader(tasks.image, frame, triangles, native)

@@ -86,7 +86,7 @@ def _alone(what: str) -> Iterator[None]:
     try:
         yield
     finally:
-        _lock("LOCK_UN", byte)
+        _lock(byte, "LOCK_UN")
 
 
 def _lock_soon(byte: int) -> None:
@@ -94,12 +94,14 @@ def _lock_soon(byte: int) -> None:
 
     The thread that waits meanwhile gives it up at once, should it get it after that.
     """
+    if _lock(byte, "LOCK_EX", "LOCK_NB"):
+        return
     late = threading.Event()
 
     def wait() -> None:
-        _lock("LOCK_EX", byte)
+        _lock(byte, "LOCK_EX")
         if late.is_set():
-            _lock("LOCK_UN", byte)
+            _lock(byte, "LOCK_UN")
 
     waiting = threading.Thread(target=wait, daemon=True)
     waiting.start()
@@ -108,12 +110,14 @@ def _lock_soon(byte: int) -> None:
         late.set()
 
 
-def _lock(what: str, byte: int) -> None:
-    """Take the lock on a byte, or give it up, where the system has such locks."""
+def _lock(byte: int, *what: str) -> bool:
+    """Take the lock on a byte, or give it up; False where that cannot be done."""
     with suppress(ImportError, OSError):
         import fcntl
 
-        fcntl.lockf(_lock_file(), getattr(fcntl, what), 1, byte)
+        fcntl.lockf(_lock_file(), sum(getattr(fcntl, name) for name in what), 1, byte)
+        return True
+    return False
 
 
 @lru_cache(maxsize=1)

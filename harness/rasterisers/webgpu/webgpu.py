@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import SUBPIXEL, Frame, bare_frame
+from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -138,7 +138,7 @@ class WebGPU(Rasteriser):
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
         for step in STEPS:
-            points = snapped(corners.astype(np.int32), step)
+            points = on_coarser_grid(corners.astype(np.int32), step)
             frame = bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
             exact = predict(points, rows)
@@ -192,7 +192,7 @@ class WebGPU(Rasteriser):
         """Return the frame on the device's own grid, where it is drawn as it is counted."""
         if self._step == 1:
             return frame
-        return replace(frame, points=snapped(frame.points, self._step))
+        return replace(frame, points=on_coarser_grid(frame.points, self._step))
 
     def _timed(self, frame: Frame, triangles: Triangles, work: int) -> Timed:
         frame = self._on_grid(frame)
@@ -263,11 +263,6 @@ class WebGPU(Rasteriser):
                 "targets": [{"format": FORMAT, "write_mask": mask}],
             },
         )
-
-
-def snapped(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
-    """Return (n, 2) points in 1/256 px on the nearest multiples of `step`."""
-    return ((points + step // 2) // step * step).astype(np.int32)
 
 
 def _find_adapter(device: Device) -> Any:
