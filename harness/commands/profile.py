@@ -59,7 +59,7 @@ def profile(
         step = bench.open(backend).details.get("step") or 1
         draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
-        length = timing.budget_s * (len(draws) + 3)
+        length = budget * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
             found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
         facts = {

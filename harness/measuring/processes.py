@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -291,8 +291,8 @@ class Bench:
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
         """Time the candidates, (frame, triangles), together, in shuffled rounds.
 
-        In as many fresh processes, one after the other, as the settings want. `own` has the options
-        of candidates that are drawn in another way than the others.
+        In as many fresh processes, one after the other, as the settings want, or as there is time
+        for. `own` has the options of candidates that are drawn in another way than the others.
 
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
@@ -306,18 +306,25 @@ class Bench:
         try:
             with self.clocked("time"):
                 for number in range(settings.processes):
+                    spent = time.perf_counter() - began
+                    share = settings
+                    if settings.limit_s is not None:
+                        left = max(0.0, settings.limit_s - spent)
+                        if number > 0 and left == 0.0:
+                            break
+                        share = replace(settings, limit_s=left / (settings.processes - number))
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
                     arguments = (
                         dict(candidates),
                         options,
-                        settings,
+                        share,
                         test,
                         seed + number,
                         dict(own),
                     )
-                    told = tick and _after(tick, time.perf_counter() - began)
+                    told = tick and _after(tick, spent)
                     parts.append(
                         self._on(
                             backend, tasks.time_group, *arguments, timeout_s=timeout_s, tick=told

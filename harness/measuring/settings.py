@@ -43,12 +43,13 @@ class TimingSettings:
     warm_up_s : longest warm-up a candidate
     least_share : share of the budget that is always drawn: what is precise enough by itself gets
         pairs that tell smaller differences
-    epochs : how often drawings are prepared anew, at least, where they can be
+    epochs : how often drawings are prepared, at least, where they can be prepared anew; 1: once
     paired : whether the candidates are compared with each other; then all are drawn equally often
         a batch, for a batch's own cost, shared among fewer draws, would look like a slower draw;
         up to `LONGEST_BATCH` batches' length, beyond which that cost is too small to show
     processes : how many fresh processes do all of this, one after the other
-    limit_s : seconds after which the rounds end, however few there are; None: however many it takes
+    limit_s : seconds after which the rounds end, however few there are, shared by all processes;
+        None: however many it takes
     """
 
     precision: float = 0.01

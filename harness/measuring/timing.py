@@ -223,8 +223,8 @@ class _Epochs:
     ) -> None:
         self.rounds = [0]
         self._least = least
-        self._renew = renew
-        self._wanted = 1 if renew is None else wanted
+        self._renew = renew if wanted > 1 else None
+        self._wanted = 1 if self._renew is None else wanted
         self._clock = clock
         now = clock()
         self._seconds = max(0.0, earliest - now) / self._wanted

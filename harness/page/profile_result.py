@@ -104,12 +104,13 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         if the result contradicts itself, or tells too little
     """
     page = result.page
-    if page.design != DESIGN:
+    if not 1 <= page.design <= DESIGN:
         raise UsageError(
-            f"{file}: its draws are of design {page.design}, not {DESIGN}: make the page anew"
+            f"{file}: its draws are of design {page.design}, and the latest known here is "
+            f"{DESIGN}: make the page anew"
         )
     step = result.device.step or 1
-    draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
+    draws = [design.snapped(draw, step) for draw in design.draws(page.seed, page.design)]
     exact = [counters(draw) for draw in draws]
     _refuse_other_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
@@ -126,7 +127,7 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
     }
     found = measured.of_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
-    content = profile(draws, exact, found, _facts(result, name), page.seed)
+    content = profile(draws, exact, found, _facts(result, name), page.seed, page.design)
     return Imported(content, found.trouble, _warnings(result))
 
 

@@ -9,6 +9,7 @@
     cuts       lanes, half-perimeter, boxes                triangles, vertices, pixels
     strips     triangles, half-perimeter                   pixels
     slivers    length, angle                               triangles; hardly any pixel
+    long       angle, and so boxes                         what a box's pixels do not tell
     vertices   vertices                                    all else
     work       arithmetic of a fragment                    all else
     twice      everything but vertices, doubled            vertices
@@ -32,8 +33,8 @@ from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
 from harness.profile import placing
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
-DESIGN = 1
-"""Version of the list; a file of another version has other draws."""
+DESIGN = 2
+"""Version of the list; a file of another version has other draws. The first had no long ones."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
 AREAS = {8: 1500, 64: 800}
@@ -56,6 +57,13 @@ STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 
 SLIVERS = ((64, 16), (64, 64), (16, 16))
 """Length in px and height in 1/256 px of triangles thinner than a pixel."""
+
+LONG = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
+"""Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
+
+Their boxes grow by far more than anything else when they are turned. Without them a law takes what
+small triangles miss for a cost of boxes, and is wrong about large ones.
+"""
 
 MESHES = (2, 16)
 SHARED_RINGS = (0, 2)
@@ -92,9 +100,10 @@ class Draw:
         return zlib.crc32(b"".join(np.ascontiguousarray(part, "<i4").tobytes() for part in parts))
 
 
-def draws(seed: int = 0) -> list[Draw]:
-    """Return the draws of the design, in the order of the table above."""
-    return [draw for kind in _KINDS for draw in kind(seed)]
+def draws(seed: int = 0, version: int = DESIGN) -> list[Draw]:
+    """Return the draws of a version of the design, in the order of the table above."""
+    made = [draw for kind in _KINDS for draw in kind(seed)]
+    return [draw for draw in made if version > 1 or draw.kind != "long"]
 
 
 def snapped(draw: Draw, step: int) -> Draw:
@@ -233,6 +242,16 @@ def _slivers(seed: int) -> Iterator[Draw]:
             yield Draw("slivers", name, "slivers", *made)
 
 
+def _long(seed: int) -> Iterator[Draw]:
+    number = 620
+    for length, height, count in LONG:
+        for direction in DIRECTIONS:
+            number += 1
+            made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
+            name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
+            yield Draw("long", name, "long", *made)
+
+
 def _vertices(seed: int) -> Iterator[Draw]:
     """Meshes of squares cut in two and rings, with shared vertices, and with three a triangle."""
     shared = [(f"a mesh of {side} px", *_mesh(seed, side)) for side in MESHES]
@@ -281,5 +300,5 @@ def _twice(seed: int) -> Iterator[Draw]:
 
 _KINDS: tuple[Callable[[int], Iterator[Draw]], ...] = (
     *(_few, _aspects, _sizes, _lanes, _places, _cuts),
-    *(_strips, _slivers, _vertices, _work, _twice),
+    *(_strips, _slivers, _long, _vertices, _work, _twice),
 )

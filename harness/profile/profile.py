@@ -35,10 +35,11 @@ def profile(
     measured: Measured,
     device: Mapping[str, Any],
     seed: int,
+    version: int = DESIGN,
 ) -> dict[str, Any]:
     """Return a profile's content, JSON-ready.
 
-    counted : the draws' `counters`; device : what is known of it
+    counted : the draws' `counters`; device : what is known of it; version : of the design
     """
     design = design_of(counted)
     fitted, plain = fitted_of(draws)
@@ -54,7 +55,7 @@ def profile(
         "version": VERSION,
         "schema_version": 1,
         "harness": __version__,
-        "design": DESIGN,
+        "design": version,
         "seed": seed,
         "device": dict(device),
         "terms": _terms(law),

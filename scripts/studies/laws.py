@@ -4,8 +4,8 @@
 
 Each device charges its own costs for the design's exact counters; about half of the terms cost it
 nothing. Its clock is told in steps of 0.1 ms. Every sample is a little noisy, every drawing is a
-little faster or slower in each epoch, and the machine slows down and recovers meanwhile. The rounds
-are those of `harness.measuring.timing`, the rest is `harness.profile`.
+little faster or slower in each process, and the machine slows down and recovers meanwhile. The
+rounds are those of `harness.measuring.timing`, the rest is `harness.profile`.
 
 Writes a row for each term: in how many goes it cost something, in what share of them its interval
 holds that, and in what share of those in which it cost nothing nothing was shown.
@@ -23,13 +23,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.measuring.timing import EMPTY, TimerTest, time_together
+from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.rasterisers.base import Sample
 
 STEP_S = 1e-4
-NOISE, PLACE, DRIFT = 0.01, 0.005, 0.1
+NOISE, PLACE, DRIFT = 0.01, 0.03, 0.1
 """Standard deviations of a sample and of a drawing's place, and how far the speed strays."""
 
 WHOLE_S = 1e-3
@@ -114,14 +114,18 @@ def go(of: Design, seed: int, budget_s: float = 0.3, resamples: int = 200) -> Go
         return {name: Drawing(seconds[name], clock, random) for name in order}
 
     timing = measured.settings(budget_s)
-    times = time_together(
-        prepare(list(seconds)), timing, TEST, seed=seed, clock=clock, renew=prepare
-    )
+    parts = []
+    speeds: list[float] = []
+    for number in range(timing.processes):
+        drawings = prepare(list(seconds))
+        part = time_together(drawings, timing, TEST, seed=seed + number, clock=clock)
+        parts.append(part)
+        speeds += clock.logs[-len(seconds) * sum(part[EMPTY].epochs) :]
+    times = {name: Times.of_processes([part[name] for part in parts]) for name in seconds}
     told = measured.of_times(times, names)
     found = law.fit(of.rows, told.epochs, of.groups, seed, resamples)
-    # The law is of the machine at its mean speed in the rounds, and as each epoch begins.
-    drawn = len(seconds) * (sum(told.rounds) + len(told.rounds) - 1)
-    return Go(truth * float(np.exp(np.mean(clock.logs[-drawn:]))), found)
+    # The law is of the machine at its mean speed in the rounds.
+    return Go(truth * float(np.exp(np.mean(speeds))), found)
 
 
 def main() -> None:

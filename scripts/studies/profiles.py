@@ -117,7 +117,8 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
         rounds=profile["rounds"],
     )
     counted = [counters(draw) for draw in draws]
-    content = profiles.profile(draws, counted, found, profile["device"], profile["seed"])
+    about = profile["device"], profile["seed"], profile["design"]
+    content = profiles.profile(draws, counted, found, *about)
     content["advice"] = profile.get("advice")
     content["refused"] = content["refused"] or bool(found.trouble)
     return {name: content[name] for name in profile}
@@ -176,7 +177,7 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
         apart = logs[name] - logs[best]
         shares = {"regret": mean, "low": low, "high": high} | {
             key: float(np.expm1(each))
-            for key, each in zip(ABOVE, (apart.mean(), *mean_interval(apart)), strict=True)
+            for key, each in zip(ABOVE, (apart.mean(), *ends_of(apart)), strict=True)
         }
         yield {
             **common,
@@ -184,6 +185,11 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
             "advice": int(name == advice),
             **{key: f"{share:.5f}" for key, share in shares.items()},
         }
+
+
+def ends_of(apart: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the ends of the interval of a mean over polygons; none is apart from itself."""
+    return mean_interval(apart) if apart.any() else (0.0, 0.0)
 
 
 def logs_of(held: HeldOut, ways: list[str], name: str) -> NDArray[np.float64]:

@@ -5,23 +5,28 @@ from __future__ import annotations
 import json
 import os
 import signal
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 from shapely import Polygon, box
 
+from harness import rasterisers
 from harness.errors import NothingMeasured, UsageError
-from harness.frame import Frame
+from harness.frame import Frame, bare_frame
 from harness.machine.processor import processor
+from harness.measuring import processes, tasks
 from harness.measuring.plan import Plan
+from harness.measuring.processes import Backend, Bench
 from harness.measuring.run import RunOptions, RunResult, run
-from harness.measuring.timing import MIN_ROUNDS, TimingSettings
+from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
 from harness.measuring.worker import Inline, OpenWorker, Worker
 from harness.progress import Reporter
-from harness.rasterisers.base import Counters
+from harness.rasterisers.base import Counters, Options
 from harness.stored.folder import Store, read_arrays, read_run
 from harness.triangulating import recipes
 from harness.triangulating.recipes import Recipe, parse_all
@@ -369,3 +374,28 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
     assert "processes" not in plan_for(block).to_json()["timing"]
     assert Plan.from_json(plan.to_json()).timing == plan.timing
     assert Plan.from_json(plan_for(block).to_json()).timing.processes == 1
+
+
+@pytest.mark.parametrize(
+    ("took", "limits"),
+    [(2.0, [5.0, 6.0, 8.0, 14.0]), (9.0, [5.0, 11 / 3, 1.0]), (30.0, [5.0])],
+)
+def test_processes_share_a_limit_and_none_begins_when_it_is_over(monkeypatch, took, limits):
+    shares: list[float | None] = []
+
+    def timed(*given: object) -> dict[str, Times]:
+        shares.extend(each.limit_s for each in given if isinstance(each, TimingSettings))
+        return {"a": Times(1, [took], [1])}
+
+    clock = SimpleNamespace(perf_counter=lambda: took * len(shares))
+    monkeypatch.setattr(processes, "time", clock)
+    monkeypatch.setattr(tasks, "time_group", timed)
+    backend = Backend(MOCK, rasterisers.find_device(MOCK, None))
+    corners = np.array([[0, 0], [8, 0], [0, 8]], np.int32)
+    drawn = bare_frame(8, corners), np.arange(3, dtype=np.int32)[None]
+    settings = TimingSettings(processes=4, limit_s=20.0)
+    with closing(Bench(inline, timeout_s=1.0)) as bench:
+        groups, failures = bench.time(backend, {"a": drawn}, Options(), settings, seed=0)
+    assert not failures
+    assert shares == pytest.approx(limits)
+    assert groups["a"]["a"].epochs == [1] * len(limits)

@@ -274,6 +274,13 @@ def test_few_slow_rounds_are_enough_epochs():
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
+def test_drawings_that_are_to_be_prepared_once_are_kept():
+    renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 1)
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, least_share=1.0, epochs=1))
+    assert len(renewed.orders) == 1
+    assert times["a"].epochs == [len(times["a"].samples_s)]
+
+
 def test_a_limit_ends_slow_rounds_and_leaves_as_many_epochs_as_there_is_time_for():
     renewed = Renewed({"a": 1.0, "b": 1.0}, 0.0, 0.0, 2)
     times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0, limit_s=30.0))

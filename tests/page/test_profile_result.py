@@ -13,10 +13,12 @@ import pytest
 
 from harness.commands import running
 from harness.errors import BAD_INPUT, INCONCLUSIVE
+from harness.measuring.timing import EMPTY
 from harness.page.profile_result import FORMAT, LATER
 from harness.profile import advice, design, words
 from harness.profile.advice import OWN
 from harness.profile.counted import TERMS
+from harness.profile.measured import CONTROL
 from harness.study.calibration_draws import read_coefficients
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
@@ -87,6 +89,29 @@ def test_an_older_pages_law_has_fewer_terms(harness, saved):
     ]
 
 
+def of_first_design(result: dict[str, Any]) -> None:
+    """Leave out what the first design had no draws of, and the law, which is then another."""
+    known = {draw.checksum for draw in design.draws(0, 1)}
+    places = [n for n, draw in enumerate(design.draws(0)) if draw.checksum in known]
+    told = result["times"]
+    timed = {str(new): told[str(old)] for new, old in enumerate(places)}
+    control = timed[str(len(places) // 2)]
+    result["times"] = {**timed, EMPTY: told[EMPTY], CONTROL: control}
+    result["draws"] = [result["draws"][n] for n in places]
+    result["page"].update(design=1)
+    result["law"] = None
+
+
+def test_a_page_of_the_first_design_is_still_read(harness, saved):
+    code, _, err = harness("import", saved(of_first_design), "--out", "first.json")
+    assert code == 0, err
+    content = json.loads(Path("first.json").read_text())
+    assert content["design"] == 1
+    assert len(content["times"]) == len(design.draws(0)) - 12
+    found = {each["name"]: each["seconds"] for each in content["terms"]}
+    assert found["triangles"] == pytest.approx(COSTS["triangles"], rel=0.01)
+
+
 @pytest.mark.parametrize("name", ["llvmpipe (LLVM 15.0.7)", "Microsoft Basic Render Driver"])
 def test_a_program_on_the_processor_is_no_gpu(harness, saved, name):
     file = saved(lambda result: result["device"].update(description=name))
@@ -116,7 +141,8 @@ def without(number: int) -> Callable[[dict[str, Any]], None]:
 
 
 FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "design": (lambda r: r["page"].update(design=2), "its draws are of design 2, not 1"),
+    "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and the latest"),
+    "older design": (lambda r: r["page"].update(design=1), "its draws are not those of seed 0"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
@@ -135,8 +161,8 @@ FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "epochs": (lambda r: r["epochs"].append(1), "its times are not of the same rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
-    "missing": (lambda r: r["times"].pop("40"), "not all of its 123 draws were timed"),
-    "strange": (lambda r: r["times"].update({"x": r["times"]["4"]}), "not all of its 123 draws"),
+    "missing": (lambda r: r["times"].pop("40"), "not all of its 135 draws were timed"),
+    "strange": (lambda r: r["times"].update({"x": r["times"]["4"]}), "not all of its 135 draws"),
     "few": (without(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),
     "no timer": (lambda r: r.update(timer=None), "tell no law"),

@@ -105,6 +105,9 @@ def test_fewer_parts_are_told(harness, monkeypatch):
     measure = measured.measure
     assert measured.settings(0.5, 126).limit_s == 126
     assert measured.settings(0.1, 126).limit_s == measured.LIMIT_S
+    timing = measured.settings(0.5, 126)
+    assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
+    assert timing.processes * timing.budget_s == pytest.approx(0.5)
 
     def brief(*given):
         found = measure(*given)
@@ -113,7 +116,7 @@ def test_fewer_parts_are_told(harness, monkeypatch):
     monkeypatch.setattr(measured, "measure", brief)
     code, _, err = profiled(harness, "Charging")
     assert code == 0
-    assert "warning: the device is slow: 120 s were over after 5 of 12 parts, so" in err
+    assert "warning: the device is slow: 100 s were over after 5 of 12 parts, so" in err
 
 
 def test_what_cannot_be_profiled_is_said_in_one_line(harness):

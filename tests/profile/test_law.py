@@ -39,8 +39,13 @@ def test_the_fewest_terms_are_those_that_cost_something(of):
     places = {"draw": 2e-5, "triangles": 5e-8, "half_perimeter": 7e-9, "work": 3e-10}
     for name, cost in places.items():
         truth[list(TERMS).index(name)] = cost
-    noise = np.exp(0.005 * np.random.default_rng(0).standard_normal(len(of.rows)))
-    assert set(law.fewest(of.rows, of.rows @ truth * noise, of.groups)) == set(places)
+    extra = []
+    for seed in range(4):
+        noise = np.exp(0.005 * np.random.default_rng(seed).standard_normal(len(of.rows)))
+        found = set(law.fewest(of.rows, of.rows @ truth * noise, of.groups))
+        assert found >= set(places)
+        extra += found - set(places)
+    assert len(extra) <= 1, "noise lets a term in now and then"
 
 
 def test_a_draw_that_misses_the_law_widens_the_intervals(of):

@@ -165,6 +165,10 @@ function designOf(seed) {
   for (const [length, height] of [[64, 16], [64, 64], [16, 16]]) {
     for (const direction of [LEVEL, SLANTED]) found.push(scattered(length * UNIT, height, direction, 2000, [seed, ++number]));
   }
+  number = 620;
+  for (const [length, height, size] of [[256, 256, 200], [256, 2048, 60], [448, 1024, 40]]) {
+    for (const direction of [LEVEL, SLANTED, DIAGONAL, STEEP]) found.push(scattered(length * UNIT, height, direction, size, [seed, ++number]));
+  }
   for (const shared of [mesh(seed, 2), mesh(seed, 16), ...[0, 2].map((place) => alternate(rings(seed, place, halved)))]) {
     found.push(shared, apart(shared));
   }
