@@ -313,6 +313,11 @@ HELD: list[Held] = [
         "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |",
         tables.on_devices,
     ),
+    Sentence(
+        "interval holds the truth: in {} % of them or more, and in {} % or more where one polygon has"
+        " a quarter of the sum",
+        tables.covering,
+    ),
     Sentence("Of 11 findings, {}, {}, {} and {} hold on them.", tables.holding),
     Sentence(
         "Of {} correlations with counters, {} are equal to the last digit. Those with times differ"

@@ -610,3 +610,15 @@ SOFTWARE = {"zink": "opengl", "osmesa": "osmesa", "softpipe": "opengl"}
 def lanes_of(criterion: str) -> list[str]:
     """Return a criterion's rank correlations with helper lanes on the other devices."""
     return [city(d, criterion, "helper_lanes", r) for d, r in SOFTWARE.items()]
+
+
+def covering() -> list[str]:
+    """Return the least share of simulated studies whose interval of the city's regret holds it.
+
+    Of criteria of which no polygon has a quarter of the sum, and of those of which one has.
+    """
+    rows = [row for row in some("coverage.csv") if row["data"].startswith("city's regret")]
+    apart: dict[bool, list[float]] = {True: [], False: []}
+    for row in rows:
+        apart["a quarter" in row["data"]].append(float(row["covered"]))
+    return [percent(min(apart[decided]), 0) for decided in (False, True)]

@@ -8,7 +8,7 @@ import pytest
 from harness.figures.intervals import (
     FEWEST,
     RESAMPLES,
-    TAIL_OF_RATIO,
+    TAIL,
     mean_interval,
     ratio_interval,
 )
@@ -44,9 +44,7 @@ def test_the_interval_of_a_ratio_is_the_studentised_bootstraps():
     pairs = [ratio_and_error(own[row], base[row]) for row in places]
     t = np.sort([(each - ratio) / wide for each, wide in pairs if wide > 0])
     t = np.sort(np.append(t, np.zeros(RESAMPLES - len(t))))
-    low, high = (
-        t[int(np.ceil(tail * RESAMPLES)) - 1] for tail in (TAIL_OF_RATIO, 1 - TAIL_OF_RATIO)
-    )
+    low, high = (t[int(np.ceil(tail * RESAMPLES)) - 1] for tail in (TAIL, 1 - TAIL))
     assert ratio_interval(own, base) == pytest.approx((ratio - high * error, ratio - low * error))
 
 

@@ -30,7 +30,7 @@ function studentInterval(values) {
 }
 
 /* Ends of the studentised bootstrap's 95 % interval of the mean of values: see harness/figures/intervals.py. */
-const TAIL = 0.02, STUDENTISED = 1999;
+const TAIL = 0.01, STUDENTISED = 1999;
 
 function meanInterval(values, random = Math.random) {
   const told = (some) => {
