@@ -24,7 +24,8 @@ ON = "tests.profile.charging:"
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
-    """Workers are in this process, and advice looks at few polygons."""
+    """Workers are in this process, few follow each other, and advice looks at few polygons."""
+    monkeypatch.setattr(measured, "EPOCHS", 6)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
     monkeypatch.setattr("harness.profile.law.RESAMPLES", 30)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
@@ -78,6 +79,7 @@ def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
 
 
 def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
+    monkeypatch.setattr(measured, "EPOCHS", 12)
     monkeypatch.setattr(advice, "advise", lambda *_: None)
     monkeypatch.setattr("harness.profile.chart.plot", lambda *_: "none")
     code, out, err = profiled(harness, "Drifting")
@@ -93,7 +95,7 @@ def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatc
     monkeypatch.setattr(measured, "settings", lambda *given: replace(settings(*given), limit_s=0))
     code, _, err = profiled(harness, "Charging")
     assert code == INCONCLUSIVE
-    assert_one_line(err, "is too slow: 0 s were over after 1 of 12 parts")
+    assert_one_line(err, "is too slow: 0 s were over after 1 of 6 parts")
     assert "a draw of nothing took 0.02 ms" in err
     assert "most of all" in err
     assert not list(Path().iterdir())
@@ -116,7 +118,7 @@ def test_fewer_parts_are_told(harness, monkeypatch):
     monkeypatch.setattr(measured, "measure", brief)
     code, _, err = profiled(harness, "Charging")
     assert code == 0
-    assert "warning: the device is slow: 100 s were over after 5 of 12 parts, so" in err
+    assert "warning: the device is slow: 100 s were over after 5 of 6 parts, so" in err
 
 
 def test_what_cannot_be_profiled_is_said_in_one_line(harness):
