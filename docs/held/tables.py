@@ -23,6 +23,7 @@ from docs.held.others import alarms
 from harness.figures.ratios import Ratio, of_any_run
 from harness.study.model_terms import LETTERS
 from harness.study.regret import why_no_interval
+from scripts.studies.interval_coverage import DECIDED
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 
@@ -620,5 +621,5 @@ def covering() -> list[str]:
     rows = [row for row in some("coverage.csv") if row["data"].startswith("city's regret")]
     apart: dict[bool, list[float]] = {True: [], False: []}
     for row in rows:
-        apart["a quarter" in row["data"]].append(float(row["covered"]))
+        apart[DECIDED in row["data"]].append(float(row["covered"]))
     return [percent(min(apart[decided]), 0) for decided in (False, True)]

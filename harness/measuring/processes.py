@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -307,12 +307,9 @@ class Bench:
             with self.clocked("time"):
                 for number in range(settings.processes):
                     spent = time.perf_counter() - began
-                    share = settings
-                    if settings.limit_s is not None:
-                        left = max(0.0, settings.limit_s - spent)
-                        if number > 0 and left == 0.0:
-                            break
-                        share = replace(settings, limit_s=left / (settings.processes - number))
+                    share = settings.of_process(number, spent)
+                    if share is None:
+                        break
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()

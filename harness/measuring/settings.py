@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 DEFAULT_TRIANGULATORS = (
     "fan",
@@ -61,3 +61,15 @@ class TimingSettings:
     epochs: int = 6
     processes: int = 1
     limit_s: float | None = None
+
+    def of_process(self, number: int, spent_s: float) -> TimingSettings | None:
+        """Return the settings of one of the processes; None where the limit leaves it no time.
+
+        It gets an equal share of what is left after `spent_s`, and the first one always begins.
+        """
+        if self.limit_s is None:
+            return self
+        left_s = max(0.0, self.limit_s - spent_s)
+        if number > 0 and left_s == 0.0:
+            return None
+        return replace(self, limit_s=left_s / (self.processes - number))

@@ -223,8 +223,8 @@ class _Epochs:
     ) -> None:
         self.rounds = [0]
         self._least = least
-        self._renew = renew if wanted > 1 else None
-        self._wanted = 1 if self._renew is None else wanted
+        self._renew = renew
+        self._wanted = 1 if renew is None else wanted
         self._clock = clock
         now = clock()
         self._seconds = max(0.0, earliest - now) / self._wanted
@@ -233,7 +233,7 @@ class _Epochs:
     def is_over(self) -> bool:
         """Whether it is time for the next epoch."""
         long_enough = self.rounds[-1] >= self._least and self._clock() >= self._until
-        return self._renew is not None and long_enough
+        return self._wanted > 1 and long_enough
 
     def begin(self, order: Sequence[str]) -> Mapping[str, Timeable]:
         """Return the drawings of the next epoch, prepared in the given order."""

@@ -22,8 +22,9 @@ language has made the same one if the checksums are equal.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import isqrt
 
 import numpy as np
@@ -55,11 +56,11 @@ RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192
 STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 """Step in 1/256 px and height in px of strips as wide as the viewport."""
 
-SLIVERS = ((64, 16), (64, 64), (16, 16))
-"""Length in px and height in 1/256 px of triangles thinner than a pixel."""
+SLIVERS = ((64, 16, 2000), (64, 64, 2000), (16, 16, 2000))
+"""Length in px, height in 1/256 px and number of triangles thinner than a pixel."""
 
 LONG = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
-"""Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
+"""The same of thin triangles as long as those of large polygons.
 
 Their boxes grow by far more than anything else when they are turned. Without them a law takes what
 small triangles miss for a cost of boxes, and is wrong about large ones.
@@ -233,23 +234,26 @@ def _strips(seed: int) -> Iterator[Draw]:
 
 
 def _slivers(seed: int) -> Iterator[Draw]:
-    number = 600
-    for length, height in SLIVERS:
-        for direction in (LEVEL, SLANTED):
-            number += 1
-            made = _scattered(length * SUBPIXEL, height, direction, 2000, (seed, number))
-            name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
-            yield Draw("slivers", name, "slivers", *made)
+    return _thin("slivers", SLIVERS, (LEVEL, SLANTED), seed, 601)
 
 
 def _long(seed: int) -> Iterator[Draw]:
-    number = 620
-    for length, height, count in LONG:
-        for direction in DIRECTIONS:
-            number += 1
-            made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
-            name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
-            yield Draw("long", name, "long", *made)
+    return _thin("long", LONG, DIRECTIONS, seed, 621)
+
+
+def _thin(
+    kind: str,
+    sizes: Sequence[tuple[int, int, int]],
+    directions: Sequence[Direction],
+    seed: int,
+    first: int,
+) -> Iterator[Draw]:
+    """Yield thin triangles of each size in each direction; the draws are numbered from `first`."""
+    each = product(sizes, directions)
+    for number, ((length, height, count), direction) in enumerate(each, first):
+        made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
+        name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
+        yield Draw(kind, name, kind, *made)
 
 
 def _vertices(seed: int) -> Iterator[Draw]:

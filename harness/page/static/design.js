@@ -161,14 +161,10 @@ function designOf(seed) {
   }
   RINGS.forEach((_, place) => found.push(...[fan, zigzag, halved].map((cut) => apart(rings(seed, place, cut)))));
   [[256, 16], [1024, 16], [4096, 16], [512, 64]].forEach((size, k) => found.push(strip(seed, k, ...size)));
-  number = 600;
-  for (const [length, height] of [[64, 16], [64, 64], [16, 16]]) {
-    for (const direction of [LEVEL, SLANTED]) found.push(scattered(length * UNIT, height, direction, 2000, [seed, ++number]));
-  }
-  number = 620;
-  for (const [length, height, size] of [[256, 256, 200], [256, 2048, 60], [448, 1024, 40]]) {
-    for (const direction of [LEVEL, SLANTED, DIAGONAL, STEEP]) found.push(scattered(length * UNIT, height, direction, size, [seed, ++number]));
-  }
+  const thin = (sizes, directions, first) => sizes.forEach(([length, height, size], k) => directions.forEach((direction, turn) =>
+    found.push(scattered(length * UNIT, height, direction, size, [seed, first + k * directions.length + turn]))));
+  thin([[64, 16, 2000], [64, 64, 2000], [16, 16, 2000]], [LEVEL, SLANTED], 601);
+  thin([[256, 256, 200], [256, 2048, 60], [448, 1024, 40]], [LEVEL, SLANTED, DIAGONAL, STEEP], 621);
   for (const shared of [mesh(seed, 2), mesh(seed, 16), ...[0, 2].map((place) => alternate(rings(seed, place, halved)))]) {
     found.push(shared, apart(shared));
   }
