@@ -169,10 +169,12 @@ def _split_where_rings_touch(points: np.ndarray, edges: np.ndarray) -> np.ndarra
     else:
         tree = shapely.STRtree(shapely.linestrings(points[edges]))
         near, edge = tree.query(shapely.points(points[edges[:, 0]]))
+        vertex = edges[near, 0]
+        other = (edges[edge] != vertex[:, None]).all(axis=1)  # most are an end of their edge
         found = [
             (e, v)
-            for e, v in zip(edge.tolist(), edges[near, 0].tolist(), strict=True)
-            if v not in edges[e] and on_segment(points, v, edges[e, 0], edges[e, 1], allowed)
+            for e, v in zip(edge[other].tolist(), vertex[other].tolist(), strict=True)
+            if on_segment(points, v, edges[e, 0], edges[e, 1], allowed)
         ]
     if not found:
         return edges
