@@ -40,20 +40,27 @@ def compile_everything() -> None:
         # A third reads the tests, so that three workers need not rewrite what they assert.
         reading = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
         with (
-            subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT) as second,
-            subprocess.Popen(reading, cwd=ROOT, stdout=subprocess.DEVNULL) as third,
+            subprocess.Popen([sys.executable, "-m", "tests.compiling"], cwd=ROOT),
+            subprocess.Popen(reading, cwd=ROOT, stdout=subprocess.DEVNULL),
         ):
             warm_up([name for name in known if name not in BESIDE])
-            second.wait()
-            third.wait()
+            _scenes(known)
     warm_up(known)
+    _scenes(known)
+
+
+def _scenes(known: list[str], order: int = 1) -> None:
+    """Go through the scenes from the first, 1, or from the last, -1.
+
+    Two processes that come from both ends meet: what one compiles, the other loads.
+    """
     known = [name for name in known if name not in LISTING]  # which take long for more than that
-    for scene in SCENES:
+    for scene in SCENES[::order]:
         polygons = load(scene).polygons
         triangulate_many(polygons)
         frame = make_frame(polygons, View(64))
         triangulate_many(frame.polygons, device="llvmpipe")
-        for name in known:
+        for name in known[::order]:
             found = triangulate_polygons(parse(name), frame.polygons)
         _rasterise(frame, frame.join(found.parts))
         outlines(frame, found.parts)
@@ -78,6 +85,7 @@ def _half() -> None:
     _rasterise(frame, frame.join(found.parts))
     for polygon in [each for scene in SCENES for each in load(scene).polygons[:3]]:
         certify(polygon, triangulate(polygon, "ear-clipping", repair=True), "overdraw")
+    _scenes(names(available_only=True), -1)
 
 
 if __name__ == "__main__":

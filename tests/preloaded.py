@@ -4,6 +4,7 @@ Beside what a run's server loads, that is what a run leaves to its second proces
 workers import late: each would load it anew.
 """
 
+import gc
 from contextlib import suppress
 
 import scipy.special  # noqa: F401 - for the workers
@@ -20,3 +21,5 @@ with suppress(NotKept), only_kept():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))
     outlines(frame, triangulate_many(frame.polygons))
     fewest(frame, None)
+
+gc.freeze()

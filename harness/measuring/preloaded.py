@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import warnings
 from contextlib import suppress
@@ -30,3 +31,5 @@ if os.environ.pop(MARK, None):
     system.adopt()
     warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
     _load()
+    # Workers collect only what they make: walking over what they share would copy its pages.
+    gc.freeze()

@@ -141,7 +141,9 @@ def work_through(
             running.clear()
             continue
         for name, answer in ended:
-            running.pop(name, None)
+            if name not in running:
+                continue  # of a queue that was given up, or already counted
+            del running[name]
             if not answer.failed:
                 done(name, answer.value)
                 continue

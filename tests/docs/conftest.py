@@ -130,9 +130,9 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{ROOT}")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    # But compiled code is for all: each command that starts a process would compile anew.
+    # Compiled code is for all: each command that starts a process would compile anew.
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(compiled_files.place().parents[1]))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     if not FULL:
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
         monkeypatch.setattr("harness.commands.run.QUICK", BRIEF)

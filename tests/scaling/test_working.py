@@ -109,6 +109,16 @@ def test_a_scheduler_that_is_lost_costs_what_it_had_and_no_more():
     assert crew.begun[NAMES[4]] == 1
 
 
+def test_an_answer_that_nobody_waits_for_counts_for_nothing(monkeypatch):
+    """As it comes twice, or from a queue that was given up while tasks of it were running."""
+    ended = Scripted.ended
+    others = [(name, Answer()) for name in ("of another queue", NAMES[0])]
+    monkeypatch.setattr(Scripted, "ended", lambda *given: ended(*given) * 2 + others)
+    crew, done, aside = carried_out(lambda name, time: Answer())
+    assert aside == {}
+    assert done == Counter(NAMES)
+
+
 def test_a_scheduler_that_does_not_come_back_ends_it(monkeypatch):
     crew = Scripted(lambda name, time: None)
 
