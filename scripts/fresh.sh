@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs `make test` in fresh clones of HEAD, each with an environment of its own, and prints one
-# line a clone: what came out, and the seconds of set-up and of the tests.
+# Runs `make test` in fresh clones of HEAD, each with an environment and a cache of its own, and
+# prints one line a clone: what came out, and the seconds of set-up and of the tests.
 # usage: scripts/fresh.sh [CLONES]   logs of failures are kept and named
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -18,6 +18,7 @@ for number in $(seq "$clones"); do
     clone=$place/clone-$number log=$place/clone-$number.log
     git clone -q --no-local . "$clone"
     git -C "$clone" checkout -q "$commit"
+    export XDG_CACHE_HOME=$place/cache-$number
     start=$(date +%s)
     result=passed
     (cd "$clone" && ./scripts/setup.sh test) >"$log" 2>&1 || result="set-up failed"
@@ -29,7 +30,7 @@ for number in $(seq "$clones"); do
     summary=$(grep -E '^[0-9]+ (passed|failed)' "$log" | tail -1 || true)
     printf '%3d  %-13s  set-up %4d s  tests %4d s  %s\n' \
         "$number" "$result" $((ready - start)) $((end - ready)) "$summary"
-    rm -rf "$clone"
+    rm -rf "$clone" "$XDG_CACHE_HOME"
     if [ "$result" = passed ]; then rm "$log"; else
         failed=$((failed + 1))
         printf '     see %s\n' "$log"

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,11 @@ from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
 from harness.cli import main
-from harness.measuring import server
+from harness.measuring import server, tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
+from harness.pictures import style
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
 from tests.chromium import Chromium
@@ -30,6 +32,11 @@ server.PRELOADED = "tests.preloaded"
 
 BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
 """In place of what `run --quick` takes."""
+
+
+PRINTED_DPI = style.STYLE["savefig.dpi"]
+style.STYLE["savefig.dpi"] = 50
+"""Most tests ask only whether a picture is written; a paper's has sixteen times the pixels."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -112,6 +119,9 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     briefly(monkeypatch)
 
 
+_timer_tested_once = cache(tasks._test_timer)
+
+
 def briefly(patch: pytest.MonkeyPatch) -> None:
     """Run a run's tasks in this process, in few rounds; the reference draws once for a batch."""
     sample = _Filling.sample
@@ -120,6 +130,7 @@ def briefly(patch: pytest.MonkeyPatch) -> None:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+    patch.setattr("harness.measuring.tasks._test_timer", _timer_tested_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_Filling, "sample", once)
 

@@ -105,7 +105,7 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
     size = len(outline.points)
     corners = outline.site[triangles].astype(np.int64)
     tails = np.concatenate((corners.ravel(), outline.edges[:, 1]))
-    heads = np.concatenate((np.roll(corners, -1, axis=1).ravel(), outline.edges[:, 0]))
+    heads = np.concatenate((corners[:, [1, 2, 0]].ravel(), outline.edges[:, 0]))
     low, high = np.minimum(tails, heads), np.maximum(tails, heads)
     keys, which = np.unique(low * size + high, return_inverse=True)
     balance = np.bincount(which, weights=np.where(tails < heads, 1, -1), minlength=len(keys))

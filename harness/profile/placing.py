@@ -81,16 +81,22 @@ def cells(width: int, height: int, direction: Direction, count: int) -> Points:
     """
     wide, high = width + GAP, height + GAP
     half = SIDE * SUBPIXEL // 2 - MARGIN
-    columns = np.arange(-(3 * half // (2 * wide)) - 2, 3 * half // (2 * wide) + 3)
-    rows = np.arange(-(3 * half // (2 * high)) - 2, 3 * half // (2 * high) + 3)
-    corners = np.stack(np.meshgrid(columns * wide, rows * high), axis=-1).reshape(-1, 2)
-    box = np.array([(0, 0), (width, 0), (width, height), (0, height)])
-    ends = turned(corners[:, None] + box, direction)
-    # Each is moved by less than a pixel afterwards.
-    fits = ((ends >= -half) & (ends < half - SUBPIXEL)).all(axis=(1, 2))
-    inside = corners[fits]
+    columns = np.arange(-(3 * half // (2 * wide)) - 2, 3 * half // (2 * wide) + 3) * wide
+    rows = np.arange(-(3 * half // (2 * high)) - 2, 3 * half // (2 * high) + 3) * high
+    # Each is moved by less than a pixel afterwards, so ends are from -half to half - SUBPIXEL. As
+    # `turned` rounds, (v + length // 2) // length >= m where v >= m * length - length // 2.
+    shift = direction.length // 2
+    least, limit = -half * direction.length - shift, (half - SUBPIXEL) * direction.length - shift
+    fits = np.ones((len(rows), len(columns)), dtype=bool)
+    for x, y in ((direction.x, -direction.y), (direction.y, direction.x)):
+        corner = columns * x + (rows * y)[:, None]
+        # What a box adds to its corner: each side's part, or nothing.
+        fits &= corner + min(0, x * width) + min(0, y * height) >= least
+        fits &= corner + max(0, x * width) + max(0, y * height) < limit
+    inside = np.flatnonzero(fits)
     wanted = min(count, len(inside))
-    return inside[np.arange(wanted) * len(inside) // max(wanted, 1)]
+    row, column = np.divmod(inside[np.arange(wanted) * len(inside) // max(wanted, 1)], len(columns))
+    return np.stack([columns[column], rows[row]], axis=-1)
 
 
 def placed(

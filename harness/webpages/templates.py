@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
 
+@cache
 def template(package: str, name: str) -> Template:
     """Return the file `name` of the templates/ of `package`.
 

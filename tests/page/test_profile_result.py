@@ -17,7 +17,7 @@ from harness.measuring.timing import EMPTY
 from harness.page.profile_result import FORMAT, LATER
 from harness.profile import advice, design, words
 from harness.profile.advice import OWN
-from harness.profile.counted import TERMS
+from harness.profile.counted import TERMS, counters
 from harness.profile.measured import CONTROL
 from harness.study.calibration_draws import read_coefficients
 from tests.harness.test_cli import assert_one_line
@@ -27,12 +27,22 @@ from tests.page.test_hostile import MARKUP, hostile
 from tests.profile.charging import COSTS
 
 DRAWS = functools.cache(design.draws)
+COUNTED: dict[tuple[int, int], dict[str, int]] = {}
+
+
+def counted_once(draw: design.Draw) -> dict[str, int]:
+    """Return a draw's counters, which all tests share; a draw is known by its checksum."""
+    key = draw.checksum, draw.work
+    if key not in COUNTED:
+        COUNTED[key] = counters(draw)
+    return dict(COUNTED[key])
 
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch):
-    """Draws are made once, workers are in this process, and advice looks at few polygons."""
+    """Draws are made and counted once; workers are here, and advice looks at few polygons."""
     monkeypatch.setattr(design, "draws", DRAWS)
+    monkeypatch.setattr("harness.page.profile_result.counters", counted_once)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
     monkeypatch.setattr("harness.profile.law.RESAMPLES", 20)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})

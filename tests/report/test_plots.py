@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.pictures.style import COLOURS, TWO_COLUMNS
+from harness.pictures.style import COLOURS, STYLE, TWO_COLUMNS
 from harness.report.plots import plot_run
 from harness.stored.folder import read_run
+from tests.conftest import PRINTED_DPI
 from triangulators import criteria
 
 WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": TWO_COLUMNS}
@@ -29,7 +30,8 @@ LABELS = {
 
 
 @pytest.mark.parametrize("name", WIDTHS)
-def test_plots_have_a_papers_width_and_labels_with_units(copy, name):
+def test_plots_have_a_papers_width_and_labels_with_units(copy, name, monkeypatch):
+    monkeypatch.setitem(STYLE, "savefig.dpi", PRINTED_DPI)
     plot_run(read_run(copy))
     svg = (copy / "plots" / f"{name}.svg").read_text()
     width = float(re.search(r'width="([\d.]+)pt"', svg)[1]) / 72

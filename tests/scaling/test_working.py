@@ -114,7 +114,7 @@ def test_an_answer_that_nobody_waits_for_counts_for_nothing(monkeypatch):
     ended = Scripted.ended
     others = [(name, Answer()) for name in ("of another queue", NAMES[0])]
     monkeypatch.setattr(Scripted, "ended", lambda *given: ended(*given) * 2 + others)
-    crew, done, aside = carried_out(lambda name, time: Answer())
+    _, done, aside = carried_out(lambda name, time: Answer())
     assert aside == {}
     assert done == Counter(NAMES)
 

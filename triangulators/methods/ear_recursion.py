@@ -28,6 +28,7 @@ class Recursion:
         self._points = points.tolist()
         self._drop_straight = drop_straight
         self._known: dict[Corners, set[Triangulation]] = {}
+        self._turns: dict[Triangle, float] = {}
 
     def all(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
@@ -66,7 +67,12 @@ class Recursion:
         return {frozenset(others | cut) for others in self._of(corners)}
 
     def _turn(self, a: int, b: int, c: int) -> float:
-        return orient(*self._points[a], *self._points[b], *self._points[c])
+        """Return `orient` of three points, which is asked for in many of the remaining polygons."""
+        found = self._turns.get((a, b, c))
+        if found is None:
+            found = orient(*self._points[a], *self._points[b], *self._points[c])
+            self._turns[a, b, c] = found
+        return found
 
     def _is_inside(self, ear: Triangle, corners: Corners) -> bool:
         """Whether a triangle turns left and no other corner lies in it or on its edges."""
