@@ -214,9 +214,10 @@ def _turned(triangulator: str, holds: Callable[[Figure], bool]) -> Callable[...,
             return None
         rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
         rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
-        ratios = rows["helper_lanes_ratio"].dropna()
-        worst = float(ratios.max())
-        return None if ratios.empty else Figure(worst, worst, worst).provided(holds)
+        ratio = "helper_lanes_ratio"
+        rows = rows.dropna(subset=ratio).sort_values(ratio)
+        found = None if rows.empty else _figure(rows.iloc[-1], ratio, ratio, ratio)
+        return found and found.provided(holds)
 
     return check
 

@@ -206,9 +206,10 @@ def test_too_few_polygons_judge_no_claim():
         correlations=table.assign(**unknown),
         compared=compared(**USUAL).assign(**unknown),
         regret=regret(0.002).assign(**unknown),
+        turned=gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9).assign(**unknown),
     )
     found = [figure for _, figure in judge(evidence) if figure is not None]
-    assert len(found) == 6
+    assert len(found) == 7
     assert {figure.verdict for figure in found} == {"too few"}
     assert "| city | 0 | 0 | 11 |" in page([("city", evidence)], "here")
 
