@@ -86,7 +86,7 @@ def _far_costs(
 
 
 def _fill_wide(ring: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost) -> np.ndarray:
-    """Do what `_fill` does in Python's whole numbers, for costs without noise."""
+    """Do what `_far_costs` does in Python's whole numbers, for costs without noise."""
     known: list[dict[int, int]] = [{} for _ in ring]
     far: list[int] = [0] * int(start[-1])
     for i in range(len(ring) - 1, -1, -1):
