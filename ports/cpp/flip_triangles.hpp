@@ -74,7 +74,7 @@ public:
 private:
     std::vector<double> xy;
     std::vector<std::uint32_t> corner;   // the point that a half-edge begins at
-    std::vector<std::int32_t> twin;      // the half-edge on the other side, or -1
+    std::vector<std::int32_t> twin;      // the half-edge on the other side; negative: none
     std::vector<std::int32_t> stack;     // half-edges to look at
     std::vector<std::int32_t> slots;     // half-edges by the points that they join: a hash table
     std::vector<unsigned char> waiting;  // whether a half-edge is in the stack
@@ -164,13 +164,17 @@ private:
     }
 
     // Find the twins of all half-edges, put one of each pair on the stack; return its size.
+    //
+    // A slot of the hash table has the last of those half-edges of an edge that wait for a twin, all in
+    // one direction. While it waits, one holds -2 - the next in `twin`, the last one the first: a ring,
+    // so its ends are found in one step, and any number of equal edges costs the same each.
     std::size_t link() {
         const auto count = static_cast<std::uint32_t>(corner.size());
         unsigned bits = 4;
         while ((std::size_t(1) << bits) < std::size_t(count) + count / 2) bits++;
         const std::size_t mask = (std::size_t(1) << bits) - 1;
         slots.assign(mask + 1, -1);
-        twin.assign(count, -1);
+        twin.resize(count);
         waiting.assign(count, 0);
         stack.resize(count);
         std::size_t size = 0;
@@ -178,19 +182,28 @@ private:
             const std::uint32_t tail = corner[e], head = corner[next(e)];
             const std::uint32_t low = tail < head ? tail : head, high = tail < head ? head : tail;
             std::size_t slot = ((low + high * 0x9e3779b1u) * 0x85ebca6bu) >> (32 - bits);
-            std::int32_t found;
-            while ((found = slots[slot]) >= 0) {
-                const auto other = static_cast<std::uint32_t>(found);
-                if (corner[other] == head && twin[other] < 0 && corner[next(other)] == tail) break;
-                slot = (slot + 1) & mask;
+            const auto edge = static_cast<std::int32_t>(e);
+            std::int32_t last;
+            bool against = false;  // whether those that wait run from head to tail
+            for (; (last = slots[slot]) >= 0; slot = (slot + 1) & mask) {
+                const auto other = static_cast<std::uint32_t>(last);
+                against = corner[other] == head && corner[next(other)] == tail;
+                if (against || (corner[other] == tail && corner[next(other)] == head)) break;
             }
-            if (found < 0) {
-                slots[slot] = static_cast<std::int32_t>(e);
+            if (last < 0 || twin[std::size_t(last)] >= 0) {
+                slots[slot] = edge;
+                twin[e] = -2 - edge;
+            } else if (against) {
+                const std::int32_t first = -2 - twin[std::size_t(last)];
+                twin[std::size_t(last)] = twin[std::size_t(first)];
+                twin[std::size_t(first)] = edge;
+                twin[e] = first;
+                waiting[std::size_t(first)] = 1;
+                stack[size++] = first;
             } else {
-                twin[e] = found;
-                twin[std::size_t(found)] = static_cast<std::int32_t>(e);
-                waiting[std::size_t(found)] = 1;
-                stack[size++] = found;
+                slots[slot] = edge;
+                twin[e] = twin[std::size_t(last)];
+                twin[std::size_t(last)] = -2 - edge;
             }
         }
         return size;

@@ -10,11 +10,12 @@ const NOTHING = 1e-300; // more than what underflow takes from a product
 
 // Kept between calls, as long as the longest list of triangles so far.
 let corner = new Int32Array(0); // the point that a half-edge begins at; three half-edges a triangle
-let twin = corner; // the half-edge on the other side, or -1
+let twin = corner; // the half-edge on the other side; negative where there is none
 let stack = corner; // half-edges to look at
 let slots = corner; // half-edges by the points that they join: a hash table, open addressing
 let waiting = new Uint8Array(0); // whether a half-edge is in the stack
 
+const isList = (list) => (Array.isArray(list) || ArrayBuffer.isView(list)) && (list.length === 0 || typeof list[0] === "number");
 const next = (e) => (e % 3 === 2 ? e - 2 : e + 1);
 const previous = (e) => (e % 3 === 0 ? e + 2 : e - 1);
 const whole = (...values) => values.every((v) => Math.abs(v) <= MOST && v === Math.floor(v));
@@ -29,23 +30,29 @@ const whole = (...values) => values.every((v) => Math.abs(v) <= MOST && v === Ma
  *     (2), of which the first two are used; what a flip must lessen: the diagonal's length,
  *     |dx| + |dy| ("l1") or Euclidean, or the angles that it lies in ("delaunay")
  * @returns {number} how many flips were made
+ * @throws {RangeError} where an index is not one of a vertex, or an option is none of those above
+ * @throws {TypeError} where triangles or vertices are no lists of numbers
  */
 export default function flip(triangles, vertices, {dimensions = 2, by = "l1"} = {}) {
     const delaunay = by === "delaunay", l1 = by === "l1";
     if (!delaunay && !l1 && by !== "euclidean") {
         throw new RangeError(`flip: by is "l1", "euclidean" or "delaunay", not ${by}`);
     }
-    if (!(triangles.length >= 0 && vertices.length >= 0)) {
-        throw new TypeError("flip: triangles and vertices are arrays, in three.js those in attributes' .array");
+    if (!(dimensions >= 2 && dimensions === Math.floor(dimensions))) {
+        throw new RangeError(`flip: dimensions are a whole number from 2 on, not ${dimensions}`);
+    }
+    if (!isList(triangles) || !isList(vertices)) {
+        throw new TypeError("flip: triangles and vertices are flat arrays of numbers, in three.js those in attributes' .array");
     }
     const count = triangles.length - triangles.length % 3;
-    let size = count > 3 ? link(triangles, count) : 0;
+    let size = link(triangles, count, Math.floor(vertices.length / dimensions));
     let flips = 0;
     let winding = 0; // of the first triangle that turns at all
     for (let e = 0; size && delaunay && !winding && e < count; e += 3) {
         const a = corner[e] * dimensions, b = corner[e + 1] * dimensions, c = corner[e + 2] * dimensions;
+        // A point that is no number turns nowhere.
         winding = Math.sign((vertices[b] - vertices[a]) * (vertices[c + 1] - vertices[a + 1]) -
-            (vertices[b + 1] - vertices[a + 1]) * (vertices[c] - vertices[a]));
+            (vertices[b + 1] - vertices[a + 1]) * (vertices[c] - vertices[a])) || 0;
     }
 
     while (size) {
@@ -90,8 +97,14 @@ export default function flip(triangles, vertices, {dimensions = 2, by = "l1"} = 
     return flips;
 }
 
-/** Find the twins of all half-edges, put one of each pair on the stack; return its size. */
-function link(triangles, count) {
+/**
+ * Find the twins of all half-edges, put one of each pair on the stack; return its size.
+ *
+ * A slot of the hash table has the last of those half-edges of an edge that wait for a twin, all in
+ * one direction. While it waits, one holds -2 - the next in `twin`, the last one the first: a ring,
+ * so its ends are found in one step, and any number of equal edges costs the same each.
+ */
+function link(triangles, count, points) {
     let bits = 4;
     while (1 << bits < count + (count >> 1)) bits++;
     if (corner.length < count) {
@@ -103,25 +116,44 @@ function link(triangles, count) {
     if (slots.length < 1 << bits) slots = new Int32Array(1 << bits);
     const shift = 32 - bits, mask = (1 << bits) - 1;
     slots.fill(-1, 0, mask + 1);
-    twin.fill(-1, 0, count);
     waiting.fill(0, 0, count);
-    for (let e = 0; e < count; e++) corner[e] = triangles[e];
 
     let size = 0;
     for (let first = 0; first < count; first += 3) {
-        let tail = corner[first];
+        const i = triangles[first], j = triangles[first + 1], k = triangles[first + 2];
+        if (!(i >>> 0 === i && j >>> 0 === j && k >>> 0 === k && i < points && j < points && k < points)) {
+            throw new RangeError(`flip: triangle ${first / 3} is ${[i, j, k]}: indices are 0 to ${points - 1}`);
+        }
+        corner[first] = i;
+        corner[first + 1] = j;
+        corner[first + 2] = k;
+        let tail = i;
         for (let e = first; e < first + 3; e++) {
-            const head = corner[e < first + 2 ? e + 1 : first];
+            const head = e < first + 2 ? corner[e + 1] : i;
             const low = tail < head ? tail : head, high = tail < head ? head : tail;
-            let at = Math.imul(low + Math.imul(high, 0x9e3779b1), 0x85ebca6b) >>> shift, found;
-            while ((found = slots[at]) >= 0 &&
-                !(corner[found] === head && twin[found] < 0 && corner[next(found)] === tail)) at = at + 1 & mask;
-            if (found < 0) {
+            let at = Math.imul(low + Math.imul(high, 0x9e3779b1), 0x85ebca6b) >>> shift;
+            let last, against = false; // against: whether those that wait run from head to tail
+            for (; (last = slots[at]) >= 0; at = at + 1 & mask) {
+                const start = corner[last];
+                if (start === head && corner[next(last)] === tail) {
+                    against = true;
+                    break;
+                }
+                if (start === tail && corner[next(last)] === head) break;
+            }
+            if (last < 0 || twin[last] >= 0) {
                 slots[at] = e;
-            } else {
-                twin[e] = found;
+                twin[e] = -2 - e;
+            } else if (against) {
+                const found = -2 - twin[last];
+                if (found !== last) twin[last] = twin[found];
                 twin[found] = e;
+                twin[e] = found;
                 waiting[stack[size++] = found] = 1;
+            } else {
+                slots[at] = e;
+                twin[e] = twin[last];
+                twin[last] = -2 - e;
             }
             tail = head;
         }

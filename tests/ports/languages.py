@@ -17,7 +17,7 @@ from triangulators.geometry import flips
 from triangulators.geometry.half_edges import link
 
 HERE = Path(__file__).resolve().parent
-PACKAGES = HERE / "node_modules"
+PACKAGES = HERE.parents[1] / "ports" / "javascript" / "node_modules"
 """Where `npm ci` puts npm's earcut, pinned in package-lock.json."""
 
 

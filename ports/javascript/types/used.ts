@@ -1,6 +1,7 @@
 // What a TypeScript program may write and, where an error is expected, what it may not.
 
 import flip, {type Options, type Triangles} from "flip-triangles";
+import flipShapes from "flip-triangles/three";
 
 const vertices = new Float32Array([0, 0, 0, 2, -1, 0, 9, 0, 0, 2, 1, 0]);
 const options: Options = {dimensions: 3, by: "euclidean"};
@@ -25,3 +26,12 @@ flip(fixed, vertices);
 flip([0, 1, 2]);
 // @ts-expect-error: it is the number of flips, not the triangles
 const triangles: number[] = flip([0, 1, 2], vertices);
+
+// three.js's class, as far as it is used.
+class ShapeUtils {
+    static triangulateShape(contour: {x: number; y: number}[], holes: {x: number; y: number}[][]): number[][] {
+        return holes.map(() => [contour.length]);
+    }
+}
+const takeBack: () => void = flipShapes(ShapeUtils, {by: "l1"});
+takeBack();

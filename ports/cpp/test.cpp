@@ -1,0 +1,100 @@
+// What flips give and what they refuse: `cmake -B build && cmake --build build && ctest --test-dir build`.
+
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "flip_triangles.hpp"
+
+namespace {
+
+int failures = 0;
+
+void expect(bool holds, const std::string& what) {
+    if (holds) return;
+    failures++;
+    std::fprintf(stderr, "not so: %s\n", what.c_str());
+}
+
+template <class Number>
+std::vector<Number> numbers(const std::string& line) {
+    std::istringstream words(line);
+    std::vector<Number> found;
+    // std::stod reads what Python writes, to the last bit.
+    for (std::string word; words >> word;) found.push_back(static_cast<Number>(std::stod(word)));
+    return found;
+}
+
+template <class Index>
+bool throws(std::vector<Index> triangles) {
+    const std::array<double, 8> square = {0, 0, 9, 0, 9, 1, 0, 1};
+    const auto before = triangles;
+    try {
+        flip_triangles::flip(triangles.data(), triangles.size(), square.data(), std::size_t(4));
+    } catch (const std::out_of_range&) {
+        return triangles == before;
+    }
+    return false;
+}
+
+// The triangles that Python gives; four lines a polygon, as tests/ports/vectors.py writes them.
+int compare(std::istream& file) {
+    int polygons = 0;
+    flip_triangles::Flipper flipper;
+    for (std::string points, triangles, name, result; std::getline(file, points); polygons++) {
+        std::getline(file, triangles);
+        const auto xy = numbers<double>(points);
+        for (int test = 0; test < 3; test++) {
+            std::getline(file, name);
+            std::getline(file, result);
+            const auto by = static_cast<flip_triangles::By>(test);
+            auto indices = numbers<std::uint32_t>(triangles);
+            const auto flips = flipper(indices.data(), indices.size(), xy.data(), xy.size() / 2, by);
+            const std::string label = "polygon " + std::to_string(polygons) + ", " + name;
+            expect(indices == numbers<std::uint32_t>(result), label);
+            expect(name.substr(name.find(' ') + 1) == std::to_string(flips), label + ": number of flips");
+        }
+    }
+    return polygons;
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    if (count != 2) return std::fprintf(stderr, "give vectors.txt\n"), 2;
+    std::ifstream file(arguments[1]);
+    expect(compare(file) > 30, "vectors are read");
+
+    expect(throws<std::int32_t>({0, 1, 2, 0, 2, -1}), "a negative index is refused");
+    expect(throws<std::uint32_t>({0, 1, 2, 0, 2, 4}), "an index beyond the points is refused");
+    expect(throws<std::int64_t>({0, 1, std::int64_t(1) << 32}), "an index beyond 32 bits is refused");
+
+    std::vector<std::uint16_t> none;
+    expect(flip_triangles::flip(none, std::vector<std::vector<std::pair<float, float>>>{}) == 0, "nothing may be given");
+
+    // The only triangle that turns has a NaN, and the whole points beside it lie on a line.
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const std::vector<double> line = {0, 0, 33554432, 0, -33554432, 0, 1, 0, nan, 0, 0, 1};
+    for (auto by : {flip_triangles::By::l1, flip_triangles::By::euclidean, flip_triangles::By::delaunay}) {
+        std::vector<int> triangles = {0, 1, 2, 0, 2, 3, 3, 4, 5};
+        expect(flip_triangles::flip(triangles.data(), triangles.size(), line.data(), std::size_t(6), by) == 0,
+               "nothing beside a NaN is flipped");
+    }
+
+    // Equal edges cost the same each: quadratic, this takes a minute.
+    std::vector<std::uint32_t> zeros(180000, 0), equal;
+    for (std::uint32_t i = 0; i < 180000; i++) equal.push_back(i % 3);
+    const std::vector<double> points(6, 1.0);
+    expect(flip_triangles::flip(zeros.data(), zeros.size(), points.data(), std::size_t(3)) == 0, "zeros");
+    expect(flip_triangles::flip(equal.data(), equal.size(), points.data(), std::size_t(3)) == 0, "equal triangles");
+
+    if (failures == 0) std::puts("all as wanted");
+    return failures != 0;
+}

@@ -1,0 +1,4 @@
+import type flipTriangles from "./flip-triangles.js";
+
+declare const flip: typeof flipTriangles;
+export = flip;
