@@ -147,7 +147,8 @@ def test_the_packages_types(node):
 
 
 def test_vectors_are_what_python_gives():
-    assert vectors.FILE.read_text() == vectors.text(), "run: PYTHONPATH=. python -m tests.ports.vectors"
+    # If not so, run: PYTHONPATH=. python -m tests.ports.vectors
+    assert vectors.FILE.read_text() == vectors.text()
 
 
 def test_the_script_for_require_is_built_from_the_module(node, tmp_path):
@@ -236,7 +237,8 @@ def test_a_cmake_project_uses_the_installed_header(tmp_path):
         "#include <flip_triangles.hpp>\n#include <cstdio>\nint main() {\n"
         "  int triangles[] = {0, 1, 2, 0, 2, 3};\n"
         "  const float xy[] = {0, 0, 4, -1, 9, 0, 4, 1};\n"
-        '  const auto flips = flip_triangles::flip(triangles, 6, xy, 4);\n  std::printf("%zu %d", flips, triangles[2]);\n}\n'
+        "  const auto flips = flip_triangles::flip(triangles, 6, xy, 4);\n"
+        '  std::printf("%zu %d", flips, triangles[2]);\n}\n'
     )
     own = f"-DCMAKE_CXX_FLAGS={' '.join((*WARNINGS, *SANITIZERS))}"
     run(["cmake", "-S", ".", "-B", "out", own, f"-DCMAKE_PREFIX_PATH={prefix}"], consumer)

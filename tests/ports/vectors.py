@@ -25,8 +25,9 @@ def text() -> str:
     cases = _with_heap(Cases.of(polygons))
     results = {by: in_python(cases, by) for by in FLIP_TESTS}
     lines = []
-    for index, (begin, end) in enumerate(zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)):
+    for index in range(len(cases.bounds) - 1):
         points, corners = cases.polygon(index)
+        begin, end = cases.bounds[index : index + 2, 1]
         lines += [" ".join(map(repr, points.ravel().tolist())), _row(corners)]
         for by, (after, counts) in results.items():
             lines += [f"{by} {counts[index]}", _row(after[begin:end])]

@@ -23,11 +23,11 @@ def link(corner: np.ndarray) -> np.ndarray:
 
     corner: where each begins. One that has several is linked with the first that has none yet.
 
-    A table with open addressing, at most two thirds full, has one slot for each edge, under a number
-    that both its directions have. In the slot stands the last half-edge of a queue: those of the edge
-    that wait for a twin, all in one direction, for one in the other would take the first. While it
-    waits, a half-edge holds -2 - the next one in `twin`, the last one the first: the queue is a ring,
-    so both its ends are found in one step, and any number of equal edges costs the same each.
+    A table with open addressing, at most two thirds full, has one slot for each edge, under a
+    number that both its directions have. In the slot stands the last half-edge of a queue: those of
+    the edge that wait for a twin, all in one direction, for one in the other would take the first.
+    While it waits, a half-edge holds -2 - the next one in `twin`, the last one the first: the queue
+    is a ring, so its ends are found in one step, and any number of equal edges costs the same each.
     """
     count = len(corner)
     bits = 4

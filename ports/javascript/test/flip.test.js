@@ -39,9 +39,11 @@ describe("input", () => {
     });
     it("is never changed where it is refused", () => {
         for (const bad of [-1, 4, 1.5, NaN, undefined, "1", 2147483648, 4294967296, Infinity]) {
-            const triangles = [0, 1, 2, 0, 2, bad], before = triangles.slice();
-            assert.throws(() => flip(triangles, square), {name: "RangeError", message: /triangle 1 is .*0 to 3/});
-            assert.deepEqual(triangles, before);
+            for (const place of [3, 4, 5]) {
+                const triangles = [0, 1, 2, 0, 2, 3].map((index, at) => at === place ? bad : index), before = triangles.slice();
+                assert.throws(() => flip(triangles, square), {name: "RangeError", message: /triangle 1 is .*0 to 3/});
+                assert.deepEqual(triangles, before);
+            }
         }
     });
     it("has dimensions, a test and lists that there are", () => {
