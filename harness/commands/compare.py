@@ -26,7 +26,6 @@ class Format(StrEnum):
     table = "table"
     markdown = "markdown"
     json = "json"
-    benchmark_action = "github-action-benchmark"
 
 
 class Normalise(StrEnum):
@@ -115,7 +114,7 @@ def compare(
         found = no_baseline(str(base), after, settings)
     else:
         found = compare_runs(before, after, settings)
-    _show(found, after, output)
+    _show(found, output)
     _write_files(found, {"markdown": markdown, "junit": junit, "json": json_file, "html": html})
     raise typer.Exit(found.exit_code)
 
@@ -135,18 +134,16 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _show(found: Comparison, head: Run, output: Format) -> None:
+def _show(found: Comparison, output: Format) -> None:
     """Write to standard output; a reader that stops early must not change the exit code."""
     try:
-        typer.echo(_shown(found, head, output), nl=False)
+        typer.echo(_shown(found, output), nl=False)
         sys.stdout.flush()
     except (BrokenPipeError, ReaderGone):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _shown(found: Comparison, head: Run, output: Format) -> str:
-    from harness.compare.json import to_benchmark_action
-    from harness.compare.matching import latest
+def _shown(found: Comparison, output: Format) -> str:
     from harness.compare.terminal import print_comparison
 
     if output is Format.table:
@@ -154,8 +151,6 @@ def _shown(found: Comparison, head: Run, output: Format) -> str:
         with console.capture() as text:
             print_comparison(found, console)
         return text.get()
-    if output is Format.benchmark_action:
-        return _json(to_benchmark_action(latest(head)))
     return _text(found, output.value)
 
 

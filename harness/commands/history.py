@@ -24,9 +24,7 @@ def _only(kind: str) -> Any:
 def history(
     folders: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="DIR...", help="Runs, profiles of a device, or folders with some in them."
-        ),
+        typer.Argument(metavar="DIR...", help="Runs, or folders with some in them."),
     ],
     metrics: Annotated[
         Several,
@@ -38,7 +36,7 @@ def history(
             help="Metrics: time, and those of: raster-harness list metrics. By default time and "
             "the counters that stand for the cost.",
         ),
-    ] = Several(("quads", "helper_lanes", "bbox_tests", "time", "cost_ns")),
+    ] = Several(("quads", "helper_lanes", "bbox_tests", "time")),
     scene: Annotated[Several | None, _only("scenes")] = None,
     triangulator: Annotated[Several | None, _only("triangulators")] = None,
     rasteriser: Annotated[Several | None, _only("rasterisers")] = None,

@@ -1,17 +1,12 @@
-"""The comparison, and a run for the action github-action-benchmark, as JSON-ready values."""
+"""The comparison as JSON-ready values."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Any
 
-from harness.compare.exact_figures import exact_figures
-from harness.compare.gate_settings import is_cost
-from harness.compare.matching import case_name
 from harness.compare.model import CaseChange, Comparison
 from harness.compare.wording import headline
-from harness.figures.registry import find
-from harness.stored.folder import Record, Run
 
 SCHEMA_VERSION = 2
 
@@ -41,33 +36,3 @@ def _case(comparison: Comparison, case: CaseChange) -> dict[str, Any]:
     values["counters"] = list(values["counters"])
     values["lost"] = list(values["lost"])
     return {**values, "regressed": comparison.is_regressed(case)}
-
-
-def to_benchmark_action(run: Run) -> list[dict[str, Any]]:
-    """Return entries for its tool `customSmallerIsBetter`: name, unit, value, range.
-
-    Only counters and times that are better when smaller are in them, since the tool takes all
-    entries that way; it keeps a history of its own, so BASE is not in them.
-    """
-    entries = []
-    for record in run.records:
-        if record.get("status") == "ok":
-            name = case_name(record)
-            entries += _entries(f"{name.triangulator}, {name.where}", record)
-    return entries
-
-
-def _entries(case: str, record: Record) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = [
-        {"name": f"{case}: {metric}", "unit": find(metric).unit, "value": value}
-        for metric, value in exact_figures(record).items()
-        if is_cost(metric) and find(metric).better == "lower"
-    ]
-    milliseconds = find("draw_ms")(record)
-    if milliseconds is not None:
-        entry = {"name": f"{case}: draw", "unit": "ms", "value": milliseconds}
-        low, high = (record.get("time") or {}).get("ci95_s") or (None, None)
-        if low is not None and high is not None:
-            entry["range"] = f"± {(high - low) / 2 * 1e3:.3g}"
-        entries.append(entry)
-    return entries

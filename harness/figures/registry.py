@@ -33,9 +33,6 @@ PREDICTED = "predicted_"
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
-COST = "cost_ns"
-"""Field of a record that stands for a term of a device's law: what each costs there."""
-
 LEAST = "least"
 """Field of a record: of the polygons whose fewest quads are known, how many they are, their fewest
 `quads`, and the `shaded` quads and `fragments` of the record's own triangles."""
@@ -236,10 +233,6 @@ METRICS = {
                 description=f"bytes of the triangles of map tiles, {how}",
             )
             for name, label, how in INDEX_BYTES
-        ),
-        Figure(
-            *(COST, "what each costs by a device's law", "ns", "time", "lower", None, _field(COST)),
-            description="what each term of a device's law costs, in the history of its profiles",
         ),
         Figure(
             *("coverage_error", "coverage error", "pixels", "count", "lower", 0.0),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.figures.registry import COST, find
+from harness.figures.registry import find
 from harness.history.series import TIME, TOGETHER, Series
 from harness.machine.environment import commit_of
 from harness.pictures.style import COLOURS, MARKERS, draw
@@ -47,8 +47,6 @@ def metric_figure(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
         _content(panel, next(entry for entry in series if entry.name.where == title))
         panel.set_title(title, fontsize=8, loc="left")
         panel.set_ylabel(label(series[0].metric))
-        if series[0].metric == COST:  # a draw costs a thousand times as much as a lane
-            panel.set_yscale("log")
     _name_runs(panels[-1], runs)
     told = (panel.get_legend_handles_labels() for panel in panels)
     handles = {text: each for two in told for each, text in zip(*two, strict=True)}

@@ -16,9 +16,8 @@ from harness.compare.model import CaseName
 from harness.compare.quantiles import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures import processors
-from harness.figures.registry import COST, figures, figures_of, find
+from harness.figures.registry import figures, figures_of, find
 from harness.history.change_points import changes_of_exact, changes_of_noisy
-from harness.history.profiles import is_profile, read_profile
 from harness.machine.processor import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
 
@@ -37,7 +36,7 @@ TOGETHER = "(all cases together)"
 MEASURED_ONCE = "triangulate_ms"
 """A cached triangulation keeps the time that an earlier run measured: no run's own, so no point."""
 
-DEFAULT = ("quads", "helper_lanes", "bbox_tests", TIME, COST)
+DEFAULT = ("quads", "helper_lanes", "bbox_tests", TIME)
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Found(NamedTuple):
 
 
 def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
-    """Read the runs in `folders` and below them; a device's profiles are runs, too.
+    """Read the runs in `folders` and below them.
 
     studies : read them, too, but for those that another run was measured beside, which are older
         states of the code; a folder that is named is always read
@@ -79,7 +78,6 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
     paths = {}
     for folder in folders:
         found = sorted(file.parent for file in folder.rglob("run.json")) if folder.is_dir() else []
-        found += sorted(file for file in folder.rglob("*.json") if is_profile(file))
         if not found and not folder.is_file():
             raise UsageError(f"{folder} holds no run; give folders of runs, or one of many")
         for path in found or [folder]:
@@ -87,9 +85,6 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> Found:
     named = {folder.resolve() for folder in folders}
     kept, left = [], 0
     for place, path in paths.items():
-        if path.is_file() and is_profile(path):
-            kept.append(read_profile(path))
-            continue
         facts = read_facts(path, [])
         if place not in named and (is_base(facts) or (is_study(path, facts) and not studies)):
             left += is_study(path, facts)

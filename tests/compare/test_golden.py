@@ -17,7 +17,7 @@ from tests.compare.scenarios import SCENARIOS
 
 GOLDEN = Path(__file__).parent / "golden"
 PRINTED = {"table": "txt", "markdown": "md"}
-WRITTEN = {"json": "json", "github-action-benchmark": "benchmark.json"}
+WRITTEN = {"json": "json"}
 # One regresses, one has no baseline, one has cases missing, one fails: all that a form may say.
 EVERY_FORM = ("missing-cases", "no-baseline", "now-failing", "real-regression")
 

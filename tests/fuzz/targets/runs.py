@@ -42,7 +42,7 @@ SILENT_S = 10.0
 
 COMPARED = (GOOD, REGRESSION, BAD_INPUT, NOTHING_MEASURED, INCONCLUSIVE)
 RUNS, TABLES = ("base", "head"), ("run.json", "cases.jsonl")
-FORMATS = ("table", "markdown", "json", "github-action-benchmark")
+FORMATS = ("table", "markdown", "json")
 
 
 def damage_of(tables: list[str], folders: list[str]) -> st.SearchStrategy[Any]:
