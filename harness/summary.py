@@ -33,14 +33,10 @@ from harness.stored.folder import Record
 MOST_COLUMNS = 4
 """Figures of the table; with them, 80 characters hold all of it."""
 
-BARS = (8, 6, 4, 2, 0)
-"""Characters of the longest bar: the most for which there is room; 0 for none."""
-
 NAME = 24
 """Characters of a name that stay in one line; when a triangulator pays goes on in the next."""
 
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
-
 
 POLYGONS = ("polygons", "polygons_skipped", "polygons_failed")
 """Fields of a record that together count a view's polygons."""
@@ -52,7 +48,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         decision = decide(members)
         good = [record for record in members if record["status"] == "ok"]
         if decision:
-            console.print(_fitting(decision, console))
+            console.print(_table(decision))
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
@@ -63,19 +59,8 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
             console.print(line, markup=False, highlight=False)
 
 
-def _fitting(decision: Decision, console: Console) -> Table:
-    """Return a group's ranking with the longest bars that leave room for all else."""
-    wide = console.options.update(max_width=1000)
-    for bar in BARS:
-        table = _table(decision, bar, plain=wide.ascii_only)
-        if console.measure(table, options=wide).maximum <= console.width:
-            return table
-    # What is too long for any goes on in the next line.
-    return _table(decision, BARS[-1], plain=wide.ascii_only)
-
-
-def _table(decision: Decision, bar: int, *, plain: bool) -> Table:
-    """Return a group's ranking; `plain` where the terminal knows ASCII alone."""
+def _table(decision: Decision) -> Table:
+    """Return a group's ranking; what is too long for the terminal goes on in the next line."""
     records = [each.record for each in decision.standings]
     table = plain_table(_title(records[0]), title_style="bold", padding=(0, 1, 0, 0))
     widest = max(len(each.name) for each in decision.standings)
@@ -84,30 +69,23 @@ def _table(decision: Decision, bar: int, *, plain: bool) -> Table:
     for figure in shown:
         table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
     base = decision.base
-    if bar:
-        table.add_column("", no_wrap=True)
-    table.add_column(_heading(base, "time vs " if bar else "vs "), no_wrap=True)
+    table.add_column(f"vs {base.name}", no_wrap=True)
     # Where nothing says when it has paid, the verdict alone stands here.
     paid = any(each.pays for each in decision.standings)
     if paid:
         table.add_column("pays after")
-    most = max(each.cost for each in decision.standings)
     complete = max(_polygons(record) for record in records)
-    limit = limit_of(base.record) if base.complete else None
     for each in decision.standings:
-        cells: list[Text | str] = [_number(figure(each.record), figure.form) for figure in shown]
-        if bar:
-            cells.append(_bar(each.cost / most if most else 0.0, bar, plain=plain))
         table.add_row(
             each.name,
-            *cells,
+            *(_number(figure(each.record), figure.form) for figure in shown),
             *_against(each, each is base, complete, paid=paid),
             style="" if each.complete else "dim",
         )
+    limit = limit_of(base.record) if base.complete else None
     if limit is not None:
         cells = [_number(figure(limit), figure.form) for figure in shown]
-        rest = [*[""] * bool(bar), "the limit", *[""] * paid]
-        table.add_row("(outline alone)", *cells, *rest, style="dim")
+        table.add_row("(outline alone)", *cells, "the limit", *[""] * paid, style="dim")
     return table
 
 
@@ -135,15 +113,6 @@ def _shown(records: Sequence[Record]) -> list[Figure]:
         room = MOST_COLUMNS - len(shown)
         shown = [known[name] for name in measures(known)[:room]] + shown
     return shown
-
-
-def _bar(share: float, longest: int, *, plain: bool) -> Text:
-    """Return a bar of `share` of the longest, in eighths of a character where there are such."""
-    eighths = round(8 * longest * share)
-    if plain:
-        return Text("#" * max(1, eighths // 8))
-    part = " ▏▎▍▌▋▊▉"[eighths % 8].strip()
-    return Text("█" * (eighths // 8) + part, style="cyan")
 
 
 def _proven(records: Sequence[Record]) -> list[str]:
@@ -180,11 +149,6 @@ def _judged(records: Sequence[Record]) -> list[str]:
 def _polygons(record: Record) -> int:
     """Return how many polygons the view has, drawn or not."""
     return int(sum(record.get(name) or 0 for name in POLYGONS))
-
-
-def _heading(base: Standing, begin: str) -> str:
-    name = base.name
-    return f"{begin}{name}" if len(name) <= len("ear-clipping") else f"vs {name}"
 
 
 def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> list[Text]:

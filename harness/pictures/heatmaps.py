@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from harness.frame import SUBPIXEL, Frame
 from harness.rasterisers import spans
@@ -19,16 +15,24 @@ from harness.rasterisers import spans
 Map = NDArray[np.int64]
 
 PADDING_PX = 2
-DPI = 150
-PANEL_INCHES = 4.2
+"""Pixels shown round the polygon."""
+
+PANEL_PX = 600
+"""About how long the longer edge of a panel is: a pixel of the frame is a whole square in it."""
+
+GAP_PX, FONT_PX = 12, 16
+
+LEGEND_PX = 900
+"""Room for nine squares and a label."""
+
 MOST_LEVELS = 9
 """Numbers of lanes that get a colour of their own; more than that share the last one."""
 
-NOTHING = "#ffffff"
 ROWS = (
-    ("lanes shaded in a pixel\n(1 = no overdraw)", "YlOrRd"),
-    ("helper lanes in a pixel\n(shaded, nothing covered)", "PuBu"),
+    ("lanes shaded in a pixel (1 = no overdraw)", ("#fed976", "#fd8d3c", "#b10026")),
+    ("helper lanes in a pixel (shaded, nothing covered)", ("#bdc9e1", "#74a9cf", "#034e7b")),
 )
+"""What the rows of panels show, and colours from one lane to many."""
 
 
 def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
@@ -60,76 +64,61 @@ def draw_heatmaps(
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - PADDING_PX, 0)
     high = np.ceil(corners.max(axis=0)).astype(int) + PADDING_PX
     window = (slice(low[1], high[1]), slice(low[0], high[0]))
-    panels = {}
+    panels, captions = [], []
     for name, triangles in triangulations.items():
         covered, helpers = lane_maps(frame, np.asarray(triangles, np.int32) + np.int32(start))
-        panels[name] = ((covered + helpers)[window], helpers[window])
-
-    width, height = high - low
-    columns = len(panels)
-    tall = PANEL_INCHES * float(np.clip(height / width, 0.4, 1.6)) + 0.5
-    figure = Figure(
-        figsize=(PANEL_INCHES * columns + 1.6, 2 * tall + 0.9), dpi=DPI, layout="constrained"
-    )
-    axes = figure.subplots(2, columns, squeeze=False, sharex=True, sharey=True)
-    figure.suptitle(
+        panels.append(((covered + helpers)[window], helpers[window]))
+        fragments, lanes = int(covered[window].sum()), int(helpers[window].sum())
+        share = lanes / fragments if fragments else 0.0
+        captions.append(f"{name}\n{fragments:,} fragments + {lanes:,} helper lanes ({share:+.0%})")
+    title = (
         f"Polygon {frame.source[polygon]}, {stop - start} vertices, in a viewport of "
-        f"{frame.width} x {frame.height} px",
-        fontsize=11,
+        f"{frame.width} x {frame.height} px"
     )
-    for row, (label, palette) in enumerate(ROWS):
-        most = max(1, *(int(maps[row].max()) for maps in panels.values()))
-        colours, norm = _levels(palette, min(most, MOST_LEVELS))
-        for column, (name, maps) in enumerate(panels.items()):
-            axis = axes[row, column]
-            _panel(axis, maps[row], colours, norm, (low[0], high[0], low[1], high[1]))
-            _outline(axis, corners[triangulations[name]])
-            axis.set_title(_caption(name, maps) if row == 0 else "", fontsize=9)
-        bar = figure.colorbar(
-            ScalarMappable(norm, colours), ax=list(axes[row]), fraction=0.05, pad=0.01
-        )
-        shown = [*range(min(most, MOST_LEVELS) + 1)]
-        more = "+" if most > shown[-1] else ""
-        bar.set_ticks(shown)
-        bar.set_ticklabels([*map(str, shown[:-1]), f"{shown[-1]}{more}"])
-        bar.set_label(label, fontsize=9)
-    figure.savefig(path)
+
+    font = ImageFont.load_default(FONT_PX)
+    line = FONT_PX + GAP_PX // 2
+    zoom = max(1, round(PANEL_PX / max(panels[0][0].shape)))
+    height, width = (zoom * size for size in panels[0][0].shape)
+    words = [line for text in captions for line in text.split("\n")]
+    across = GAP_PX + max(width, *(round(font.getlength(text)) for text in words))
+    tops = (5 * line, 7 * line + height)  # below the title and captions; below a legend
+    whole = max(across * len(panels), round(font.getlength(title)), LEGEND_PX) + GAP_PX
+    picture = Image.new("RGB", (whole, tops[1] + height + 2 * line), "white")
+    pen = ImageDraw.Draw(picture)
+    pen.font = font
+    pen.text((GAP_PX, GAP_PX), title, "black")
+    for row, ((label, palette), top) in enumerate(zip(ROWS, tops, strict=True)):
+        most = max(1, *(int(maps[row].max()) for maps in panels))
+        colours = _levels(palette, min(most, MOST_LEVELS))
+        for column, (maps, triangles) in enumerate(
+            zip(panels, triangulations.values(), strict=True)
+        ):
+            left = GAP_PX + column * across
+            # An image's first row is on top.
+            pixels = Image.fromarray(colours[np.minimum(maps[row], len(colours) - 1)][::-1])
+            squares = pixels.resize((width, height), Image.Resampling.NEAREST)
+            picture.paste(squares, (left, top))
+            places = (corners - (low[0], high[1])) * (zoom, -zoom) + (left, top)
+            # A white line with a dark core is visible on any colour.
+            for colour, thick in (("white", 3), ("#202020", 1)):
+                for three in places[triangles[:, [0, 1, 2, 0]]]:
+                    pen.line([(x, y) for x, y in three.tolist()], colour, thick)
+            if row == 0:
+                pen.text((left, top - 5 * line // 2), captions[column], "black")
+        x, y = GAP_PX, top + height + GAP_PX // 2
+        for number, shade in enumerate(colours.tolist()):
+            more = "+" if number == len(colours) - 1 < most else ""
+            pen.rectangle((x, y, x + FONT_PX, y + FONT_PX), tuple(shade), "#999999")
+            pen.text((x + FONT_PX + 4, y), f"{number}{more}", "black")
+            x += 3 * FONT_PX
+        pen.text((x, y), label, "black")
+    picture.save(path)
 
 
-def _levels(palette: str, most: int) -> tuple[Colormap, BoundaryNorm]:
-    """One colour for each integer 0..most; white for 0, and never so pale that 1 looks like 0."""
-    from matplotlib import colormaps
-
-    shades = colormaps[palette](np.linspace(0.3, 1.0, most))
-    colours = ListedColormap([NOTHING, *shades])
-    return colours, BoundaryNorm(np.arange(most + 2) - 0.5, most + 1)
-
-
-def _panel(
-    axis: Axes, values: Map, colours: Colormap, norm: BoundaryNorm, extent: tuple[int, ...]
-) -> None:
-    axis.imshow(
-        np.minimum(values, norm.N - 1),
-        cmap=colours,
-        norm=norm,
-        origin="lower",
-        extent=(extent[0], extent[1], extent[2], extent[3]),
-        interpolation="nearest",
-    )
-    axis.tick_params(labelsize=7)
-    axis.set_xlabel("")
-
-
-def _outline(axis: Axes, triangles: NDArray[np.float64]) -> None:
-    """Draw triangles (m, 3, 2) as a white line with a dark core, visible on any colour."""
-    for colour, line in (("white", 1.8), ("#202020", 0.7)):
-        axis.add_collection(
-            PolyCollection(list(triangles), facecolors="none", edgecolors=colour, linewidths=line)
-        )
-
-
-def _caption(name: str, maps: tuple[Map, Map]) -> str:
-    shaded, helpers = (int(values.sum()) for values in maps)
-    covered = shaded - helpers
-    share = helpers / covered if covered else 0.0
-    return f"{name}\n{covered:,} fragments + {helpers:,} helper lanes ({share:+.0%})"
+def _levels(palette: tuple[str, ...], most: int) -> NDArray[np.uint8]:
+    """Return (most + 1, 3) colours: white for 0, and never so pale that 1 looks like 0."""
+    anchors = np.array([ImageColor.getrgb(colour) for colour in palette], np.float64)
+    places = np.linspace(0, len(anchors) - 1, most)
+    shades = [np.interp(places, np.arange(len(anchors)), channel) for channel in anchors.T]
+    return np.vstack([[255, 255, 255], np.stack(shades, axis=1).round()]).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Static plots of a run, in one style that colour-blind readers can use."""
+"""What criteria predict against what was measured, as a picture for papers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.decision import decide
 from harness.figures.estimates import estimated, of_measure
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import (
@@ -20,11 +19,10 @@ from harness.figures.polygons import (
     rank_correlation,
     ratios,
 )
-from harness.figures.registry import PREDICTED, find, limit_of, measures, predictions
+from harness.figures.registry import PREDICTED, find, measures, predictions
 from harness.pictures.style import (
     COLOURS,
     MOST_VECTOR_MARKS,
-    ONE_COLUMN,
     TWO_COLUMNS,
     draw,
     family_of,
@@ -42,10 +40,9 @@ if TYPE_CHECKING:
 
 Marks = NDArray[np.float64]
 
-BESIDE: Any = {"textcoords": "offset points", "fontsize": 6.5, "va": "center"}
-"""How a number stands beside its mark."""
+NAME = "predicted-vs-measured"
+"""Of the files."""
 
-LANES = "overshading"
 PAPER = "overdraw"
 """Column of the criterion that the paper minimises."""
 
@@ -60,9 +57,8 @@ def plot_run(run: Run) -> list[Path]:
         first = members[0]
         names = (first["rasteriser"], first["device"], first["resolution"])
         view = "-".join(map(str, (*names, f"{first['rotation']:g}")))
-        for name, make in PLOTS.items():
-            stem = f"{name}-{view}" if number else name
-            files += draw(run.path / "plots", stem, make, run, members)
+        stem = f"{NAME}-{view}" if number else NAME
+        files += draw(run.path / "plots", stem, predicted_against_measured, run, members)
     return files
 
 
@@ -249,73 +245,3 @@ def _rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
     panel.set_xlim(min(0.0, *ranks.values()) if ranks else 0.0, 1.0)
     panel.set_xlabel(f"rank correlation\nwith {find(measure).label}")
     panel.grid(visible=False, axis="y")
-
-
-def ranking(_: Run, members: Sequence[Record]) -> Figure | None:
-    """Draw each triangulator's time over the base's, fastest on top; None for fewer than two.
-
-    Ratios are paired within rounds, as the table's are. The axis begins at 0, so that lengths
-    compare; what left polygons out is named below and not drawn.
-    """
-    from matplotlib.figure import Figure
-
-    timed = [record for record in members if record["status"] == "ok" and record.get("time")]
-    decision = decide(timed)
-    if decision is None:
-        return None
-    base = decision.base.record
-    whole = [each for each in decision.standings if each.complete and each.ratio]
-    pairs = [(each.record, each.ratio) for each in reversed(whole) if each.ratio]
-    if len(pairs) < 2:
-        return None
-    lanes = [find(LANES)(record) for record, _ in pairs]
-    counted = all(value is not None for value in lanes)
-    figure = Figure(figsize=(TWO_COLUMNS if counted else ONE_COLUMN, 1.3 + 0.24 * len(pairs)))
-    panel, *beside = figure.subplots(1, 2 if counted else 1, sharey=True, squeeze=False)[0]
-    shown = looks([record["triangulator"] for record in members])
-    for place, (record, ratio) in enumerate(pairs):
-        style = shown[record["triangulator"]]
-        panel.barh(place, ratio.value, color=style.colour, alpha=0.35, height=0.62)
-        panel.plot([ratio.low, ratio.high], [place, place], color=style.colour, linewidth=2)
-        panel.plot(ratio.value, place, style.marker, color=style.colour, markersize=4)
-        words = f"{ratio.value:.3f}  {1e3 * record['time']['median_s']:.3g} ms"
-        panel.annotate(words, (max(ratio.high, 1.0), place), (4, 0), **BESIDE)
-    panel.axvline(1, color="black", linewidth=0.8, linestyle="--")
-    panel.set_yticks(range(len(pairs)), [record["triangulator"] for record, _ in pairs])
-    panel.set_ylim(-0.6, len(pairs) - 0.4)
-    panel.set_xlim(0, 1.62 * max(max(ratio.high, 1.0) for _, ratio in pairs))
-    panel.grid(visible=False, axis="y")
-    left_out = [each.name for each in decision.standings if not each.complete]
-    note = f"\nleft polygons out: {', '.join(left_out)}" if left_out else ""
-    panel.set_xlabel(
-        f"draw time, ratio to {base['triangulator']},\n95 % interval{note}", fontsize=7
-    )
-    if counted:
-        _lanes_and_limit(beside[0], pairs[0][0], [value or 0.0 for value in lanes])
-    title = f"What is fastest to draw{', and what do diagonals cost' if counted else ''}?"
-    figure.suptitle(
-        f"{title} {base['scene']}, {base['resolution']} px,\n"
-        f"{base['rasteriser']} on {base['device']}",
-        fontsize=8,
-    )
-    return figure
-
-
-def _lanes_and_limit(panel: Axes, record: Record, lanes: Sequence[float]) -> None:
-    """Draw lanes per pixel in the order of the times, and what of them no triangles can save."""
-    panel.barh(range(len(lanes)), lanes, color=COLOURS[0], alpha=0.35, height=0.62)
-    for place, value in enumerate(lanes):
-        panel.annotate(f"{value:.3f}", (value, place), (4, 0), **BESIDE)
-    limit = limit_of(record)
-    note = ""
-    if limit is not None:
-        least = find(LANES)(limit) or 0.0
-        panel.axvline(least, color="black", linewidth=0.8, linestyle=":")
-        note = f",\ndotted: the outline alone, {least:.3f}"
-    panel.set_xlim(0, 1.25 * max(lanes))
-    panel.grid(visible=False, axis="y")
-    panel.set_xlabel(f"{find(LANES).label}{note}", fontsize=7)
-
-
-PLOTS = {"predicted-vs-measured": predicted_against_measured, "ranking": ranking}
-"""Names of files, and what draws them."""

@@ -58,7 +58,7 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     code, out, _ = harness("run", "--scene", str(block), "--out", "results", *MOCK)
     assert code == 0
     assert "optimal:half-perimeter" in out
-    assert "time vs ear-clipping" in out
+    assert "vs ear-clipping" in out
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
     assert {"run.json", "cases.jsonl", "summary.csv"} <= files
     assert "report.html" in files

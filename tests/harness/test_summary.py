@@ -10,7 +10,7 @@ from rich.console import Console
 
 from harness.figures.groups import base_of, with_base
 from harness.stored.folder import read_run
-from harness.summary import BARS, print_summary
+from harness.summary import print_summary
 
 SAMPLES = [1.0e-3, 1.1e-3, 0.9e-3, 1.0e-3, 1.05e-3, 0.95e-3, 1.0e-3, 1.02e-3]
 
@@ -63,15 +63,13 @@ def test_the_ranking_fits_eighty_columns_and_keeps_names_whole():
     assert "…" not in text
 
 
-def test_bars_make_room_for_large_numbers():
+def test_large_numbers_fit_eighty_columns():
     counters = {"fragments": 98765432, "quads": 26000000, "helper_lanes": 9876543}
     complete = {"ear-clipping": 1098, "optimal:half-perimeter": 1098, "max-area": 1060}
     records = [record(name, 1.0, n, counters=counters) for name, n in complete.items()]
     text = printed(records)
     assert "optimal:half-perimeter" in text
     assert "9,876,543" in text
-    assert "█" * BARS[0] not in text
-    assert "█" * BARS[-2] in text
     assert max(len(line) for line in text.splitlines()) <= 80
 
 
@@ -86,13 +84,9 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
     assert order[:4] == ["optimal:half-perimeter", "ear-clipping", "worst:half-perimeter", "fan"]
 
 
-def test_bars_grow_with_time_and_verdicts_are_words():
+def test_verdicts_are_words():
     text = printed(RECORDS, width=120)
     lines = {line.split()[0]: line for line in text.splitlines()[2:7]}
-    bars = {name: line.count("█") for name, line in lines.items()}
-    assert bars["worst:half-perimeter"] == BARS[0]
-    assert bars["optimal:half-perimeter"] < bars["ear-clipping"] < BARS[0]
-    assert "█" * BARS[-1] in printed(RECORDS)
     assert "0.800 (0.795-0.805) faster" in lines["optimal:half-perimeter"]
     assert "slower" in lines["worst:half-perimeter"]
     assert "(229 of 500 polygons)" in lines["fan"]
@@ -110,7 +104,6 @@ def test_a_terminal_that_knows_ascii_alone_gets_ascii():
     print_summary(RECORDS[:4], Console(file=output, width=80))
     output.flush()
     text = raw.getvalue().decode("ascii")
-    assert "#" * BARS[-2] in text
     assert "0.800 (0.795-0.805) faster" in text
 
 
@@ -140,8 +133,6 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
     lines = text.splitlines()[2:5]
     assert [line.split()[0] for line in lines] == ["greedy", "delaunay", "ear-clipping"]
     assert "0.900 (0.500-0.950)" in lines[1]
-    bars = [line.count("█") for line in lines]
-    assert bars == sorted(bars)
 
 
 def with_the_base(name: str) -> list[dict]:
@@ -149,7 +140,6 @@ def with_the_base(name: str) -> list[dict]:
 
 
 def test_the_base_is_chosen_or_ear_clipping_or_the_first_that_left_nothing_out():
-    assert "time vs ear-clipping" in printed(RECORDS[:4])
     assert "vs ear-clipping" in printed(RECORDS)
     text = printed(with_the_base("worst:half-perimeter"))
     assert "vs worst:half-perimeter" in text
@@ -171,7 +161,7 @@ def test_a_run_tells_its_base_to_all_who_read_it(harness, no_plots):
     assert "--base greedy: it is not among --triangulators ear-clipping,delaunay" in err
     code, out, err = harness(*run, "--base", "delaunay")
     assert code == 0, err
-    assert "time vs delaunay" in out
+    assert "vs delaunay" in out
     found = read_run(Path("out"))
     assert {entry["base"] for entry in found.records} == {"delaunay"}
     assert base_of(found.records)["triangulator"] == "delaunay"

@@ -11,42 +11,37 @@ import pytest
 from PIL import Image
 
 from harness.pictures.style import COLOURS, STYLE, TWO_COLUMNS
-from harness.report.plots import plot_run
+from harness.report.plots import NAME, plot_run
 from harness.stored.folder import read_run
 from tests.conftest import PRINTED_DPI
 from triangulators import criteria
 
-WIDTHS = {"predicted-vs-measured": TWO_COLUMNS, "ranking": TWO_COLUMNS}
-LABELS = {
-    "predicted-vs-measured": [
-        "helper lanes by 4Q - S,",
-        "helper lanes by H + T,",
-        "off by ",
-        "the paper&#x27;s overdraw A",
-        "counted helper lanes,",
-    ],
-    "ranking": ["draw time, ratio to", "optimal:half-perimeter"],
-}
+LABELS = (
+    "helper lanes by 4Q - S,",
+    "helper lanes by H + T,",
+    "off by ",
+    "the paper&#x27;s overdraw A",
+    "counted helper lanes,",
+)
 
 
-@pytest.mark.parametrize("name", WIDTHS)
-def test_plots_have_a_papers_width_and_labels_with_units(copy, name, monkeypatch):
+def test_plots_have_a_papers_width_and_labels_with_units(copy, monkeypatch):
     monkeypatch.setitem(STYLE, "savefig.dpi", PRINTED_DPI)
     plot_run(read_run(copy))
-    svg = (copy / "plots" / f"{name}.svg").read_text()
+    svg = (copy / "plots" / f"{NAME}.svg").read_text()
     width = float(re.search(r'width="([\d.]+)pt"', svg)[1]) / 72
-    assert width == pytest.approx(WIDTHS[name], abs=0.01)
-    for label in LABELS[name]:
+    assert width == pytest.approx(TWO_COLUMNS, abs=0.01)
+    for label in LABELS:
         assert label in svg or label.replace("&#x27;", "'") in svg
     assert "<image" not in svg, "marks are vectors"
-    with Image.open(copy / "plots" / f"{name}.png") as picture:
-        assert picture.width == pytest.approx(200 * WIDTHS[name], abs=2)
+    with Image.open(copy / "plots" / f"{NAME}.png") as picture:
+        assert picture.width == pytest.approx(200 * TWO_COLUMNS, abs=2)
 
 
 def test_each_view_has_its_own_plots(copy):
     names = {file.name for file in plot_run(read_run(copy))}
-    assert "ranking-reference-cpu-128-30.svg" in names
-    assert len(names) == 8
+    assert "predicted-vs-measured-reference-cpu-128-30.svg" in names
+    assert len(names) == 4
 
 
 def test_colours_differ_in_lightness_or_hue_for_colour_blind_eyes():
