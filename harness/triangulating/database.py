@@ -2,7 +2,7 @@
 
 One SQLite file serves several processes at once (write-ahead log). Each entry carries a checksum,
 what is read is verified to be a triangulation of its polygon, and a file that SQLite cannot read is
-set aside and begun afresh. That what is read is the optimum is believed, for only optima are kept
+deleted and begun anew. That what is read is the optimum is believed, for only optima are kept
 as such: whoever may write the file can make others believe otherwise. `--certify` proves anew what
 was read, `--no-cache` reads nothing.
 """
@@ -17,9 +17,8 @@ import math
 import os
 import sqlite3
 import struct
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache as once
 from itertools import islice
@@ -73,7 +72,7 @@ class ModelDatabase:
     """Triangulations by key; see `key`. Use as a context manager, or call `close`.
 
     Raises UsageError if the file's folder cannot be written. Damage is never an error: `say` is
-    called with a line that tells what was set aside (by default it is logged as a warning).
+    called with a line that tells what was lost (by default it is logged as a warning).
     """
 
     def __init__(self, path: Path | None = None, say: Callable[[str], None] = _LOG.warning) -> None:
@@ -166,7 +165,7 @@ class ModelDatabase:
         return count
 
     def _safely(self, act: Callable[[], _Result], otherwise: _Result) -> _Result:
-        """Do it; if the file turns out to be damaged, set it aside and begin a new one."""
+        """Do it; if the file turns out to be damaged, begin a new one."""
         try:
             return act()
         except sqlite3.OperationalError as error:
@@ -178,18 +177,22 @@ class ModelDatabase:
         return otherwise
 
     def _opened(self, damage: Exception | None = None) -> sqlite3.Connection:
-        """Open the file, first setting it aside if it is damaged."""
-        # one process at a time: SQLite does not wait while another turns the log on
-        with _locked(self.path.with_name(self.path.name + ".lock")):
-            if damage is not None:
-                self._set_aside(damage)
-            try:
-                return self._connected()
-            except sqlite3.OperationalError:
-                raise
-            except sqlite3.DatabaseError as error:
-                self._set_aside(error)
-                return self._connected()
+        """Open the file; a damaged one is deleted first, and what it held is computed again."""
+        with self.path.with_name(self.path.name + ".lock").open("wb") as stream:
+            # one process at a time: SQLite does not wait while another turns the log on
+            system.lock(stream)
+            if damage is None:
+                try:
+                    return self._connected()
+                except sqlite3.OperationalError:
+                    raise
+                except sqlite3.DatabaseError as error:
+                    damage = error
+            if not _sound(self.path):  # unless another process has begun it anew already
+                for suffix in ("", "-wal", "-shm"):
+                    self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+                self._say(f"model database {self.path} was damaged ({damage}) and is begun anew")
+            return self._connected()
 
     def _connected(self) -> sqlite3.Connection:
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
@@ -212,19 +215,6 @@ class ModelDatabase:
             database.close()
             raise
         return database
-
-    def _set_aside(self, error: Exception) -> None:
-        """Rename the damaged file, unless another process has done so already."""
-        if _sound(self.path):
-            return
-        aside = self.path.with_name(f"{self.path.name}.damaged-{time.time_ns()}")
-        self.path.rename(aside)
-        for suffix in ("-wal", "-shm"):
-            self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
-        self._say(
-            f"model database {self.path} was damaged ({error}): set aside as {aside.name}, "
-            "begun anew"
-        )
 
 
 def key(
@@ -304,11 +294,3 @@ def _sound(path: Path) -> bool:
             return bool(answer == "ok" and version == SCHEMA)
     except sqlite3.Error:
         return False
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock between processes."""
-    with path.open("wb") as stream:
-        system.lock(stream)
-        yield

@@ -284,7 +284,7 @@ def test_damage_is_said_and_the_run_goes_on(harness, own_database):
     own_database.write_bytes(b"this is no database" * 50)
     code, _, err = harness(*SPIRAL, "--triangulators", "greedy,delaunay", "--out", "run")
     assert code == 0
-    assert len(re.findall("set aside", err)) == 1
+    assert len(re.findall("was damaged", err)) == 1
 
 
 def test_a_folder_that_cannot_be_written_is_said_once(harness, monkeypatch, tmp_path):
