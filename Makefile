@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki test examples check format fuzz kills bench proven study compare-demo docs docs-full lock clean
+.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz kills bench proven study compare-demo docs docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -38,6 +38,11 @@ FUZZ_SECONDS ?= 600
 
 fuzz: setup-test  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
 	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n logical --dist load --maxschedchunk 1
+
+ENDURANCE ?= 1
+
+endurance: setup-test  ## ask for hours whether A equals B, whether kills and damage cost nothing; ENDURANCE=0.01 less
+	ENDURANCE=$(ENDURANCE) $(PY) -m pytest tests/endurance -n logical --dist load --maxschedchunk 1
 
 check: setup-test  ## ruff and mypy
 	$(PY) -m ruff check $(SOURCES)

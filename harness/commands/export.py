@@ -66,7 +66,7 @@ def triangulate(
         Path | None,
         typer.Option(
             help="With --certify: a file for the proofs, a line of JSON for each polygon, which "
-            "scripts/check_evidence.py checks."
+            "check-evidence checks."
         ),
     ] = None,
     device: Annotated[

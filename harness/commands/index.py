@@ -152,7 +152,17 @@ COMMANDS = {
         GEOMETRY,
         "export:triangulate",
         "Triangulate a file of polygons and write the triangles.",
-        ("triangulate buildings.geojson --criterion overdraw -o buildings.glb",),
+        (
+            "triangulate buildings.geojson --criterion overdraw -o buildings.glb",
+            "triangulate paper -o paper.glb --certify --evidence proofs.jsonl",
+        ),
+    ),
+    "check-evidence": Entry(
+        GEOMETRY,
+        "check_evidence:check_evidence",
+        "Check proofs that triangulations are optimal, in whole numbers; refuse what does not "
+        "hold.",
+        ("check-evidence proofs.jsonl",),
     ),
     "inspect": Entry(
         GEOMETRY,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 import xml.etree.ElementTree as ET
-from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -131,11 +130,6 @@ def test_no_rooms_import_each_other_around():
     assert import_circle(graph) == []
     graph["triangulators", "geometry"].add(("triangulators", "methods"))
     assert ("triangulators", "methods") in import_circle(graph)
-
-
-def test_no_folder_is_full():
-    folders = Counter(file.parent for file in sources() if file.name != "__init__.py")
-    assert {str(folder): count for folder, count in folders.items() if count > 20} == {}
 
 
 def test_scenes_and_triangulators_know_neither_each_other_nor_the_harness():

@@ -302,8 +302,8 @@ def test_an_option_that_is_not_used_is_refused(harness, block):
     assert_one_line(err, ".png")
 
 
-def test_help_groups_at_most_18_commands_and_cuts_no_default_off():
-    assert sum(bool(entry.panel) for entry in COMMANDS.values()) <= 18
+def test_help_groups_at_most_19_commands_and_cuts_no_default_off():
+    assert sum(bool(entry.panel) for entry in COMMANDS.values()) <= 19
     for name in COMMANDS:
         command = load(name)
         text = command.get_help(command.make_context(name, [], resilient_parsing=True))

@@ -287,3 +287,20 @@ def test_a_run_tells_its_cases_as_json_and_nothing_else(harness, no_plots):
     assert set(cases) == {"delaunay", "greedy"}
     assert cases["greedy"]["status"] == "ok"
     assert cases["greedy"]["time_ratio_low"] <= cases["greedy"]["time_ratio"]
+
+
+def test_proofs_that_are_written_are_accepted_and_others_refused(harness):
+    triangulate = ("triangulate", "paper", "-o", "paper.glb", "--certify", "--evidence")
+    assert harness(*triangulate, "proofs.jsonl")[0] == 0
+    code, out, err = harness("check-evidence", "proofs.jsonl")
+    assert (code, out.strip(), err) == (0, "1: optimal", "")
+    line = Path("proofs.jsonl").read_text()
+    Path("forged.jsonl").write_text(line + line.replace('"gap": 0.0', '"gap": -0.01'))
+    code, out, err = harness("check-evidence", "forged.jsonl")
+    assert code == 5
+    assert out.splitlines()[1].startswith("2: refused: the gap is 0.0")
+    assert_one_line(err, "forged.jsonl", "1 of 2 proofs refused")
+    Path("empty.jsonl").write_text("")
+    code, _, err = harness("check-evidence", "empty.jsonl")
+    assert code == 2
+    assert_one_line(err, "empty.jsonl", "--evidence")

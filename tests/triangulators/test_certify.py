@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from scripts.false_claims import PLAIN
+from harness.export import check_evidence
 from tests.triangulators.cases import (
     glyphs,
     random_simple,
@@ -260,7 +260,7 @@ def test_noise_of_edges_is_what_evidence_says_it_is(bits):
     """The plain checker's way, in Python's numbers."""
     plain = SimpleNamespace(bits=bits)
     for a, b in combinations((*range(40), 10**6), 2):
-        assert noise(a, b, bits) == PLAIN.Claim.noise(plain, a, b)
+        assert noise(a, b, bits) == check_evidence.Claim.noise(plain, a, b)
 
 
 @numba.njit

@@ -119,8 +119,9 @@ def check_certificate(
     """Raise `Refused` unless a certificate with evidence holds for a triangulation.
 
     triangles: (m, 3) indices into `vertices(polygon)`. Raises `TriangulationError` if they are no
-    conforming triangulation.
+    conforming triangulation, `InvalidPolygon`.
     """
+    check(polygon)
     outline = boundary(polygon)
     corners = _conforming(outline, triangles)
     if certificate.evidence is None:
@@ -131,9 +132,9 @@ def check_certificate(
     true = certificate_of(outline, corners, cost, certificate.evidence)
     if certificate.cost != true.cost:
         raise Refused(f"the cost is {true.cost}, not {certificate.cost}")
-    if certificate.lower_bound > true.lower_bound:
+    if not certificate.lower_bound <= true.lower_bound:  # NaN is not, either
         raise Refused(f"the bound is {true.lower_bound}, not {certificate.lower_bound}")
-    if certificate.gap < true.gap or (certificate.proven and not true.proven):
+    if not certificate.gap >= true.gap or (certificate.proven and not true.proven):
         raise Refused(f"the gap is {true.gap}: optimality is not proven")
 
 

@@ -45,6 +45,8 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
     if evidence.units != units[:3]:
         raise Refused(f"the evidence has the units {evidence.units}; here they are {units[:3]}")
     edges = edges_of(outline)
+    if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) < 0).any():
+        raise Refused("a side of a triangle is no edge")
     pairs = _whole(evidence.edges, "edges").reshape(-1, 2)
     order = _whole(evidence.excluded, "exclusions")
     if ((pairs < 0) | (pairs >= len(edges.points))).any():

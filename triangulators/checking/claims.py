@@ -1,18 +1,24 @@
 """A certificate with its polygon as plain data, for a file that any program can check.
 
-What the fields mean is in docs/reference/files.md; scripts/check_evidence.py checks them and shares
-no code with this package.
+What the fields mean is in docs/reference/files.md; harness/export/check_evidence.py checks them and
+shares no code with this package.
 """
 
+import json
+import math
+from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import shapely
 
-from triangulators.checking.evidence import Branch, Certificate, Evidence, Leaf
+from triangulators.checking.evidence import Branch, Certificate, Evidence, Leaf, Refused
 from triangulators.polygon import rings_of
 
 FORMAT = "raster-harness evidence 1"
+_ABOUT = {"format", "criterion", "rings", "triangles", "cost", "lower_bound", "gap", "proven"}
+_FIELDS = _ABOUT | {"scale", "factor", "bits", "edges", "excluded", "root"}
 
 
 def as_claim(
@@ -48,19 +54,67 @@ def as_claim(
     return claim
 
 
-def from_claim(claim: dict[str, Any]) -> tuple[shapely.Polygon, np.ndarray, Certificate]:
-    """Return the polygon, the triangles (m, 3) and the certificate of a claim with evidence."""
-    polygon = shapely.Polygon(claim["rings"][0], claim["rings"][1:])
-    evidence = Evidence(
-        claim["scale"],
-        claim["factor"],
-        claim["bits"],
-        np.array(claim["edges"]),
-        np.array(claim["excluded"], dtype=None if claim["excluded"] else np.int32),
-        _node(claim["root"]),
-    )
-    said = (claim["cost"], claim["lower_bound"], claim["gap"], claim["proven"])
-    return polygon, np.array(claim["triangles"], dtype=np.int32), Certificate(*said, evidence)
+def from_claim(line: str) -> tuple[shapely.Polygon, np.ndarray, str, Certificate]:
+    """Return polygon, triangles (m, 3), criterion and certificate of a claim with evidence.
+
+    line: a claim as JSON. Raises `Refused` unless each field is there once, no other is, and all
+    values are of their type: what an array would round, cut or read from text is another claim.
+    """
+    try:
+        claim = json.loads(line, object_pairs_hook=_named_once)
+        if not isinstance(claim, dict) or claim.get("format") != FORMAT or set(claim) != _FIELDS:
+            raise TypeError(f"a claim has the format {FORMAT} and its fields, no others")
+        rings = [_rows(ring, 2, _double) for ring in claim["rings"]]
+        evidence = Evidence(
+            _double(claim["scale"]),
+            _whole(claim["factor"]),
+            _whole(claim["bits"]),
+            _rows(claim["edges"], 2, _whole),
+            np.array(list(map(_whole, claim["excluded"])), dtype=np.int64),
+            _node(claim["root"]),
+        )
+        triangles = _rows(claim["triangles"], 3, _whole)
+        cost, low, gap = (_double(claim[name]) for name in ("cost", "lower_bound", "gap"))
+        if type(claim["proven"]) is not bool or type(claim["criterion"]) is not str:
+            raise TypeError("proven is true or false, and a criterion has a name")
+        # Closed here: shapely would take a last vertex that repeats the first for the closing one.
+        closed = [np.concatenate((ring, ring[:1])) for ring in rings]
+        polygon = shapely.Polygon(closed[0], closed[1:])
+    except (LookupError, OverflowError, RecursionError, TypeError, ValueError) as error:
+        raise Refused(f"this is no claim: {error}") from error
+    except shapely.errors.GEOSException as error:
+        raise Refused(f"this is no polygon: {error}") from error
+    certificate = Certificate(cost, low, gap, claim["proven"], evidence)
+    return polygon, triangles, claim["criterion"], certificate
+
+
+def _named_once(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields of an object of JSON, none of which is given twice."""
+    if len(dict(fields)) < len(fields):
+        raise TypeError("a field is given twice")
+    return dict(fields)
+
+
+def _rows(rows: Any, width: int, of: Callable[[Any], Any]) -> np.ndarray:
+    """Return a list of lists of `width` numbers as an array (n, width)."""
+    if type(rows) is not list or any(type(row) is not list or len(row) != width for row in rows):
+        raise TypeError(f"{rows!r:.40} is no list of {width} numbers each")
+    kind = np.float64 if of is _double else np.int64
+    values = [of(value) for value in chain.from_iterable(rows)]
+    return np.array(values, dtype=kind).reshape(-1, width)
+
+
+def _double(value: Any) -> float:
+    """Return a number that is a double, as it is."""
+    if type(value) not in (int, float) or value != float(value) or math.isinf(value):
+        raise TypeError(f"{value!r:.40} is no double")
+    return float(value)
+
+
+def _whole(value: Any) -> int:
+    if type(value) is not int:
+        raise TypeError(f"{value!r:.40} is no whole number")
+    return value
 
 
 def _plain(node: Leaf | Branch) -> dict[str, Any]:
@@ -71,7 +125,9 @@ def _plain(node: Leaf | Branch) -> dict[str, Any]:
 
 
 def _node(node: dict[str, Any]) -> Leaf | Branch:
-    if "edge" in node:
-        a, b = node["edge"]
+    if set(node) == {"edge", "without", "within"}:
+        a, b = map(_whole, node["edge"])
         return Branch((a, b), _node(node["without"]), _node(node["within"]))
-    return Leaf(np.array(node["potentials"]), node["lift"])
+    if set(node) != {"potentials", "lift"}:
+        raise TypeError("the root has neither potentials and a lift nor an edge with two branches")
+    return Leaf(np.array(list(map(_whole, node["potentials"]))), _whole(node["lift"]))
