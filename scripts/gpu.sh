@@ -92,9 +92,6 @@ done
 step validate "$to/validate-city/correlations.csv" \
     "$python" -m harness validate --scene city --resolution 512 --device "$device" \
     --rasterisers opengl,bounding-box "${study[@]}" --quiet --out "$to/validate-city"
-step calibrate "$to/calibration.json" \
-    "$python" -m harness calibrate --device "$device" --resolution 512 --budget $budget --quiet \
-    --out "$to/calibration.json"
 # The optimum for H in compute shaders: whether it is the CPU's, and its polygons a second.
 step "optimum, equality" "$to/optimum-equality.txt" optimum
 step optimum "$to/optimum.json" \

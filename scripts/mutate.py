@@ -52,7 +52,7 @@ TESTS = {
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
     "harness/study/statistics.py": "tests/study/test_statistics.py tests/study/test_spread.py",
     "harness/study/regret.py": "tests/study/test_regret.py",
-    "harness/study/cost_model.py": "tests/study/test_models.py tests/study/test_calibration.py",
+    "harness/profile/fitting.py": "tests/profile/test_fitting.py tests/profile/test_law.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_sight.py"
     " tests/triangulators/test_skeleton.py tests/triangulators/test_proof.py"

@@ -27,8 +27,8 @@ many() { # scene: more where one polygon of a few decides
     case "$1" in counties) echo 8 ;; glyphs) echo 24 ;; *) echo 96 ;; esac
 }
 
-[ -e results/calibration/llvmpipe.json ] ||
-    "${harness[@]}" calibrate --device llvmpipe --resolution 512 --budget 0.2 --quiet
+# What optimal:calibrated minimises.
+profile=results/reference/profiles/opengl-llvmpipe.json
 
 # The README's table.
 once $to/llvmpipe/city "${harness[@]}" run --scene city --device llvmpipe
@@ -38,7 +38,7 @@ peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:l
 peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
-        --resolution 256,512,1024,4096 --triangulators $peers \
+        --resolution 256,512,1024,4096 --triangulators $peers --profile $profile \
         --budget $([ $scene = counties ] && echo 3 || echo 1) # one draw takes 20 ms and more
 done
 
@@ -71,10 +71,10 @@ once $to/llvmpipe/gains-rotation "${harness[@]}" run --scene city --device llvmp
     --rotation 0,5,10,15,20,25,30,35,40,45,50,55,60,65,70,75,80,85,90 --triangulators \
     ear-clipping,delaunay,optimal:overdraw,optimal:overdraw@0,optimal:half-perimeter,optimal:half-perimeter@0,optimal:edge-length
 once $to/llvmpipe/gains-work "${harness[@]}" run --scene city --device llvmpipe \
-    --resolution 1024 --work 0,1,4,16,64 --samples 1,4 --triangulators $peers --budget 0.5
+    --resolution 1024 --work 0,1,4,16,64 --samples 1,4 --triangulators $peers --profile $profile --budget 0.5
 for scene in helsinki glyphs; do
     once $to/llvmpipe/gains-$scene-walk "${harness[@]}" run --scene $scene --device llvmpipe \
-        --resolution 256,1024 --triangulators $peers --budget 1 --order walk
+        --resolution 256,1024 --triangulators $peers --profile $profile --budget 1 --order walk
 done
 
 # What an order gains and what diagonals gain; break-even, too.
@@ -90,17 +90,17 @@ if [[ orders == *"$only"* ]]; then
 fi
 
 once $to/llvmpipe/gains-glyphs-shuffled "${harness[@]}" run --scene glyphs --device llvmpipe \
-    --resolution 256 --triangulators $peers --budget 1 --order shuffled
+    --resolution 256 --triangulators $peers --profile $profile --budget 1 --order shuffled
 
 # What it buys elsewhere.
 once $to/llvmpipe/gains-city-boxes "${harness[@]}" run --scene city --device llvmpipe \
-    --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --budget 0.5
+    --rasterisers bounding-box,scanline --resolution 256,1024 --triangulators $peers --profile $profile --budget 0.5
 once $to/zink/gains-city "${harness[@]}" run --scene city --device zink \
     --resolution 256,1024 --triangulators $peers --budget 0.5 \
-    --calibration results/calibration/llvmpipe.json
+    --profile $profile
 once $to/osmesa/gains-city "${harness[@]}" run --scene city --device osmesa \
     --rasterisers osmesa --resolution 256,1024 --triangulators $peers --budget 0.5 \
-    --calibration results/calibration/llvmpipe.json
+    --profile $profile
 
 # The same triangulations on every device, and a summary of each run (SwiftShader's is made by the
 # page, in Chromium).
@@ -128,23 +128,6 @@ once $to/zink/validate-city "${harness[@]}" validate --scene city --resolution 5
 once $to/softpipe/validate-city "${harness[@]}" validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers opengl --device softpipe --budget 0.05
 
-# What is its time made of? Fitted with all terms and with three, tested on four scenes.
-fitted() { # file, then more options
-    [[ "$1" == *"$only"* ]] && [ ! -e "$1" ] || return 0
-    printf "\n== %s %s\n" "$1" "$(date +%T)"
-    mkdir -p "$(dirname "$1")"
-    "${harness[@]}" calibrate --device llvmpipe --resolution 512 --budget 0.2 --quiet \
-        --scene city --scene helsinki --scene glyphs --scene counties --out "$@"
-}
-fitted $to/llvmpipe/calibration/four-scenes.json
-fitted $to/llvmpipe/calibration/three-terms.json --terms T,S,H
-
-# Branches that a processor mispredicts, for triangles smaller than a pixel.
-if [[ branches == *"$only"* ]] && [ ! -e $to/llvmpipe/branches.csv ]; then
-    .venv/bin/python scripts/studies/branches.py glyphs 256 optimal:half-perimeter optimal:shape \
-        optimal:calibrated delaunay >$to/llvmpipe/branches.csv
-fi
-
 # Weighing A against D.
 for scene in paper city; do
     once $to/llvmpipe/pareto-$scene "${harness[@]}" pareto --scene $scene --resolution 512 \
@@ -164,7 +147,7 @@ if [[ gains == *"$only"* ]]; then
     "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
 fi
 if [[ validate-city-again == *"$only"* ]]; then
-    "${harness[@]}" repeat $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again
+    "${harness[@]}" compare $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again --repeat
 fi
 
 # The same, counted on the CPU reference.

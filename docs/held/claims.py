@@ -14,9 +14,7 @@ def _ranks(measure: str, *criteria: str) -> list[str]:
 
 
 HELD: list[Held] = [
-    Sentence(
-        'Q_RANKS_LANES = "{} ({} to {})"', lambda: _ranks("helper_lanes", "expected_quads")
-    ),
+    Sentence('Q_RANKS_LANES = "{} ({} to {})"', lambda: _ranks("helper_lanes", "expected_quads")),
     Sentence(
         'H_BEFORE_A_BY_LANES = "{} ({} to {}), A {} ({} to {})"',
         lambda: _ranks("helper_lanes", "half_perimeter", "overdraw"),

@@ -163,7 +163,9 @@ def models_hidden() -> list[str]:
         for what in ("lanes", "quads"):
             within = interval(row[f"{what}_low"], row[f"{what}_high"], two)
             several = row["models"] != "1"
-            cells.append(f"{two(row[f'{what}_median'])} {within}" if several else two(row[f"{what}_median"]))
+            cells.append(
+                f"{two(row[f'{what}_median'])} {within}" if several else two(row[f"{what}_median"])
+            )
         kind = _HIDING[row["kind"]]
         lines.append(table_row(kind, _TESTS[row["depth"]], row["pixels"], *cells))
     return lines

@@ -21,7 +21,6 @@ from docs.held.lookups import (
 )
 from docs.held.others import alarms
 from harness.figures.ratios import Ratio, of_any_run
-from harness.study.model_terms import LETTERS
 from harness.study.regret import why_no_interval
 from scripts.studies.interval_coverage import DECIDED
 
@@ -204,34 +203,6 @@ def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[floa
 
 
 # ---------------------------------------------------------------- other tables
-
-FITS = {"four-scenes": (1, 2, 3, 8), "three-terms": (1, 2, 3)}
-"""Calibrations, and of how many terms the models are that are shown."""
-
-
-def terms() -> list[str]:
-    """Return the table of the fewest terms that predict a draw's time."""
-    lines = []
-    for name, sizes in FITS.items():
-        models = values(f"reference/llvmpipe/calibration/{name}.json")["models"]
-        near = "standard_errors_from_best"
-        fewest = next((m for m in models if m[near] <= 1), min(models, key=lambda m: m[near]))
-        for fit in (each for each in models if len(each["terms"]) in sizes):
-            label = " + ".join(LETTERS[term] for term in fit["terms"])
-            label = f"all: {label}" if len(fit["terms"]) == len(LETTERS) else label
-            low, high = fit["regret_ci95"]
-            shown = f"{percent(fit['regret'], 2)} % ({percent(low, 2)} to {percent(high, 2)})"
-            of = (three(fit["r2_over_polygons"]), three(fit["r2_within_polygons"]))
-            lines.append(table_row(f"**{label}**" if fit is fewest else label, *of, shown))
-    return lines
-
-
-def coefficient(file: str, name: str, unit: float, digits: int = 0) -> tuple[str, str, str]:
-    """Return a fitted coefficient and the ends of its interval, in the given unit."""
-    fit = values(file)
-    low, high = fit["intervals"][name]
-    mean = fit["coefficients"][name]
-    return tuple(f"{value / unit:.{digits}f}" for value in (mean, low, high))  # type: ignore[return-value]
 
 
 def orders() -> list[str]:
@@ -510,11 +481,6 @@ def break_even(name: str) -> list[str]:
     return [whole(round(float(value), 1 - len(str(int(float(value)))))) for value in found]
 
 
-def branches(name: str, column: str = "mispredicted") -> float:
-    """Return what Callgrind counted in a draw of letters."""
-    return float(one("llvmpipe/branches.csv", scene="glyphs", triangulator=name)[column])
-
-
 def d_over_h(order: str) -> str:
     """Return by how many per cent the best for D is drawn faster than the best for H."""
     d, h = (gain("glyphs", 256, f"optimal:{c}", order=order) for c in ("shape", "half-perimeter"))
@@ -583,21 +549,6 @@ def limit() -> list[str]:
     lanes = [float(best["helper_lanes"]), float(clipped["helper_lanes"])]
     saved = (lanes[1] - lanes[0]) / (lanes[1] - outline)
     return [whole(outline), *map(whole, lanes), percent(saved)]
-
-
-def fit(name: str, unit: float, file: str, digits: int = 0) -> str:
-    """Return a fitted coefficient."""
-    return coefficient(file, name, unit, digits)[0]
-
-
-FIRST = "calibration/llvmpipe.json"
-AGAIN = "reference/llvmpipe/calibration/four-scenes.json"
-
-
-def held_out(file: str) -> list[str]:
-    """Return R2 over and within polygons that were held out, and how many these are."""
-    fit = values(file)["held_out"]
-    return [*(three(fit[f"r2_{how}_polygons"]) for how in ("over", "within")), str(fit["polygons"])]
 
 
 def city(device: str, criterion: str, measure: str, rasteriser: str = "opengl") -> str:

@@ -93,7 +93,7 @@ def compare(
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
     if repeat:
-        compare_repeated(base, head)
+        _compare_repeated(base, head)
     from harness.compare import compare_runs, no_baseline
     from harness.compare.gate_settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
@@ -194,10 +194,7 @@ def _write(file: Path, text: str, *, append: bool = False) -> None:
         raise UsageError(f"cannot write {file}: {error.strerror}") from error
 
 
-def compare_repeated(
-    first: Annotated[Path, typer.Argument(help="Folder of the first run.")],
-    second: Annotated[Path, typer.Argument(help="Folder of the second run, of the same plan.")],
-) -> None:
+def _compare_repeated(first: Path, second: Path) -> None:
     """Check that two runs of one plan have equal counters, and say how often verdicts agree.
 
     Two triangulations of the same polygons that were timed together are a pair. Each run has a

@@ -21,8 +21,7 @@ LATER = "results/city-20260102-120000"
 class Entry(NamedTuple):
     """A command.
 
-    panel : the heading under which `--help` lists it; "" for what it does not list, because an
-        option of another command does the same
+    panel : the heading under which `--help` lists it
     function : where it is, "module:function" in `harness.commands`
     summary : the first paragraph of the function's docstring
     examples : shown by its `--help`; a test runs each of them
@@ -36,7 +35,6 @@ class Entry(NamedTuple):
 
 MEASURE, COMPARE, STUDY = "Measure", "Compare", "Study"
 GEOMETRY, MACHINE = "Geometry", "Machine"
-ELSEWHERE = ""
 
 COMMANDS = {
     "run": Entry(
@@ -105,12 +103,6 @@ COMMANDS = {
         "Compare each triangulator's time with the bases', in all views; say which one was faster.",
         (f"gains {RUN} --out results/gains",),
     ),
-    "repeat": Entry(
-        ELSEWHERE,
-        "compare:compare_repeated",
-        "Check that two runs of one plan have equal counters, and say how often verdicts agree.",
-        (f"repeat {RUN} {RUN}",),
-    ),
     "validate": Entry(
         STUDY,
         "validate:validate",
@@ -123,12 +115,6 @@ COMMANDS = {
         "Say which of our findings hold on your data: validation, gains, regret and rotation, "
         "bundled.",
         ("study buildings.geojson --out results/study --quick",),
-    ),
-    "calibrate": Entry(
-        ELSEWHERE,
-        "calibrate:calibrate",
-        "Fit a model of a device's draw time, and test it on polygons that it has not seen.",
-        ("calibrate --scene city:buildings=50 --budget 0.05",),
     ),
     "pareto": Entry(
         STUDY,
@@ -172,12 +158,6 @@ COMMANDS = {
             "inspect --scene city --polygon 3 --out polygon-3.png",
             "inspect --scene paper --every paper",
         ),
-    ),
-    "enumerate": Entry(
-        ELSEWHERE,
-        "inspect:enumerate_",
-        "List every triangulation of a polygon with its criteria; draw shape against overdraw.",
-        ("enumerate --scene paper --mode paper",),
     ),
     "list": Entry(
         MACHINE,
@@ -252,8 +232,7 @@ class CommandGroup(typer.core.TyperGroup):
             name: typer.core.TyperCommand(
                 name,
                 help=entry.summary,
-                rich_help_panel=entry.panel or None,
-                hidden=not entry.panel,
+                rich_help_panel=entry.panel,
             )
             for name, entry in COMMANDS.items()
         }

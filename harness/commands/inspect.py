@@ -48,7 +48,7 @@ def inspect(
     from harness.triangulating.recipes import parse_all
 
     if every is not None:
-        enumerate_(scene, polygon, every, out)
+        _list_every(scene, polygon, every, out)
         return
     recipes = parse_all(triangulator, seed=seed)
     if out is not None:
@@ -93,22 +93,8 @@ def _require_writable(file: Path) -> None:
         raise UsageError(f"cannot write {file}: Permission denied; give another --out")
 
 
-def enumerate_(
-    scene: options.SceneName = "paper",
-    polygon: options.PolygonNumber = 0,
-    mode: Annotated[
-        Literal["conforming", "paper"],
-        typer.Option(
-            help="conforming: without T-junctions; paper: as in the paper, which drops a vertex "
-            "when its two edges have become one straight line."
-        ),
-    ] = "conforming",
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for the table and plot; results/enumerate-<scene>-<time> if absent."
-        ),
-    ] = None,
+def _list_every(
+    scene: str, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
     from harness.commands.running import default_folder
@@ -121,7 +107,7 @@ def enumerate_(
     loaded = load_scene(scene, 0, Reporter())
     if polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
-    folder = out or default_folder(loaded.name, before="enumerate-")
+    folder = out or default_folder(loaded.name, before="every-")
     try:
         table = enumeration.triangulation_table(loaded.polygons[polygon], mode)
         with atomic.folder(folder, added=True) as made:

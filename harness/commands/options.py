@@ -14,9 +14,6 @@ import typer
 
 from harness.measuring.settings import MOST_S
 
-CALIBRATIONS = Path("results") / "calibration"
-"""Where `calibrate` writes, and optimal:calibrated looks, unless told otherwise."""
-
 PROFILES = Path("results") / "profiles"
 """Where `profile` writes unless told otherwise."""
 

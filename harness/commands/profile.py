@@ -38,7 +38,7 @@ def profile(
     Some hundred designed draws, each kind of which isolates a cost or two, are timed for about a
     minute. Their exact counters and their times give seconds for each cost, with intervals. It says
     from which aspect on thin triangles are slow, and why. The file is also what optimal:calibrated
-    minimises (--calibration FILE); a picture lies beside it.
+    minimises (run --profile FILE); a picture lies beside it.
     """
     from harness import rasterisers
     from harness.machine.processor import processor
@@ -104,7 +104,7 @@ def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
         if it is refused
     """
     from harness.profile import chart, words
-    from harness.study.calibration_draws import keep
+    from harness.profile.profile import keep
 
     device = content["device"]
     name = file_stem(f"{device['rasteriser']}-{device['name']}")

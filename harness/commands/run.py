@@ -76,9 +76,12 @@ def run(
     ] = None,
     resume: options.Resume = None,
     force: options.Force = False,
-    calibration: Annotated[
+    profile: Annotated[
         Path | None,
-        typer.Option(help="What optimal:calibrated minimises; see: raster-harness calibrate."),
+        typer.Option(
+            help="Profile of a device, whose costs optimal:calibrated minimises; see: "
+            "raster-harness profile.",
+        ),
     ] = None,
     beside: Annotated[
         str | None,
@@ -141,7 +144,7 @@ def run(
         plan = Plan(
             scene=joined(scene, layer=layer, where=where, limit=limit),
             seed=seed,
-            triangulators=running.recipes(triangulators, seed, calibration, device or ()),
+            triangulators=running.recipes(triangulators, seed, profile),
             rasterisers=options.named_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),

@@ -14,7 +14,6 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from harness.commands.options import CALIBRATIONS
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
@@ -151,24 +150,20 @@ def base_named(name: str | None, plan: Plan) -> str | None:
     return found
 
 
-def recipes(
-    triangulators: Sequence[str], seed: int, file: Path | None, devices: Sequence[str]
-) -> tuple[Recipe, ...]:
-    """Read the triangulators, and the calibration that optimal:calibrated needs.
-
-    file : by default that of the device
-    """
+def recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple[Recipe, ...]:
+    """Read the triangulators, and the profile of a device that optimal:calibrated needs."""
     recipes = parse_all(triangulators, seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
         if file is not None:
-            raise UsageError("--calibration is for optimal:calibrated, which is not measured here")
+            raise UsageError("--profile is for optimal:calibrated, which is not measured here")
         return recipes
-    from harness.study.calibration_draws import read_coefficients
+    if file is None:
+        raise UsageError(
+            "optimal:calibrated needs --profile FILE; make one: raster-harness profile"
+        )
+    from harness.profile.profile import read_coefficients
 
-    if file is None and len(devices) != 1:
-        raise UsageError("optimal:calibrated needs --calibration FILE, or one --device")
-    coefficients = read_coefficients(file or CALIBRATIONS / f"{devices[0]}.json")
-    return parse_all(triangulators, seed=seed, calibration=coefficients)
+    return parse_all(triangulators, seed=seed, calibration=read_coefficients(file))
 
 
 def load_ahead(*, plots: bool) -> None:

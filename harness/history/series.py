@@ -21,7 +21,7 @@ from harness.history.change_points import changes_of_exact, changes_of_noisy
 from harness.machine.processor import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
 
-STUDIES = ("validate", "pareto", "calibrate")
+STUDIES = ("validate", "pareto")
 """Commands whose runs measure thousands of triangulations of single polygons, each once."""
 
 STUDY_FILES = ("correlations.csv", "pareto.csv")

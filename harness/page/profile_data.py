@@ -13,11 +13,10 @@ from harness.measuring.processes import Bench
 from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
 from harness.profile.counted import IN_PX, TERMS, counters
 from harness.profile.design import DESIGN, Draw, draws, snapped
+from harness.profile.fitting import COSTS, costs_of
 from harness.profile.law import folds_of
 from harness.profile.profile import fitted_of
 from harness.profile.words import BY_TERM
-from harness.study import cost_model
-from harness.study.calibration_draws import design_of as predicted_of
 
 FORMAT = "raster-harness profile page"
 VERSION = 1
@@ -48,7 +47,7 @@ def content_of(bench: Bench, seed: int = 0) -> Content:
             for name, term in TERMS.items()
         },
         "in_px": IN_PX,
-        "costs": cost_model.TERMS,
+        "costs": COSTS,
         "base": BASE,
         "criteria": CRITERIA,
         "scenes": {
@@ -62,7 +61,7 @@ def content_of(bench: Bench, seed: int = 0) -> Content:
 def grid_of(made: Sequence[Draw]) -> Content:
     """Return the checksum and the exact counters of each draw, and a criterion's terms of it."""
     counted = [counters(draw) for draw in made]
-    predicted = predicted_of([(draw.frame, draw.triangles) for draw in made])
+    predicted = costs_of([(draw.frame, draw.triangles) for draw in made])
     return {
         "checksums": [draw.checksum for draw in made],
         "counters": {name: [each[name] for each in counted] for name in counted[0]},

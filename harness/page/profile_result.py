@@ -22,18 +22,15 @@ from harness.page.saved import Finite, Part, Share, Text, Whole
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
+from harness.profile.fitting import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import fitted_of, profile
-from harness.study import cost_model
 
 FORMAT = "raster-harness device profile"
 
 LIKE = 0.02
 """By which what the page's law says of a draw and what ours says may differ: both fit until no
 time changes by 1e-4."""
-
-LATER = ("covering", "rows")
-"""Terms that the first pages did not know."""
 
 ON_PROCESSORS = ("swiftshader", "llvmpipe", "lavapipe", "basic render")
 """In what a browser says of a device: programs that draw on the processor (`costs_shown.js`)."""
@@ -104,13 +101,13 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
         if the result contradicts itself, or tells too little
     """
     page = result.page
-    if not 1 <= page.design <= DESIGN:
+    if page.design != DESIGN:
         raise UsageError(
-            f"{file}: its draws are of design {page.design}, and the latest known here is "
-            f"{DESIGN}: make the page anew"
+            f"{file}: its draws are of design {page.design}, and here it is {DESIGN}: make the "
+            "page anew"
         )
     step = result.device.step or 1
-    draws = [design.snapped(draw, step) for draw in design.draws(page.seed, page.design)]
+    draws = [design.snapped(draw, step) for draw in design.draws(page.seed)]
     exact = [counters(draw) for draw in draws]
     _refuse_other_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
@@ -127,7 +124,7 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
     }
     found = measured.of_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
-    content = profile(draws, exact, found, _facts(result, name), page.seed, page.design)
+    content = profile(draws, exact, found, _facts(result, name), page.seed)
     return Imported(content, found.trouble, _warnings(result))
 
 
@@ -153,19 +150,15 @@ def _refuse_other_draws(
 def _refuse_other_law(
     file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], found: Measured
 ) -> None:
-    """The law that the page showed must say the same of each draw as the one of its times.
-
-    An older page's law lacks terms of `LATER`; then the one of its times has none of these either.
-    """
+    """The law that the page showed must say the same of each draw as the one of its times."""
     if result.law is None:
         return
-    known = [name for name in TERMS if name in result.law.seconds]
-    if known != list(result.law.seconds) or {*TERMS} - {*known} - {*LATER}:
+    if list(result.law.seconds) != list(TERMS):
         raise UsageError(f"{file}: its law has other terms")
-    rows = design_of(exact)[:, [list(TERMS).index(name) for name in known]]
+    rows = design_of(exact)
     fitted, _ = fitted_of(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
-    seconds = cost_model.solve(rows[fitted], found.seconds[fitted], labels)
+    seconds = solve(rows[fitted], found.seconds[fitted], labels)
     shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")

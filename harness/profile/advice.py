@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.figures.intervals import mean_interval
 from harness.frame import View, make_frame
 from harness.measuring.processes import Bench
-from harness.study.cost_model import TERMS
+from harness.profile.fitting import COSTS
 from harness.study.subjects import evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
@@ -58,11 +58,11 @@ class Advice:
 
 
 def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> Advice | None:
-    """Return what to triangulate by where draws take what `coefficients`, by `TERMS`, say.
+    """Return what to triangulate by where draws take what `coefficients`, by `COSTS`, say.
 
     None where no scene can be loaded, or the coefficients give no triangle a cost
     """
-    if not any(coefficients[name] > 0 for name in TERMS[1:]):
+    if not any(coefficients[name] > 0 for name in COSTS[1:]):
         return None
     costs = {}
     for name in SCENES:
@@ -95,7 +95,7 @@ def _costs(
     bench: Bench, scene: str, coefficients: Mapping[str, float], seed: int
 ) -> dict[str, NDArray[np.float64]] | None:
     """Return the seconds of a scene's polygons by triangulator, of those that all triangulate."""
-    each = np.array([coefficients[term] for term in TERMS[1:]])
+    each = np.array([coefficients[term] for term in COSTS[1:]])
     found = terms_of(bench, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
     return found and {name: rows @ each for name, rows in found.items()}
 
@@ -107,7 +107,7 @@ def terms_of(
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return (p, 8) sums of `TERMS` but the draw's of a scene's polygons, by triangulator.
+    """Return (p, 8) sums of `COSTS` but the draw's of a scene's polygons, by triangulator.
 
     Of the polygons that all of them triangulate; None where there is none.
     coefficients : what optimal:calibrated minimises
@@ -127,6 +127,6 @@ def terms_of(
     for name in triangulators:
         made = bench.triangulate(parse(name, seed=seed, calibration=coefficients), shown)
         columns = made.predicted.columns
-        found[name] = np.stack([columns[term] for term in TERMS[1:]], axis=1)
+        found[name] = np.stack([columns[term] for term in COSTS[1:]], axis=1)
         kept &= np.array([part is not None for part in made.parts])
     return {name: rows[kept] for name, rows in found.items()} if kept.any() else None

@@ -35,7 +35,7 @@ from harness.profile import placing
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
 DESIGN = 2
-"""Version of the list; a file of another version has other draws. The first had no long ones."""
+"""Version of the list: a page of another version has other draws."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
 AREAS = {8: 1500, 64: 800}
@@ -101,10 +101,9 @@ class Draw:
         return zlib.crc32(b"".join(np.ascontiguousarray(part, "<i4").tobytes() for part in parts))
 
 
-def draws(seed: int = 0, version: int = DESIGN) -> list[Draw]:
-    """Return the draws of a version of the design, in the order of the table above."""
-    made = [draw for kind in _KINDS for draw in kind(seed)]
-    return [draw for draw in made if version > 1 or draw.kind != "long"]
+def draws(seed: int = 0) -> list[Draw]:
+    """Return the draws of the design, in the order of the table above."""
+    return [draw for kind in _KINDS for draw in kind(seed)]
 
 
 def snapped(draw: Draw, step: int) -> Draw:

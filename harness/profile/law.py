@@ -1,6 +1,6 @@
 """A device's law: seconds for each of `counted.TERMS`, with intervals, fitted to timed draws.
 
-The fit is that of `harness.study.cost_model`: coefficients that are not negative, relative errors.
+The fit is that of `harness.profile.fitting`: coefficients that are not negative, relative errors.
 An interval holds two things. One is how much the times differ from epoch to epoch: epochs are drawn
 anew. The other is by how much the draws miss the law beyond that noise: each error, made larger by
 as much as the fit has followed it, is given a new sign, one for all draws of a group, which share
@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from harness.profile import fitting
 from harness.profile.counted import TERMS, Design
-from harness.study import cost_model
-from harness.study.model_terms import in_standard_errors
 
 RESAMPLES = 400
 FOLDS = 6
@@ -80,8 +79,8 @@ def fit(
     """
     seconds = np.exp(np.log(epochs).mean(axis=0))
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
-    free = cost_model.solve(design, seconds, labels, signed=True)
-    fitted = np.clip(design @ free, seconds / cost_model.FAR_OFF, seconds * cost_model.FAR_OFF)
+    free = fitting.solve(design, seconds, labels, signed=True)
+    fitted = np.clip(design @ free, seconds / fitting.FAR_OFF, seconds * fitting.FAR_OFF)
     logs = np.log(epochs) - np.log(seconds)
     # Resampled means of few epochs scatter too little: by the variance's bias, and as Student's
     # distribution is wider than the normal one.
@@ -96,13 +95,13 @@ def fit(
         noise = np.exp(apart * logs[chosen].mean(axis=0))
         signs = random.choice([-1.0, 1.0], labels.max() + 1)[labels]
         times = fitted * np.maximum(1.0 + signs * errors, 0.01) * noise
-        resampled.append(cost_model.solve(design, times, labels, signed=True))
+        resampled.append(fitting.solve(design, times, labels, signed=True))
     predicted = held_out(design, seconds, labels, seed)
     return Law(
-        seconds=cost_model.solve(design, seconds, labels),
+        seconds=fitting.solve(design, seconds, labels),
         resampled=np.array(resampled),
-        r2_over=cost_model.r_squared(np.log(seconds), np.log(predicted)),
-        r2_within=cost_model.r_squared_within(seconds, predicted, labels.tolist()),
+        r2_over=fitting.r_squared(np.log(seconds), np.log(predicted)),
+        r2_within=fitting.r_squared_within(seconds, predicted, labels.tolist()),
         most=(design / seconds[:, None]).max(axis=0),
     )
 
@@ -127,7 +126,7 @@ def held_out(design: Design, seconds: Seconds, labels: NDArray[np.int64], seed: 
     predicted = np.empty(len(seconds))
     for fold in range(FOLDS):
         out = folds == fold
-        found = cost_model.solve(design[~out], seconds[~out], labels[~out])
+        found = fitting.solve(design[~out], seconds[~out], labels[~out])
         predicted[out] = design[out] @ found
     return np.maximum(predicted, 1e-12)
 
@@ -149,8 +148,8 @@ def fewest(
     """Return the fewest terms that predict as well as all.
 
     Terms are left out one by one, each time that without which the others predict best; of the sets
-    on this way, the smallest within one standard error of the best is taken (see
-    `harness.study.model_terms`).
+    on this way, the smallest within one standard error of the best is taken (Breiman, Friedman,
+    Olshen and Stone, "Classification and Regression Trees", 1984, section 3.4).
     """
     labels = np.unique(np.asarray(groups), return_inverse=True)[1]
 
@@ -168,6 +167,9 @@ def fewest(
         kept = fewer[best]
         way.append(kept)
         found.append(judged[best])
-    distances = in_standard_errors(np.array(found))
-    chosen = max(place for place, distance in enumerate(distances) if distance <= 1.0)
+    means = [each.mean() for each in found]
+    best = int(np.argmin(means))
+    error = found[best].std(ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else 0.0
+    enough = means[best] + max(float(error), 1e-12)
+    chosen = max(place for place, mean in enumerate(means) if mean <= enough)
     return tuple(list(TERMS)[column] for column in way[chosen])

@@ -1,29 +1,35 @@
 """A profile: what was measured and what follows from it, as one JSON file.
 
-The file is a calibration, too: `coefficients` are seconds of each of `cost_model.TERMS`, which
-`optimal:calibrated` minimises. All figures follow from the times of each epoch that it holds, so
-whoever reads it can compute them anew.
+Its `coefficients` are seconds of each of `fitting.COSTS`, which `optimal:calibrated` minimises.
+All figures follow from the times of each epoch that it holds, so whoever reads it can compute them
+anew.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from harness import __version__
+from harness.errors import UsageError
 from harness.profile import law as laws
 from harness.profile.aspects import aspects
 from harness.profile.counted import TERMS, design_of
 from harness.profile.design import DESIGN, Draw
+from harness.profile.fitting import COSTS, costs_of, solve
 from harness.profile.law import Law
 from harness.profile.measured import Measured
-from harness.study import cost_model
-from harness.study.calibration_draws import LEAST_R2
-from harness.study.calibration_draws import design_of as predicted_of
+from harness.stored import atomic
 
 FORMAT, VERSION = "raster-harness profile", 1
+
+LEAST_R2 = 0.8
+"""A law that explains less than this share of the variance of draws held out, over all of them or
+within groups, is refused: its optimum would follow the noise. Quiet machines reach 0.98."""
 
 NOT_FITTED = ("twice",)
 """Kinds that the law is not fitted to: a device may leave out what is covered by what follows."""
@@ -35,27 +41,26 @@ def profile(
     measured: Measured,
     device: Mapping[str, Any],
     seed: int,
-    version: int = DESIGN,
 ) -> dict[str, Any]:
     """Return a profile's content, JSON-ready.
 
-    counted : the draws' `counters`; device : what is known of it; version : of the design
+    counted : the draws' `counters`; device : what is known of it
     """
     design = design_of(counted)
     fitted, plain = fitted_of(draws)
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
-    predicted = predicted_of([(draws[n].frame, draws[n].triangles) for n in plain])
+    predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
     labels = np.unique([groups[n] for n in plain], return_inverse=True)[1].tolist()
-    calibration = cost_model.fit(predicted, measured.seconds[plain], labels, seed)
+    coefficients = solve(predicted, measured.seconds[plain], labels).tolist()
     good = law.r2_over >= LEAST_R2 and law.r2_within >= LEAST_R2
     return {
         "format": FORMAT,
         "version": VERSION,
         "schema_version": 1,
         "harness": __version__,
-        "design": version,
+        "design": DESIGN,
         "seed": seed,
         "device": dict(device),
         "terms": _terms(law),
@@ -65,13 +70,46 @@ def profile(
         "refused": not good,
         "aspects": aspects(draws, design, measured, law),
         "second_filling": _second_filling(draws, measured),
-        **calibration.to_json(),
+        "coefficients": dict(zip(COSTS, coefficients, strict=True)),
         "control": [measured.control.value, measured.control.low, measured.control.high],
         "drift": measured.drift,
         "rounds": measured.rounds,
         "empty_s": measured.empty_s,
         "times": [_time(draws[n], counted[n], measured.epochs[:, n]) for n in range(len(draws))],
     }
+
+
+def keep(content: Mapping[str, Any], file: Path) -> Path:
+    """Write a profile's content to `file`, or to `<name>.refused.json` where it is refused.
+
+    So an older, good one stays. Returns the file that was written.
+    """
+    if content["refused"]:
+        file = file.with_name(f"{file.stem}.refused.json")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    atomic.write(file, (json.dumps(content, indent=2) + "\n").encode())
+    return file
+
+
+def read_coefficients(file: Path) -> dict[str, float]:
+    """Return what `optimal:calibrated` minimises by a profile's file, by `COSTS`.
+
+    Raises
+    ------
+    UsageError
+        if it is missing, no profile, or was refused when it was made
+    """
+    try:
+        content = json.loads(atomic.read(file))
+        if content.get("refused"):
+            raise UsageError(
+                f"{file} was refused: it fits too badly; repeat raster-harness profile"
+            )
+        return {name: float(content["coefficients"][name]) for name in COSTS}
+    except FileNotFoundError:
+        raise UsageError(f"no profile {file}; make it: raster-harness profile") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{file} is not a profile: {error!r}") from error
 
 
 def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:

@@ -31,9 +31,9 @@ from harness.frame import SUBPIXEL
 from harness.profile import design, law
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import AREAS, ASPECTS, Draw
+from harness.profile.fitting import r_squared, r_squared_within
 from harness.profile.placing import LEVEL, STEEP
 from harness.profile.profile import fitted_of
-from harness.study import cost_model
 
 COLUMNS = (
     *("profile", "steep_8", "steep_64", "r2_over", "r2_within"),
@@ -94,8 +94,8 @@ def _r2(
 ) -> tuple[float, float]:
     predicted = law.held_out(rows, seconds, labels, 0)
     return (
-        cost_model.r_squared(np.log(seconds), np.log(predicted)),
-        cost_model.r_squared_within(seconds, predicted, labels.tolist()),
+        r_squared(np.log(seconds), np.log(predicted)),
+        r_squared_within(seconds, predicted, labels.tolist()),
     )
 
 

@@ -48,13 +48,12 @@ from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
 from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.fitting import COSTS, costs_of, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study import calibration_draws as study
-from harness.study import cost_model
-from harness.study.model_terms import HeldOut
 from harness.study.statistics import regret_ends, regret_interval
+from scripts.studies.held_out import Draw, HeldOut, held_out_draws, time_draws
 from scripts.studies.missing_terms import drawn
 
 OWN = "optimal:calibrated"
@@ -94,7 +93,9 @@ def main() -> None:
         profile = json.loads(file.read_text())
         if given.refit:
             file.unlink()
-            print(study.keep(refitted(profile), file.with_name(file.name.replace(".refused", ""))))
+            print(
+                profiles.keep(refitted(profile), file.with_name(file.name.replace(".refused", "")))
+            )
             continue
         out = (given.out or file.parent) / f"{file.stem}-judged.csv"
         with out.open("w", newline="") as stream:
@@ -117,7 +118,7 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
         rounds=profile["rounds"],
     )
     counted = [counters(draw) for draw in draws]
-    about = profile["device"], profile["seed"], profile["design"]
+    about = profile["device"], profile["seed"]
     content = profiles.profile(draws, counted, found, *about)
     content["advice"] = profile.get("advice")
     content["refused"] = content["refused"] or bool(found.trouble)
@@ -134,24 +135,22 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
     try:
         loaded = [load_scene(scene, given.seed, reporter)]
         names = (*TEN, OWN, *RANDOM)
-        draws, polygons, ways = study.held_out_draws(
+        draws, polygons, ways = held_out_draws(
             bench, loaded, given.resolution, given.seed, names, profile["coefficients"]
         )
         settings = TimingSettings(
             precision=0.002, budget_s=given.budget, warm_up_s=0.02, min_batch_s=3e-3, paired=False
         )
         options = Options(order="walk")
-        timed = study.time_draws(
-            backend, bench, settings, options, reporter, draws, scene, polygons
-        )
+        timed = time_draws(backend, bench, settings, options, reporter, draws, scene, polygons)
     finally:
         bench.close()
     seconds = timed.ratios * float(np.median(timed.reference_s))
     empty = float(np.median(timed.empty_s))
-    cost = cost_model.predict({**profile["coefficients"], "draw": 0.0}, study.design_of(draws))
+    cost = costs_of(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
     by_law, _ = as_predicted(seconds, empty, law_of(profile, draws))
     predicted, speed = as_predicted(seconds, empty, cost)
-    held = HeldOut(study.design_of(draws), seconds, timed.halves, polygons)
+    held = HeldOut(seconds, timed.halves, polygons)
     common = {
         "scene": scene,
         "resolution": given.resolution,
@@ -198,7 +197,7 @@ def logs_of(held: HeldOut, ways: list[str], name: str) -> NDArray[np.float64]:
     return np.asarray(np.log(held.halves[rows]).mean(axis=1))
 
 
-def law_of(profile: dict[str, Any], draws: list[study.Draw]) -> NDArray[np.float64]:
+def law_of(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
     """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
     each = {term["name"]: term["seconds"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
@@ -222,8 +221,8 @@ def explained(
     name: str, seconds: NDArray[np.float64], predicted: NDArray[np.float64], polygons: list[str]
 ) -> dict[str, str]:
     """Return R2 of log time over all draws and within polygons, as columns."""
-    over = cost_model.r_squared(np.log(seconds), np.log(predicted))
-    within = cost_model.r_squared_within(seconds, predicted, polygons)
+    over = r_squared(np.log(seconds), np.log(predicted))
+    within = r_squared_within(seconds, predicted, polygons)
     return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 

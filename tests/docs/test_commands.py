@@ -21,7 +21,6 @@ LONG = (
     "study",
     "validate",
     "pareto",
-    "calibrate",
     "profile",
     "page --profile",
     "doctor",

@@ -218,7 +218,7 @@ WITHOUT_HEAVY_LIBRARIES = (
     ("validate", "--no-option"),
     ("triangulate", "--no-option"),
     ("compare", "--no-option"),
-    ("calibrate", "--no-option"),
+    ("profile", "--no-option"),
     ("list", "nothing"),
     ("list", "triangulators"),
     ("list", "criteria"),
@@ -276,7 +276,6 @@ def test_limits_of_options_are_those_of_what_they_set():
         ("validate", "--work", "-1"),
         ("census", "--cell", "inf"),
         ("census", "--units-per-pixel", "inf"),
-        ("calibrate", "--terms", ""),
         ("merge", "--out", ""),
         ("gains", "--bases", ","),
     ],
@@ -291,9 +290,9 @@ def test_a_value_that_cannot_be_is_refused_where_it_is_declared(harness, command
 
 def test_an_option_that_is_not_used_is_refused(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
-    code, _, err = harness(*run, "--triangulators", "fan", "--calibration", "c.json")
+    code, _, err = harness(*run, "--triangulators", "fan", "--profile", "c.json")
     assert code == 2
-    assert_one_line(err, "--calibration is for optimal:calibrated")
+    assert_one_line(err, "--profile is for optimal:calibrated")
     code, _, err = harness("run", "--scene", "city", "--layer", "x")
     assert code == 2
     assert_one_line(err, "layer")

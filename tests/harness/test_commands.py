@@ -14,6 +14,7 @@ import trimesh
 
 from harness.commands.export import COMPILING
 from harness.export.triangulation import triangulate_batch
+from harness.profile.fitting import COSTS
 from tests.harness.test_cli import MOCK, assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -138,7 +139,9 @@ def _slowly(function):
 
 
 def test_enumerate_refuses_what_has_too_many_triangulations(harness):
-    code, _, err = harness("enumerate", "--scene", "stress", "--polygon", "0")
+    code, _, err = harness(
+        "inspect", "--every", "conforming", "--scene", "stress", "--polygon", "0"
+    )
     assert code == 2
     assert_one_line(err, "triangulations", "optimal")
 
@@ -223,7 +226,7 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     plan = ("run", "--scene", str(block), "--resolution", "64", *MOCK)
     for out in ("one", "two"):
         assert harness(*plan, "--triangulators", "ear-clipping,optimal,worst", "--out", out)[0] == 0
-    code, out, _ = harness("repeat", "one", "two")
+    code, out, _ = harness("compare", "one", "two", "--repeat")
     assert code == 0
     assert "counters: equal in 3 of 3 cases" in out
     found = re.search(r"(\d) pairs: both runs say which is faster for (\d)", out)
@@ -231,23 +234,23 @@ def test_repeat_compares_counters_and_verdicts(harness, block):
     assert 0 <= int(found[2]) <= int(found[1]) <= 3
     cases = Path("two/cases.jsonl")
     cases.write_text(re.sub(r'"quads": (\d+)', r'"quads": 1\1', cases.read_text(), count=1))
-    code, out, _ = harness("repeat", "one", "two")
+    code, out, _ = harness("compare", "one", "two", "--repeat")
     assert code == 1
     assert "counters: equal in 2 of 3 cases" in out
     assert harness(*plan[:3], "--resolution", "128", *MOCK, "--out", "other")[0] == 0
-    code, _, err = harness("repeat", "one", "other")
+    code, _, err = harness("compare", "one", "other", "--repeat")
     assert code == 2
     assert_one_line(err, "no case in common")
 
 
-def test_optimal_calibrated_needs_a_calibration(harness, block, tmp_path):
+def test_optimal_calibrated_needs_a_profile(harness, block, tmp_path):
     run = ("run", "--scene", str(block), "--triangulators", "optimal:calibrated", *MOCK)
     code, _, err = harness(*run, "--device", "scripted")
     assert code == 2
-    assert_one_line(err, "harness calibrate")
-    terms = {"draw": 1e-6, "triangles": 1e-8, "area": 1e-9, "half_perimeter": 1e-8, "bbox_area": 0}
+    assert_one_line(err, "--profile FILE")
+    terms = dict.fromkeys(COSTS, 0.0) | {"draw": 1e-6, "half_perimeter": 1e-8}
     Path("c.json").write_text(json.dumps({"coefficients": terms}))
-    assert harness(*run, "--calibration", "c.json", "--out", "run")[0] == 0
+    assert harness(*run, "--profile", "c.json", "--out", "run")[0] == 0
 
 
 def test_two_runs_within_a_second_get_folders_of_their_own(tmp_path, monkeypatch):

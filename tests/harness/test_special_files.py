@@ -14,9 +14,9 @@ import pytest
 from harness.errors import UsageError
 from harness.page import device_summaries
 from harness.page.result import read_result
+from harness.profile.profile import read_coefficients
 from harness.stored import atomic
 from harness.stored.folder import POLYGONS, Run, read_arrays
-from harness.study.calibration_draws import read_coefficients
 from harness.webpages.single_file import write_whole
 from tests.compare.runs import write_run
 

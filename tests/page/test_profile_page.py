@@ -19,9 +19,10 @@ from harness.profile import design, law
 from harness.profile.advice import CRITERIA
 from harness.profile.aspects import aspects
 from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.fitting import COSTS as OF_CRITERIA
+from harness.profile.fitting import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import seconds
-from harness.study import cost_model
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
@@ -190,9 +191,9 @@ def test_its_advice_is_the_least_of_the_criteria(browser, page):
     assert list(scenes) == ["city"]
     rows = {name: np.array(each) for name, each in scenes["city"].items()}
     assert list(rows) == ["ear-clipping", *CRITERIA]
-    assert {each.shape for each in rows.values()} == {(8, len(cost_model.TERMS) - 1)}
-    for place, term in enumerate(cost_model.TERMS[1:]):
-        coefficients = [0.0] * len(cost_model.TERMS)
+    assert {each.shape for each in rows.values()} == {(8, len(OF_CRITERIA) - 1)}
+    for place, term in enumerate(OF_CRITERIA[1:]):
+        coefficients = [0.0] * len(OF_CRITERIA)
         coefficients[1 + place] = 1e-9
         found = browser.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
         sums = {name: each[:, place].sum() for name, each in rows.items()}
@@ -248,7 +249,7 @@ def test_its_coefficients_are_those_that_python_fits(whole, page, browser):
     plain = browser.evaluate("state.page.plain")
     rows = np.array(browser.evaluate("state.page.grids[1].predicted"))[plain["places"]]
     truth = rows @ np.array(whole["coefficients"])
-    found = cost_model.solve(rows, truth, plain["labels"])
+    found = solve(rows, truth, plain["labels"])
     assert found == pytest.approx(whole["coefficients"], rel=1e-3, abs=1e-14)
 
 

@@ -13,13 +13,11 @@ import pytest
 
 from harness.commands import running
 from harness.errors import BAD_INPUT, INCONCLUSIVE
-from harness.measuring.timing import EMPTY
-from harness.page.profile_result import FORMAT, LATER
+from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, words
 from harness.profile.advice import OWN
-from harness.profile.counted import TERMS, counters
-from harness.profile.measured import CONTROL
-from harness.study.calibration_draws import read_coefficients
+from harness.profile.counted import counters
+from harness.profile.profile import read_coefficients
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
 from tests.page.conftest import saved_as
@@ -78,48 +76,9 @@ def test_the_pages_file_is_a_profile(harness, profiled):
     assert list(coefficients.values()) == pytest.approx(
         profiled["coefficients"], rel=0.01, abs=1e-12
     )
-    (recipe,) = running.recipes((OWN,), 0, Path("p.json"), ())
+    (recipe,) = running.recipes((OWN,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
     assert Path("p.png").stat().st_size > 10_000
-
-
-def of_older_page(result: dict[str, Any]) -> dict[str, float]:
-    """Leave out of its law what the first pages did not know, and return it."""
-    law: dict[str, float] = result["law"]["seconds"]
-    for name in LATER:
-        del law[name]
-    return law
-
-
-def test_an_older_pages_law_has_fewer_terms(harness, saved):
-    code, _, err = harness("import", saved(of_older_page), "--out", "older.json")
-    assert code == 0, err
-    assert [term["name"] for term in json.loads(Path("older.json").read_text())["terms"]] == [
-        *TERMS
-    ]
-
-
-def of_first_design(result: dict[str, Any]) -> None:
-    """Leave out what the first design had no draws of, and the law, which is then another."""
-    known = {draw.checksum for draw in design.draws(0, 1)}
-    places = [n for n, draw in enumerate(design.draws(0)) if draw.checksum in known]
-    told = result["times"]
-    timed = {str(new): told[str(old)] for new, old in enumerate(places)}
-    control = timed[str(len(places) // 2)]
-    result["times"] = {**timed, EMPTY: told[EMPTY], CONTROL: control}
-    result["draws"] = [result["draws"][n] for n in places]
-    result["page"].update(design=1)
-    result["law"] = None
-
-
-def test_a_page_of_the_first_design_is_still_read(harness, saved):
-    code, _, err = harness("import", saved(of_first_design), "--out", "first.json")
-    assert code == 0, err
-    content = json.loads(Path("first.json").read_text())
-    assert content["design"] == 1
-    assert len(content["times"]) == len(design.draws(0)) - 12
-    found = {each["name"]: each["seconds"] for each in content["terms"]}
-    assert found["triangles"] == pytest.approx(COSTS["triangles"], rel=0.01)
 
 
 @pytest.mark.parametrize("name", ["llvmpipe (LLVM 15.0.7)", "Microsoft Basic Render Driver"])
@@ -151,8 +110,8 @@ def without(number: int) -> Callable[[dict[str, Any]], None]:
 
 
 FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and the latest"),
-    "older design": (lambda r: r["page"].update(design=1), "its draws are not those of seed 0"),
+    "design": (lambda r: r["page"].update(design=3), "its draws are of design 3, and here it is"),
+    "older design": (lambda r: r["page"].update(design=1), "its draws are of design 1"),
     "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
@@ -164,7 +123,6 @@ FORGED: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "is not that of its times"),
-    "older law": (lambda r: of_older_page(r).update(triangles=6e-8), "is not that of its times"),
     "terms": (lambda r: r["law"]["seconds"].pop("near"), "its law has other terms"),
     "times": (lambda r: slower(r, 0), "is not that of its times"),
     "rounds": (lambda r: times(r, "40").pop(), "its times are not of the same rounds"),

@@ -14,7 +14,7 @@ from harness.commands import running
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.profile import advice, design, measured, words
 from harness.profile.advice import BASE, CRITERIA, OWN, choose
-from harness.study.calibration_draws import read_coefficients
+from harness.profile.profile import read_coefficients
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
 from tests.profile.charging import COSTS
@@ -66,7 +66,7 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert Path("p.png").stat().st_size > 10_000
     coefficients = read_coefficients(Path("p.json"))
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
-    (recipe,) = running.recipes((OWN,), 0, Path("p.json"), ())
+    (recipe,) = running.recipes((OWN,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
 
 
