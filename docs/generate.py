@@ -10,16 +10,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-FINDINGS = "findings.md"
 
 sys.path.insert(0, str(ROOT))
-
-
-def on_config(config: Any) -> Any:
-    """List the findings where they have been written."""
-    if (Path(config.docs_dir) / FINDINGS).exists() and {"Findings": FINDINGS} not in config.nav:
-        config.nav.insert(-1, {"Findings": FINDINGS})
-    return config
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -22,55 +22,6 @@ from docs.held.lookups import (
 from harness.figures.ratios import NORMAL, RUN_SCATTER
 from scripts.studies import states as studied
 
-SHARES = "learned/shares.csv"
-SCENES = {"glyphs": "letters"}
-
-
-def learned() -> list[str]:
-    """Return the table of savings when a scene is held out."""
-    lines = []
-    for scene in dict.fromkeys(row["held_out"] for row in some(SHARES)):
-
-        def share(at: str, rule: str, scene: str = scene) -> tuple[str, str]:
-            row = one(SHARES, held_out=scene, at=at, rule=rule)
-            return two(row["share_of_saving"]), interval(row["low"], row["high"], two)
-
-        flips = one(SHARES, held_out=scene, at="refined", rule="refined")
-        saved, within = share("refined", "refined")
-        lines.append(
-            table_row(
-                SCENES.get(scene, scene),
-                whole(flips["polygons"]),
-                " ".join(share("a quarter", "learned")),
-                " ".join(share("a quarter", "small first")),
-                f"**{saved}** {within}",
-                two(flips["share_of_time"]),
-            )
-        )
-    return lines
-
-
-def _city(column: str, **where: object) -> str:
-    return two(one(SHARES, held_out="city", **where)[column])
-
-
-LEARNED: list[Held] = [
-    Sentence(
-        "for it takes {} there:",
-        lambda: [_city("share_of_time", at="refined", rule="refined")],
-    ),
-    Table(
-        "| held out | polygons | learned, a quarter of the time | small first | refined, whatever"
-        " it takes | refined's time |",
-        learned,
-    ),
-    Sentence(
-        "On city the features, the prediction and ear clipping alone take {} of the optimum's"
-        " time.",
-        lambda: [_city("spent_before", at="a quarter", rule="learned")],
-    ),
-]
-
 MODELS = "models.csv"
 _KINDS = {"cad": "sheet metal", "helsinki": "footprints", "glyphs": "letters"}
 
@@ -223,14 +174,6 @@ MODELS_PLAN = (
     r"(?s)## Registered on 2026-11-23, before it was measured.*?\*\*Result\.\*\*",
     r"a tie of 0\.02|more than 0\.02|\| flat \| 64 px \| 256 px \| 1024 px \|",
 )
-
-LEARNED_PLAN = (
-    r"(?s)^.*?\n---\n",
-    r"Run on 2026-11-22",
-    r"\b95 %",
-)
-"""The plan was registered before anything was measured; it is never changed."""
-
 
 def alarms() -> list[str]:
     """Return pairs of equal code: how many, called a regression, inconclusive; then those found

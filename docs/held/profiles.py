@@ -182,15 +182,19 @@ def otherwise(name: str, law: str) -> list[str]:
     return [f"{float(row[f'{law}_{of}']):.3f}" for of in ("over", "within")]
 
 
-HELD: list[Held] = [
-    Sentence(
-        "All devices here are software, on one processor, an AMD EPYC {}/{}, {}-bit.", processor
-    ),
+FIRST: list[Held] = [
     Sentence(
         "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {}:1 and {}:1 on",
         lambda: doubled("opengl-llvmpipe"),
     ),
     Sentence("though they shade no more than {} and {} times the lanes at 64:1", lanes_shaded),
+]
+"""The first page's."""
+
+TABLES: list[Held] = [
+    Sentence(
+        "All devices here are software, on one processor, an AMD EPYC {}/{}, {}-bit.", processor
+    ),
     Table(
         "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
         " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"

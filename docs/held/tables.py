@@ -232,33 +232,6 @@ def ordered(scene: str, name: str, base: str = "ear-clipping") -> Row:
     return one(file, scene=scene, triangulator=name, base=base, resolution=1024)
 
 
-def extremes() -> list[str]:
-    """Return the table of the worst by A in ratio to the best by A, on the paper's polygon."""
-    lines = []
-    for among, label in (("all", "as the paper"), ("conforming", "conforming alone")):
-
-        def measured(device: str, rasteriser: str, measure: str, among: str = among) -> Row:
-            file = f"{device}/validate-paper/extremes.csv"
-            where = {"criterion": "overdraw", "among": among, "measure": measure}
-            return one(file, rasteriser=rasteriser, **where)
-
-        tests = measured("llvmpipe", "bounding-box", "bbox_tests")
-        lines.append(
-            table_row(
-                label,
-                two(tests["predicted_ratio"]),
-                two(tests["ratio"]),
-                two(measured("llvmpipe", "bounding-box", "time_work_0")["ratio"]),
-                two(measured("llvmpipe", "opengl", "helper_lanes")["ratio"]),
-                three(measured("llvmpipe", "opengl", "quads")["ratio"]),
-                two(measured("llvmpipe", "opengl", "time_work_0")["ratio"]),
-                two(measured("zink", "opengl", "time_work_0")["ratio"]),
-                two(measured("osmesa", "osmesa", "time_work_0")["ratio"]),
-            )
-        )
-    return lines
-
-
 DEVICES = {
     "opengl-llvmpipe": "llvmpipe by OpenGL",
     "webgpu-lavapipe": "lavapipe by WebGPU",
@@ -447,14 +420,6 @@ def holding() -> list[str]:
     """Return how many findings hold on each data set."""
     names = ("poly2tri-testbed", "earcut-fixtures", "helsinki-areas", "cad")
     return [matched("llvmpipe/study/findings.md", rf"\| {name} \| (\d+) \|")[0] for name in names]
-
-
-def shares() -> list[str]:
-    """Return the ends of what L1 flips save of the optimum's saving, and of its time."""
-    rows = some("learned/shares.csv", at="refined", rule="refined")
-    saved = sorted(float(row["share_of_saving"]) for row in rows)
-    spent = sorted(float(row["share_of_time"]) for row in rows)
-    return [two(saved[0]), two(saved[-1]), two(spent[0]), two(spent[-1])]
 
 
 def called() -> list[str]:

@@ -70,7 +70,7 @@ def test_a_figure_follows_its_file(monkeypatch):
             for row in real(file)
         ]
 
-    before = {table: table.rows() for table in findings.HELD if isinstance(table, Table)}
+    before = {table: table.rows() for table in findings.TABLES if isinstance(table, Table)}
     lookups._some.cache_clear()
     monkeypatch.setattr(lookups, "rows", doubled)
     changed = [table.header for table in before if table.rows() != before[table]]
