@@ -34,6 +34,9 @@ KEPT = (
 )
 """Fields of a record that hold on any device."""
 
+TOLD = ("fragments", "quads", "partial_quads")
+"""What the page counts of each polygon."""
+
 Content = dict[str, Any]
 
 
@@ -118,26 +121,22 @@ def _case(run: Run, record: Record, kept: Geometry) -> Content:
         counted = counted_exactly(kept, rows)
     return {
         "rows": encoded(rows.astype("<u4")),
-        "fragments": encoded(counted[0].astype("<u4")),
-        "quads": encoded(counted[1].astype("<u4")),
+        **{name: encoded(each.astype("<u4")) for name, each in zip(TOLD, counted, strict=True)},
         "record": {name: record[name] for name in KEPT if name in record},
     }
 
 
 def counted_exactly(kept: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return fragments and quads of each polygon, as the CPU reference counts (m, 3) `rows`."""
+    """Return what the page counts of each polygon, as the CPU reference counts (m, 3) `rows`."""
     predicted = predict(kept.points, rows)
     owner = np.searchsorted(kept.offsets, rows[:, 0], side="right") - 1
     size = len(kept.offsets) - 1
-    return tuple(
-        np.bincount(owner, predicted[name], size).astype(np.int64)
-        for name in ("fragments", "quads")
-    )
+    return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in TOLD)
 
 
 def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
-    """Return the fragments and quads of each polygon as the run counted them, None if not."""
+    """Return the same as the run counted it, None if it did not."""
     columns = columns_of(run, record)
-    if columns is None or not {"fragments", "quads"} <= set(columns):
+    if columns is None or not {*TOLD} <= set(columns):
         return None
-    return tuple(np.rint(columns[name]).astype(np.int64) for name in ("fragments", "quads"))
+    return tuple(np.rint(columns[name]).astype(np.int64) for name in TOLD)

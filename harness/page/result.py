@@ -36,6 +36,7 @@ from harness.page.saved import (
     warnings_of_grid,
 )
 from harness.page.saved import Times as Told
+from harness.rasterisers.reference import SHADED
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run, Store, read_arrays
@@ -81,6 +82,7 @@ class _Record(Part):
 class _Counters(Part):
     fragments: list[Whole]
     quads: list[Whole]
+    partial_quads: list[Whole]
 
 
 class _Case(Part):
@@ -91,12 +93,15 @@ class _Case(Part):
 
 def _contradiction(record: _Record, counted: _Counters) -> str | None:
     """Say what in a case cannot be true, whatever the polygons are; None if nothing."""
-    fragments, quads = np.array(counted.fragments), np.array(counted.quads)
+    fragments, quads, partial = (np.array(values) for _, values in counted)
     left_out = record.polygons_skipped + record.polygons_failed
     if record.polygons + left_out != len(quads):
         return f"{record.polygons + left_out} polygons and counters of {len(quads)}"
     if ((quads > fragments) | (4 * quads < fragments)).any():
         return "quads of fewer than one pixel, or more than four"
+    lanes = 4 * quads - fragments
+    if ((partial > lanes) | (lanes > 3 * partial) | (partial > quads)).any():
+        return "partial quads without a helper lane, or with more than three"
     if len(quads) and not fragments.any():
         return "nothing was drawn: all counters are zero"
     if record.proven is not None and record.proven > record.polygons:
@@ -121,11 +126,11 @@ class _View(Part):
         sizes = set()
         for name, case in self.cases.items():
             counted, record = case.counters, case.record
-            sizes |= {len(counted.fragments), len(counted.quads)}
+            sizes |= {len(values) for _, values in counted}
             places = [(e.resolution, e.rotation, e.fit, e.scene) for e in (record, self)]
             if name != record.triangulator or places[0] != places[1]:
                 raise ValueError(f"the record of {name} is of another case")
-            if len(counted.fragments) != len(counted.quads):
+            if len({len(values) for _, values in counted}) > 1:
                 raise ValueError(f"{name} has different numbers of polygons")
             if (wrong := _contradiction(record, counted)) is not None:
                 raise ValueError(f"{name}: {wrong}")
@@ -246,11 +251,9 @@ def _records(
         known = case.record.model_dump(exclude_unset=True)
         drawn = {"rasteriser": RASTERISER, "device": device, "options": {}}
         identity = CaseOfPlan.of(case.record.model_dump() | drawn).identity()
-        fragments, quads = (
-            np.array(values, np.int64) for values in (case.counters.fragments, case.counters.quads)
-        )
-        lanes = 4 * quads - fragments
-        counters = {"fragments": fragments, "quads": quads, "helper_lanes": lanes}
+        fragments, quads, partial = (np.array(values, np.int64) for _, values in case.counters)
+        values = (fragments, quads, 4 * quads - fragments, partial)
+        counters = dict(zip(SHADED, values, strict=True))
         error = None
         if base is not None and case.record.polygons == base.record.polygons:
             error = int(np.abs(fragments - np.array(base.counters.fragments)).sum())
@@ -312,7 +315,7 @@ def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:
     kept = drawings.read(run, view)
     if not exact_grid or kept is None or own.triangulator not in kept.triangles:
         return
-    counted = np.array([case.counters.fragments, case.counters.quads])
+    counted = np.array([values for _, values in case.counters])
     exact = np.array(counted_exactly(kept, kept.triangles[own.triangulator]))
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise UsageError(

@@ -55,6 +55,10 @@ COUNTERS = {
             for size in (16, 32, 64)
         ),
         Counter("quads", "quads", "quads", description="2x2 quads shaded"),
+        Counter(
+            *("partial_quads", "partial quads", "quads", "lower", 0.0),
+            description="2x2 quads shaded of which a lane covers nothing",
+        ),
         Counter("blocks", "4x4 blocks", "blocks", description="4x4 pixel blocks touched"),
         Counter("fragments", "fragments", "pixels", "none", description="covered pixels"),
         Counter("hits", "hits", "pixels", "none", description="covered pixels, found by testing"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from harness.rasterisers.spans import Points, Triangles, Window, setup, span
 from triangulators.compute.kernels import njit
 
-FRAGMENTS, QUADS, TIES = range(3)
+FRAGMENTS, QUADS, PARTIAL_QUADS, TIES = range(4)
 """Columns of what `count_visible` fills."""
 
 DEEPEST = float(1 << 24)
@@ -39,14 +39,15 @@ def count_visible(
     window: Window,
     picture: NDArray[np.uint32],
 ) -> NDArray[np.int64]:
-    """Count for each triangle what passes the depth test, (m, 3), and draw it.
+    """Count for each triangle what passes the depth test, (m, 4), and draw it.
 
     points : (n, 2) in 1/256 px; depths : (n,) from 0, near, to `DEEPEST`
     begins : (v + 1,) rows of triangles at which views begin; each begins with nothing drawn
     picture : (height, width), even, row 0 at the bottom; gets `colours` (m,)
-    Columns: FRAGMENTS, pixels that pass; QUADS, 2x2 blocks with such a pixel; TIES.
+    Columns: FRAGMENTS, pixels that pass; QUADS, 2x2 blocks with such a pixel; PARTIAL_QUADS,
+    those of them with another pixel, too; TIES.
     """
-    counts = np.zeros((len(triangles), 3), np.int64)
+    counts = np.zeros((len(triangles), 4), np.int64)
     edges = np.zeros((3, 3), np.int64)
     rows = np.zeros((2, 2), np.int64)
     height, width = picture.shape
@@ -83,6 +84,7 @@ def count_visible(
                             passed += 1
                     counts[t, FRAGMENTS] += passed
                     counts[t, QUADS] += passed > 0
+                    counts[t, PARTIAL_QUADS] += 0 < passed < 4
     return counts
 
 

@@ -23,7 +23,10 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.palette import colours
 
-COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests")
+SHADED = ("fragments", "quads", "helper_lanes", "partial_quads")
+"""What a device with quads counts."""
+
+COUNTED = (*SHADED, "blocks", "bbox_tests")
 
 
 def predict(
@@ -34,15 +37,16 @@ def predict(
     fragments : pixels whose centre the triangle covers
     quads : 2x2 blocks with such a pixel
     helper_lanes : lanes of these quads that cover nothing
+    partial_quads : quads with such a lane
     blocks : 4x4 blocks with such a pixel
     bbox_tests : pixel centres in the bounding box
 
     Pixels out of the window (`Frame.window`) cost nothing.
     """
     counts = spans.count_triangles(points, triangles, window).T
-    fragments, quads = counts[spans.FRAGMENTS], counts[spans.QUADS]
-    others = (4 * quads - fragments, counts[spans.BLOCKS], counts[spans.BBOX_TESTS])
-    return dict(zip(COUNTED, (fragments, quads, *others), strict=True))
+    fragments, quads, partial, blocks, tests = counts
+    values = (fragments, quads, 4 * quads - fragments, partial, blocks, tests)
+    return dict(zip(COUNTED, values, strict=True))
 
 
 def visible(
@@ -50,7 +54,7 @@ def visible(
 ) -> dict[str, NDArray[np.int64]]:
     """Count what of each triangle (m, 3) passes the depth test, in the order given; (m,) each.
 
-    fragments, quads, helper_lanes : of what is shaded
+    fragments, quads, helper_lanes, partial_quads : of what is shaded
     depth_ties : tests that rounding decides: a device may differ in as many pixels and quads
     picture : (height, width), row 0 at the bottom; gets each polygon's colour
     """
@@ -61,9 +65,9 @@ def visible(
         picture = np.zeros((frame.height, frame.width), np.uint32)
     paint = colours(frame.owner(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
-    fragments, quads, ties = depth.count_visible(*arrays, picture).T
-    counts = (fragments, quads, 4 * quads - fragments, ties)
-    return dict(zip((*COUNTED[:3], "depth_ties"), counts, strict=True))
+    fragments, quads, partial, ties = depth.count_visible(*arrays, picture).T
+    counts = (fragments, quads, 4 * quads - fragments, partial, ties)
+    return dict(zip((*SHADED, "depth_ties"), counts, strict=True))
 
 
 def outlines(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:

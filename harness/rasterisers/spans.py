@@ -24,7 +24,7 @@ Edges = NDArray[np.int64]
 Window = NDArray[np.int64]
 """First column and row, last column and row of what is drawn: `Frame.window`."""
 
-FRAGMENTS, QUADS, BLOCKS, BBOX_TESTS = range(4)
+FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)
 """Columns of what `count_triangles` returns."""
 
 _UNIT = 256
@@ -87,12 +87,13 @@ def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
 
 @njit(error_model="numpy")
 def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDArray[np.int64]:
-    """Count for each triangle what it covers and touches in the window, (m, 4).
+    """Count for each triangle what it covers and touches in the window, (m, 5).
 
-    Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; BLOCKS, 4x4 blocks
-    with one; BBOX_TESTS, pixel centres in the bounding box.
+    Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; PARTIAL_QUADS, those
+    of them with another pixel, too; BLOCKS, 4x4 blocks with a covered pixel; BBOX_TESTS, pixel
+    centres in the bounding box.
     """
-    counts = np.zeros((len(triangles), 4), np.int64)
+    counts = np.zeros((len(triangles), 5), np.int64)
     edges = np.zeros((3, 3), np.int64)
     spans = np.zeros((4, 2), np.int64)
     for t in range(len(triangles)):
@@ -107,7 +108,11 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
                 if first <= y <= last:
                     spans[j, 0], spans[j, 1] = span(edges, y, left, right)
                 counts[t, FRAGMENTS] += max(0, spans[j, 1] - spans[j, 0] + 1)
-            counts[t, QUADS] += cells(spans[:2], 1) + cells(spans[2:], 1)
+            for rows in (spans[:2], spans[2:]):
+                whole = whole_quads(rows)
+                touched = cells(rows, 1)
+                counts[t, QUADS] += touched
+                counts[t, PARTIAL_QUADS] += touched - whole
             counts[t, BLOCKS] += cells(spans, 2)
     return counts
 
@@ -153,6 +158,13 @@ def outline_quads(
                     touched[(line >> 1) - row, begin:end] = True
         counts[k] = touched.sum()
     return counts
+
+
+@njit(inline="always")
+def whole_quads(spans: NDArray[np.int64]) -> int:
+    """Count the 2x2 blocks of two rows, the lower one even, of which spans (2, 2) have all."""
+    low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
+    return max(0, ((high + 1) >> 1) - ((low + 1) >> 1))
 
 
 @njit

@@ -20,7 +20,7 @@ from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
 from harness.page import write_profile_page
-from harness.page.page_data import KEPT
+from harness.page.page_data import KEPT, TOLD
 from harness.page.result import FORMAT
 from harness.page.saved import VERSION
 from harness.progress import Reporter
@@ -68,9 +68,7 @@ def result_of(run: Run) -> dict[str, Any]:
         name = record["triangulator"]
         view["cases"][name] = {
             "record": {field: record[field] for field in KEPT if field in record},
-            "counters": {
-                each: columns[each].astype(int).tolist() for each in ("fragments", "quads")
-            },
+            "counters": {each: columns[each].astype(int).tolist() for each in TOLD},
             "differing": 0,
         }
         samples = rng.normal(2e-3, 2e-5, ROUNDS).tolist()

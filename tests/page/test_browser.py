@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from harness.page import write_page
+from harness.page.page_data import TOLD
 from harness.page.result import read_result
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
@@ -110,7 +111,7 @@ def test_the_pages_reference_is_ours(browser, page):
     made = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
     given = f"{json.dumps({**made, 'polygons': 200})}, {rows.ravel().tolist()}"
     counted = browser.evaluate(f"countExactly({given})")
-    for name in ("fragments", "quads"):
+    for name in TOLD:
         assert counted[name] == expected[name].tolist()
 
 

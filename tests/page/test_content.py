@@ -10,7 +10,7 @@ import pytest
 
 from harness.errors import UsageError
 from harness.page import write_page
-from harness.page.page_data import content_of
+from harness.page.page_data import TOLD, content_of
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of
@@ -37,7 +37,7 @@ def test_frames_triangles_and_counts_are_the_runs(small_run):
             rows = decoded(case["rows"], "<u4").reshape(-1, 3)
             assert np.array_equal(rows, kept.triangles[name])
             predicted = predict(points, rows.astype(np.int32))
-            for counter in ("fragments", "quads"):
+            for counter in TOLD:
                 assert decoded(case[counter], "<u4").sum() == predicted[counter].sum()
             assert case["record"]["triangles"] == len(rows)
 

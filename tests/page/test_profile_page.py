@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -371,7 +372,7 @@ def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
     monkeypatch.setattr("harness.page.profile_data.SCENES", {})
     code, out, _ = harness("page", "--profile", "--out", "p.html")
     assert code == 0
-    assert "p.html (0.1 MB); open it in a browser" in out
+    assert re.search(r"p\.html \(0\.[12] MB\); open it in a browser", out)
     assert "What a triangle costs on this device" in Path("p.html").read_text()
 
 

@@ -14,6 +14,7 @@ from harness.errors import UsageError
 from harness.figures.polygons import columns_of
 from harness.page.result import import_result, read_result
 from harness.page.saved import device_name
+from harness.rasterisers.reference import SHADED
 from harness.stored import drawings
 from harness.stored.folder import read_run
 from tests.page.conftest import ROUNDS, result_of, saved_as
@@ -32,7 +33,7 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
             if all(each[name] == record[name] for name in ("triangulator", "resolution"))
         ]
         assert record["predicted"] == original["predicted"]
-        for name in ("fragments", "quads", "helper_lanes"):
+        for name in SHADED:
             assert record["counters"][name] == original["counters"][name]
         assert record["coverage_error"] == 0
         assert len(record["time"]["samples_s"]) == ROUNDS
@@ -242,6 +243,12 @@ def one_more_fragment_than_lanes(result):
     counters["fragments"][0] = 4 * counters["quads"][0] + 1
 
 
+def a_partial_quad_without_a_helper(result):
+    counters = first_case(result)["counters"]
+    lanes = 4 * counters["quads"][0] - counters["fragments"][0]
+    counters["partial_quads"][0] = lanes // 3 - 1
+
+
 def a_second_view(result):
     result["views"].append(result["views"][0])
 
@@ -250,6 +257,7 @@ CONTRADICTIONS = {
     "zero": all_zero,
     "polygons": lambda result: first_case(result)["record"].update(polygons=1000),
     "lanes": one_more_fragment_than_lanes,
+    "partial quads": a_partial_quad_without_a_helper,
     "proven": lambda result: first_case(result)["record"].update(proven=1_000_000),
     "one triangle": lambda result: first_case(result)["record"].update(triangles=1),
     "view": a_second_view,
@@ -284,6 +292,8 @@ def test_what_contradicts_the_run_is_refused(saved, small_run, tmp_path, change)
             min(4 * q, max(q, f))
             for f, q in zip(counters["fragments"], counters["quads"], strict=True)
         ]
+        lanes = [4 * q - f for f, q in zip(counters["fragments"], counters["quads"], strict=True)]
+        counters["partial_quads"] = [-(-each // 3) for each in lanes]
 
     result = read_result(saved(fitting))
     with pytest.raises(UsageError, match=r"contradict|do not differ"):
@@ -350,7 +360,8 @@ def test_polygons_counted_otherwise_are_as_many_as_the_file_says(saved, small_ru
 
     def changed(result):
         counters = first_case(result)["counters"]
-        places = [k for k, (f, q) in enumerate(zip(*counters.values(), strict=True)) if f > q]
+        numbers = enumerate(zip(*counters.values(), strict=True))
+        places = [k for k, (f, q, partial) in numbers if f > q and 4 * q - f < 3 * partial]
         for place in places[:3]:
             counters["fragments"][place] -= 1
         first_case(result)["differing"] = 3
@@ -380,13 +391,14 @@ def only_triangles(result):
         record, counters = case["record"], case["counters"]
         record |= {"triangles": record["polygons"], "vertices": 3 * record["polygons"]}
         counters["fragments"][0] = 4 * counters["quads"][0]
+        counters["partial_quads"][0] = counters["partial_quads"][1] = 0
         counters["fragments"][1] = counters["quads"][1] = 0
 
 
 def no_polygons(result):
     for case in result["views"][0]["cases"].values():
         case["record"] |= dict.fromkeys(("polygons", "triangles", "vertices", "proven"), 0)
-        case["counters"] = {"fragments": [], "quads": []}
+        case["counters"] = {"fragments": [], "quads": [], "partial_quads": []}
 
 
 @pytest.mark.parametrize("change", [only_triangles, no_polygons])

@@ -13,7 +13,7 @@ from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.opengl.buffers import batches
 from harness.rasterisers.opengl.opengl import STATISTICS
-from harness.rasterisers.opengl.tally import COUNTED
+from harness.rasterisers.reference import SHADED
 
 
 @pytest.mark.parametrize("size", [64, 250, 1024])
@@ -24,7 +24,7 @@ def test_counters_equal_the_reference_for_every_polygon(
     frame, triangles = scattered(seed=size + grid, size=size, number=150, grid=grid)
     drawn = llvmpipe.count(frame, triangles, native)
     exact = reference.count(frame, triangles, native)
-    for name in COUNTED:
+    for name in SHADED:
         assert np.array_equal(drawn[name], exact[name]), name
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
     assert drawn["samples_passed"] == exact["fragments"].sum()
@@ -41,7 +41,7 @@ def test_any_triangle_is_counted_as_by_the_reference(llvmpipe, reference, native
     frame, triangles = loose(corners, 32)
     drawn = llvmpipe.count(frame, triangles, native)
     exact = reference.count(frame, triangles, native)
-    assert [drawn[name].tolist() for name in COUNTED] == [exact[name].tolist() for name in COUNTED]
+    assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
 def test_layers_that_hide_each_other_are_all_counted(llvmpipe, reference, native, loose):
@@ -49,7 +49,7 @@ def test_layers_that_hide_each_other_are_all_counted(llvmpipe, reference, native
     frame, triangles = loose(layer * 20, 256)
     drawn = llvmpipe.count(frame, triangles, native)
     exact = reference.count(frame, triangles, native)
-    for name in COUNTED:
+    for name in SHADED:
         assert np.array_equal(drawn[name], exact[name]), name
 
 

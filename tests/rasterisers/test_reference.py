@@ -26,6 +26,8 @@ def test_every_count_equals_a_pixel_by_pixel_evaluation(corners):
     counts = predict(points, np.array([[0, 1, 2]], np.int32))
     assert counts["fragments"][0] == mask.sum()
     assert counts["quads"][0] == blocks_touched(mask, 2)
+    whole = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
+    assert counts["partial_quads"][0] == counts["quads"][0] - whole
     assert counts["blocks"][0] == blocks_touched(mask, 4)
     assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
     centres = 256 * np.arange(SIZE) + 128

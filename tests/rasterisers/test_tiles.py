@@ -20,7 +20,7 @@ from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
-from harness.rasterisers.reference import Reference, outlines
+from harness.rasterisers.reference import SHADED, Reference, outlines
 from harness.rasterisers.submission_order import submission
 from tests.rasterisers.pixels import covered
 
@@ -62,7 +62,7 @@ def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
         drawn = worker.call(tasks.count, "opengl", device, *tiles, NATIVE, timeout_s=120)
     exact = reference.count(*tiles, NATIVE)
     assert disagreements(tiles[0], drawn, exact)
-    for name in ("fragments", "quads", "helper_lanes"):
+    for name in SHADED:
         assert drawn[name].sum() == pytest.approx(exact[name].sum(), rel=0.01)
         assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=0.02)
 

@@ -87,7 +87,7 @@ def test_what_passes_the_depth_test_equals_the_reference_but_for_ties(on_device,
             continue
         drawn = call(tasks.count, frame, rows, NATIVE)
         assert np.array_equal(drawn["depth_ties"], exact["depth_ties"])
-        for name in ("fragments", "quads"):
+        for name in ("fragments", "quads", "partial_quads"):
             assert (np.abs(drawn[name] - exact[name]) <= exact["depth_ties"]).all()
             assert drawn[name].sum() > 0
         assert (drawn["helper_lanes"] == 4 * drawn["quads"] - drawn["fragments"]).all()

@@ -1,5 +1,5 @@
 "use strict";
-/* The browser's GPU: counts fragments and quads exactly, and draws again and again to be timed. */
+/* The browser's GPU: counts fragments, quads and partial quads exactly, and draws again and again to be timed. */
 
 const FORMAT = "rgba8unorm";
 const KEEP_ALPHA = 7, WRITE_ALL = 15;
@@ -91,17 +91,18 @@ class Painter {
     return content;
   }
 
-  /* Count each polygon's fragments and quads; the counters of one draw stay below 3 * 2^30. */
+  /* Count each polygon's fragments, quads and partial quads; the counters of one draw stay below 3 * 2^30. */
   async count(frame, rows) {
-    const fragments = new Array(frame.polygons).fill(0), quads = new Array(frame.polygons).fill(0);
+    const [fragments, quads, whole] = [0, 1, 2].map(() => new Array(frame.polygons).fill(0));
     for (const [first, last] of batches(frame, rows)) {
       const counts = await this.tallyOnce(frame, rows, first, last);
       for (let k = 0; k < frame.polygons; k++) {
-        fragments[k] += counts[2 * k];
-        quads[k] += counts[2 * k + 1];
+        fragments[k] += counts[3 * k];
+        quads[k] += counts[3 * k + 1] / 12;
+        whole[k] += counts[3 * k + 2] / 4;
       }
     }
-    return { fragments, quads: quads.map((twelvefold) => Math.round(twelvefold / 12)) };
+    return { fragments, quads: quads.map(Math.round), partial_quads: quads.map((value, k) => Math.round(value) - Math.round(whole[k])) };
   }
 
   async tallyOnce(frame, rows, first, last) {
@@ -114,8 +115,8 @@ class Painter {
       }
       triangles[7 * (t - first) + 6] = frame.owner[rows[3 * t]];
     }
-    const bytes = 8 * frame.polygons;
-    const counts = this.buffer(new Uint32Array(2 * frame.polygons), GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC);
+    const bytes = 12 * frame.polygons;
+    const counts = this.buffer(new Uint32Array(3 * frame.polygons), GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC);
     const size = this.buffer(new Float32Array([256 * frame.size, 256 * frame.size]), GPUBufferUsage.UNIFORM);
     const drawn = this.buffer(triangles, GPUBufferUsage.VERTEX);
     const encoder = this.device.createCommandEncoder();

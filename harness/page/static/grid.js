@@ -35,10 +35,13 @@ function cellsOf(p, q) {
   return total;
 }
 
-/* [fragments, quads] of a triangle with corners [x, y] in 1/256 px, top-left rule. */
+/* How many quads have both pixels of both spans. */
+const wholeQuads = (p, q) => Math.max(0, ((Math.min(p[1], q[1]) + 1) >> 1) - ((Math.max(p[0], q[0]) + 1) >> 1));
+
+/* [fragments, quads, partial quads] of a triangle with corners [x, y] in 1/256 px, top-left rule. */
 function countTriangle(a, b, c) {
   const doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-  if (!doubled) return [0, 0];
+  if (!doubled) return [0, 0, 0];
   const ring = doubled > 0 ? [a, b, c] : [a, c, b];
   const edges = ring.map((p, i) => {
     const q = ring[(i + 1) % 3], dx = q[0] - p[0], dy = q[1] - p[1];
@@ -50,30 +53,30 @@ function countTriangle(a, b, c) {
     return [firstPixel(Math.min(...values)), lastPixel(Math.max(...values))];
   };
   const [left, right] = reach(0), [first, last] = reach(1);
-  if (left > right) return [0, 0];
-  let fragments = 0, quads = 0;
+  if (left > right) return [0, 0, 0];
+  let fragments = 0, quads = 0, whole = 0;
   for (let y = first - (first & 1); y <= last; y += 2) {
     const spans = [y, y + 1].map((row) => (row < first || row > last ? [0, -1] : spanOf(edges, row, left, right)));
     for (const [low, high] of spans) fragments += Math.max(0, high - low + 1);
     quads += cellsOf(...spans);
+    whole += wholeQuads(...spans);
   }
-  return [fragments, quads];
+  return [fragments, quads, quads - whole];
 }
 
 /* What the reference counts of each polygon. */
 function countExactly(frame, rows) {
-  const fragments = new Array(frame.polygons).fill(0), quads = new Array(frame.polygons).fill(0);
+  const [fragments, quads, partial_quads] = [0, 1, 2].map(() => new Array(frame.polygons).fill(0));
   const corner = (index) => [frame.points[2 * index], frame.points[2 * index + 1]];
   for (let t = 0; t < rows.length; t += 3) {
-    const [covered, shaded] = countTriangle(corner(rows[t]), corner(rows[t + 1]), corner(rows[t + 2]));
-    fragments[frame.owner[rows[t]]] += covered;
-    quads[frame.owner[rows[t]]] += shaded;
+    const counted = countTriangle(corner(rows[t]), corner(rows[t + 1]), corner(rows[t + 2]));
+    [fragments, quads, partial_quads].forEach((values, k) => (values[frame.owner[rows[t]]] += counted[k]));
   }
-  return { fragments, quads };
+  return { fragments, quads, partial_quads };
 }
 
 /* Polygons in which two counts differ. */
-const differingOf = (p, q) => p.fragments.filter((value, k) => value !== q.fragments[k] || p.quads[k] !== q.quads[k]).length;
+const differingOf = (p, q) => p.fragments.filter((_, k) => ["fragments", "quads", "partial_quads"].some((name) => p[name][k] !== q[name][k])).length;
 
 /* The coarsest grid's step that is the device's, in 1/256 px; null if it counts by another rule on all of them. */
 async function findStep(painter) {

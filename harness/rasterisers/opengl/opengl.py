@@ -24,8 +24,8 @@ from harness.rasterisers.opengl import context
 from harness.rasterisers.opengl.buffers import BoundMesh, batches
 from harness.rasterisers.opengl.context import Context, Target
 from harness.rasterisers.opengl.gl import GLRasteriser
-from harness.rasterisers.opengl.tally import COUNTED, Tally, open_tally
-from harness.rasterisers.reference import visible
+from harness.rasterisers.opengl.tally import Tally, open_tally
+from harness.rasterisers.reference import SHADED, visible
 
 STATISTICS = {
     "driver_vertices_submitted": 0x82EE,
@@ -48,7 +48,7 @@ class OpenGL(GLRasteriser):
     shades = True
     cuts = True
     deep = True
-    counters: ClassVar[tuple[str, ...]] = (*COUNTED, "samples_passed", *STATISTICS)
+    counters: ClassVar[tuple[str, ...]] = (*SHADED, "samples_passed", *STATISTICS)
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
@@ -87,7 +87,7 @@ class OpenGL(GLRasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
-        totals = np.zeros((len(frame.offsets) - 1, len(COUNTED)), np.int64)
+        totals = np.zeros((len(frame.offsets) - 1, len(SHADED)), np.int64)
         opinion = dict.fromkeys(["samples_passed", *self._statistics], 0)
         target = self._target(frame, options)
         _, tally = self._programs(frame)
@@ -96,7 +96,7 @@ class OpenGL(GLRasteriser):
             for name, value in self._ask(target, frame, part).items():
                 opinion[name] += value
         self.context.check("counting")
-        counters = {name: totals[:, k].copy() for k, name in enumerate(COUNTED)}
+        counters = {name: totals[:, k].copy() for k, name in enumerate(SHADED)}
         counters |= {name: np.array(value, np.int64) for name, value in opinion.items()}
         if frame.depths is not None:
             ties = visible(frame, triangles)["depth_ties"]

@@ -1,4 +1,4 @@
-"""The counting pass: fragments, quads and helper lanes of each polygon, by atomics."""
+"""The counting pass: fragments, quads, helper lanes, partial quads of each polygon, by atomics."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from harness.frame import Frame, bare_frame
 from harness.rasterisers.base import Triangles
 from harness.rasterisers.opengl.buffers import BoundMesh
 from harness.rasterisers.opengl.context import Context, Target
-from harness.rasterisers.reference import visible
+from harness.rasterisers.reference import SHADED, visible
 from scenes.scene import Viewing
-
-COUNTED = ("fragments", "quads", "helper_lanes")
 
 LAST_LANE = np.array([[800, 800], [1000, 800], [800, 1000]], np.int32)
 """A triangle that covers nothing but pixel (3, 3)."""
@@ -37,9 +35,9 @@ class Tally:
         self.program = owner.program("draw.vert", self.shader, deep=deep)
 
     def count(self, target: Target, frame: Frame, triangles: Triangles) -> NDArray[np.int64]:
-        """Return (p, 3) counts in the order of COUNTED."""
+        """Return (p, 4) counts in the order of SHADED."""
         polygons = len(frame.offsets) - 1
-        counts = self.context.buffer(np.zeros(3 * polygons, np.uint32))
+        counts = self.context.buffer(np.zeros(len(SHADED) * polygons, np.uint32))
         counts.bind_to_storage_buffer(0)
         # llvmpipe forgets what it has collected for a tile, storage writes and all, when an
         # opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
@@ -49,9 +47,9 @@ class Tally:
             self._submit(mesh)
         target.framebuffer.color_mask = WRITE_ALL
         self.context.ctx.memory_barrier()
-        found = np.frombuffer(counts.read(), np.uint32)[: 3 * polygons]
+        found = np.frombuffer(counts.read(), np.uint32)[: len(SHADED) * polygons]
         counts.release()
-        return found.reshape(polygons, 3).astype(np.int64)
+        return found.reshape(polygons, len(SHADED)).astype(np.int64)
 
     def _submit(self, mesh: BoundMesh) -> None:
         mesh.draw()
@@ -67,14 +65,16 @@ class TallyInOrder(Tally):
     shader = "count_in_order.frag"
 
     def count(self, target: Target, frame: Frame, triangles: Triangles) -> NDArray[np.int64]:
-        """Return (p, 3) counts in the order of COUNTED."""
+        """Return (p, 4) counts in the order of SHADED."""
         columns, rows = (frame.width + 1) // 2, (frame.height + 1) // 2
         last = self.context.buffer(np.zeros(columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
         self.program["columns"] = columns
         counts = super().count(target, frame, triangles)
         last.release()
+        whole = counts[:, 3].copy()
         counts[:, 2] = 4 * counts[:, 1] - counts[:, 0]
+        counts[:, 3] = counts[:, 1] - whole
         return counts
 
     def _submit(self, mesh: BoundMesh) -> None:
@@ -116,7 +116,7 @@ Probe = tuple[tuple[Frame, Triangles], list[list[int]]]
 
 def _probe() -> Probe:
     """Return a triangle that covers nothing but pixel (3, 3), the last lane of its quad."""
-    return (bare_frame(8, LAST_LANE), np.array([[0, 1, 2]], np.int32)), [[1, 1, 3]]
+    return (bare_frame(8, LAST_LANE), np.array([[0, 1, 2]], np.int32)), [[1, 1, 3, 1]]
 
 
 def _deep_probe() -> Probe:
@@ -141,4 +141,4 @@ def _deep_probe() -> Probe:
     frame = replace(frame, tiles=viewing.first, viewing=viewing)
     exact = visible(frame, triangles)
     assert exact["fragments"].tolist() == [1, 27]
-    return (frame, triangles), np.stack([exact[name] for name in COUNTED], axis=1).tolist()
+    return (frame, triangles), np.stack([exact[name] for name in SHADED], axis=1).tolist()

@@ -1,4 +1,4 @@
-// Counts fragments, quads and helper lanes of each polygon.
+// Counts fragments, quads, helper lanes and partial quads of each polygon.
 //
 // Derivatives are differences between the lanes of a 2x2 quad, so those of a flag "I am a helper"
 // tell each lane what its three neighbours are. The first covered lane of a quad counts it.
@@ -11,7 +11,7 @@ flat in uint owner;
 flat in vec4 colour;
 
 layout(std430, binding = 0) buffer Counts {
-    uint counts[];  // fragments, quads, helper lanes of polygon 0, of polygon 1, ...
+    uint counts[];  // fragments, quads, helper lanes, partial quads of polygon 0, of polygon 1, ...
 };
 
 out vec4 fragment;
@@ -32,10 +32,12 @@ void main() {
 
     fragment = colour;
     if (!gl_HelperInvocation) {
-        atomicAdd(counts[3u * owner], 1u);
+        atomicAdd(counts[4u * owner], 1u);
         if (first) {
-            atomicAdd(counts[3u * owner + 1u], 1u);
-            atomicAdd(counts[3u * owner + 2u], uint(beside + beyond + across + 0.5));
+            uint helpers = uint(beside + beyond + across + 0.5);
+            atomicAdd(counts[4u * owner + 1u], 1u);
+            atomicAdd(counts[4u * owner + 2u], helpers);
+            if (helpers > 0u) atomicAdd(counts[4u * owner + 3u], 1u);
         }
     }
 }

@@ -1,11 +1,12 @@
-// Counts fragments and quads of each polygon where shaders do not see helper lanes.
+// Counts fragments, quads and whole quads of each polygon where shaders do not see helper lanes.
 //
 // Each covered pixel decides by itself which pixels of its 2x2 quad its triangle covers, k of
 // them, and adds 12 / k to the polygon's counter. The k pixels of a quad together add 12, so the
-// counter is 12 times the quads, exactly. An instance is a triangle.
+// counter is 12 times the quads, exactly. Where k is 4 the quad is whole; its four pixels add 4 to
+// another counter. An instance is a triangle.
 
 @group(0) @binding(0) var<uniform> size: vec2<f32>;  // of the viewport, in 1/256 px
-// fragments and 12 times the quads of polygon 0, of polygon 1, ...
+// fragments, 12 times the quads, 4 times the whole quads of polygon 0, of polygon 1, ...
 @group(0) @binding(1) var<storage, read_write> counts: array<atomic<u32>>;
 
 struct Covered {
@@ -81,7 +82,10 @@ fn count(pixel: Covered) -> @location(0) vec4<f32> {
             number += 1u;
         }
     }
-    atomicAdd(&counts[2u * pixel.polygon], 1u);
-    atomicAdd(&counts[2u * pixel.polygon + 1u], 12u / number);
+    atomicAdd(&counts[3u * pixel.polygon], 1u);
+    atomicAdd(&counts[3u * pixel.polygon + 1u], 12u / number);
+    if (number == 4u) {
+        atomicAdd(&counts[3u * pixel.polygon + 2u], 1u);
+    }
     return vec4<f32>(1.0);
 }

@@ -26,8 +26,7 @@ from harness.rasterisers.base import (
     Triangles,
 )
 from harness.rasterisers.opengl.buffers import batches
-from harness.rasterisers.opengl.tally import COUNTED
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import SHADED, predict
 from harness.rasterisers.shader_texts import shader
 from harness.rasterisers.webgpu import adapters
 from harness.rasterisers.webgpu.passes import FORMAT, Pass, Target, Timed
@@ -62,7 +61,7 @@ class WebGPU(Rasteriser):
     name = "webgpu"
     shades = True
     lacking = "one sample a pixel"
-    counters: ClassVar[tuple[str, ...]] = COUNTED
+    counters: ClassVar[tuple[str, ...]] = SHADED
     cuts = True
     known: ClassVar[tuple[str, ...]] = ("gpu0", "lavapipe", "llvmpipe", "swiftshader", "warp")
 
@@ -142,7 +141,7 @@ class WebGPU(Rasteriser):
             frame = bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
             exact = predict(points, rows)
-            if all((counted[name] == exact[name]).all() for name in COUNTED):
+            if all((counted[name] == exact[name]).all() for name in SHADED):
                 return step
         return None
 
@@ -150,18 +149,19 @@ class WebGPU(Rasteriser):
         frame = self._on_grid(frame)
         target = self._target(frame)
         polygons = len(frame.offsets) - 1
-        totals = np.zeros((polygons, 2), np.int64)
+        totals = np.zeros((polygons, 3), np.int64)
         for part in batches(frame, triangles, MOST_LANES):
-            totals += self._tally_once(target, frame, part).reshape(polygons, 2)
+            totals += self._tally_once(target, frame, part).reshape(polygons, 3)
         fragments = totals[:, 0]
-        quads = np.rint(totals[:, 1] / TWELVE).astype(np.int64)
-        return {"fragments": fragments, "quads": quads, "helper_lanes": 4 * quads - fragments}
+        quads, whole = np.rint(totals[:, 1:] / (TWELVE, 4)).astype(np.int64).T
+        values = (fragments, quads, 4 * quads - fragments, quads - whole)
+        return dict(zip(SHADED, values, strict=True))
 
     def _tally_once(self, target: Target, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
         triangles = self._buffer(rows, "VERTEX")
-        counts = self._buffer(np.zeros(2 * (len(frame.offsets) - 1), np.uint32), "STORAGE")
+        counts = self._buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE")
         size = self._buffer(_size(frame), "UNIFORM")
         group = self._group(self._tally, size, counts)
         encoder = self._device.create_command_encoder()
@@ -176,7 +176,7 @@ class WebGPU(Rasteriser):
         found = np.frombuffer(self._device.queue.read_buffer(counts), np.uint32).copy()
         for buffer in (triangles, counts, size):
             buffer.destroy()
-        return found[: 2 * (len(frame.offsets) - 1)]
+        return found[: 3 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return self._timed(frame, triangles, options.work)
