@@ -100,9 +100,7 @@ COMMANDS = {
     "report": Command(*[("report", "RUN", "-o", "out.html")] * 2, digest, 10),
     "gains": Command(*[("gains", "RUN", "--out", "out")] * 2, tables, 5),
     "history": Command(*[("history", "RUN", "SECOND", "--all", "--out", "out")] * 2, tables, 5),
-    "inspect": Command(
-        *[("inspect", "--scene", "paper", "--every", "paper", "--out", "out")] * 2, tables, 5
-    ),
+    "inspect": Command(*[("inspect", "paper", "--every", "paper", "--out", "out")] * 2, tables, 5),
     "page": Command(*[("page", "RUN", "-o", "out.html")] * 2, digest, 10),
     "census": Command(*[("census", "block.geojson", "-o", "out", "-q")] * 2, counted, 10),
     "study": Command(

@@ -13,7 +13,7 @@ from docs.held.tables import BEST_FOR_H, SCENES, drawn, error_of_prediction
 def _picture() -> list[str]:
     """Return pixels, and helper lanes by ear clipping and by the best for H, of overdraw.png.
 
-    `raster-harness inspect --scene city --polygon 438` draws it; counters are exact anywhere.
+    `raster-harness inspect city --polygon 438` draws it; counters are exact anywhere.
     """
     from harness.frame import View, make_frame
     from harness.rasterisers import Options, find_device, get

@@ -153,10 +153,11 @@ COMMANDS = {
     "inspect": Entry(
         GEOMETRY,
         "inspect:inspect",
-        "Draw overdraw and helper lanes of one polygon, side by side for several triangulators.",
+        "Show where one polygon's triangulations cost, or whether the choice matters for a file.",
         (
-            "inspect --scene city --polygon 3 --out polygon-3.png",
-            "inspect --scene paper --every paper",
+            "inspect city --polygon 3 --out polygon-3.png",
+            "inspect buildings.geojson --sizes 16-1024",
+            "inspect paper --every paper",
         ),
     ),
     "list": Entry(

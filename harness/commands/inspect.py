@@ -1,29 +1,83 @@
-"""`harness inspect`: a picture of where a polygon's triangulations cost."""
+"""`harness inspect`: where one polygon's triangulations cost, and whether it matters for a file."""
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
 from harness.commands import options
+from harness.commands.run import NO_CONTEXT
 from harness.errors import UsageError
 from harness.progress import Reporter
 
+if TYPE_CHECKING:
+    from harness.frame import View
+    from harness.triangulating.recipes import Recipe
+    from scenes import Scene
+
+SIDE_BY_SIDE = ("ear-clipping", "optimal:half-perimeter")
+COMPARED = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
+"""Triangulators whose pictures are drawn, and those that --sizes compares with the first."""
+
+
+def _sizes(text: str) -> options.Several:
+    """Read 16-1024 as 16, 32, ... 1024: sizes that double, and the last one."""
+    size = options.number(int, *options.RESOLUTIONS, " pixels")
+    low, _, high = text.partition("-")
+    first, last = size(low), size(high or low)
+    if first > last:
+        raise typer.BadParameter(f"{text!r} begins with the larger size")
+    found = [first]
+    while 2 * found[-1] < last:
+        found.append(2 * found[-1])
+    return options.Several(dict.fromkeys([*found, last]))
+
 
 def inspect(
-    scene: options.SceneName,
-    polygon: options.PolygonNumber = 0,
-    triangulator: options.Triangulators = options.Several(
-        ("ear-clipping", "optimal:half-perimeter")
-    ),
+    scene: Annotated[
+        str, typer.Argument(metavar="FILE", help="A file of polygons, or a scene's name.")
+    ],
+    polygon: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Number of the polygon in the file: the first, with --sizes all of them."
+        ),
+    ] = None,
+    triangulator: Annotated[
+        options.Several | None,
+        typer.Option(
+            parser=options.several(),
+            metavar="NAME,...",
+            help="Triangulators, see: raster-harness list triangulators. With --sizes the others "
+            "are compared with the first.",
+        ),
+    ] = None,
     resolution: options.Resolution = 64,
     rotation: options.Rotation = 0.0,
     seed: options.Seed = 0,
+    sizes: Annotated[
+        options.Several | None,
+        typer.Option(
+            parser=_sizes,
+            metavar="PX-PX",
+            help="Instead, say whether the triangulator matters for the file, by exact counts at "
+            "sizes of the viewport that double, for example 16-1024.",
+        ),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            help="With --sizes: a device's profile, which makes milliseconds of the counts. A "
+            "file, or the name of a contributed one, for example opengl-llvmpipe.",
+        ),
+    ] = None,
+    as_json: options.Json = False,
     every: Annotated[
         Literal["conforming", "paper"] | None,
         typer.Option(
@@ -34,39 +88,66 @@ def inspect(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="PNG to write, named after the polygon if absent; with --every, the folder."
+            help="Picture to write, PNG, with --sizes PNG or SVG; named after the file if absent. "
+            "With --every, the folder."
         ),
     ] = None,
+    context: typer.Context = NO_CONTEXT,
 ) -> None:
-    """Draw overdraw and helper lanes of one polygon, side by side for several triangulators."""
-    import numpy as np
+    """Show where one polygon's triangulations cost, or whether the choice matters for a file.
 
-    from harness.frame import View, make_frame
+    It draws overdraw and helper lanes of one polygon, side by side for several triangulators. With
+    --sizes it counts all polygons, without timing, and says it in one sentence.
+    """
+    from harness.commands.running import given
+    from harness.frame import View
     from harness.measuring.loading import load_scene
-    from harness.pictures.heatmaps import draw_heatmaps
-    from harness.triangulating.frames import triangulate_polygons
     from harness.triangulating.recipes import parse_all
 
-    if every is not None:
-        _list_every(scene, polygon, every, out)
-        return
-    recipes = parse_all(triangulator, seed=seed)
-    if out is not None:
-        _require_writable(out)
-    reporter = Reporter()
-    loaded = load_scene(scene, seed, reporter)
-    if polygon >= len(loaded.polygons):
+    if every is not None and sizes is not None:
+        raise UsageError("--every and --sizes are two questions: leave one out")
+    for name in ("profile", "as_json") if sizes is None else ("resolution",):
+        if given(context)(name):
+            where = "goes with" if sizes is None else "is of one picture: leave it out, or"
+            raise UsageError(f"--{name.removeprefix('as_')} {where} --sizes")
+    usual = SIDE_BY_SIDE if sizes is None else COMPARED
+    recipes = parse_all(triangulator or usual, seed=seed)
+    if out is not None and every is None:
+        _require_writable(out, (".png",) if sizes is None else (".png", ".svg"))
+    loaded = load_scene(scene, seed, Reporter(quiet=as_json))
+    if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
-    frame = make_frame([loaded.polygons[polygon]], View(resolution, rotation))
+    if every is not None:
+        _list_every(loaded, polygon or 0, every, out)
+    elif sizes is None:
+        _draw(loaded, polygon or 0, recipes, View(resolution, rotation), out)
+    else:
+        if polygon is not None:
+            loaded = replace(loaded, polygons=loaded.polygons[polygon : polygon + 1])
+        views = [View(size, rotation) for size in sizes]
+        _say_if_it_matters(loaded, recipes, views, profile, out, as_json=as_json)
+
+
+def _draw(
+    scene: Scene, polygon: int, recipes: tuple[Recipe, ...], view: View, out: Path | None
+) -> None:
+    """Draw the picture of one polygon."""
+    import numpy as np
+
+    from harness.frame import make_frame
+    from harness.pictures.heatmaps import draw_heatmaps
+    from harness.triangulating.frames import triangulate_polygons
+
+    frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:
-        raise UsageError(f"polygon {polygon} of {scene}: {frame.dropped[0][1]}")
+        raise UsageError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
     frame = replace(frame, source=np.array([polygon]))  # its number in the scene, as a title
-    file = out or Path(f"{Path(loaded.name).stem}-{polygon}.png")
-    _require_writable(file)
+    file = out or Path(f"{Path(scene.name).stem}-{polygon}.png")
+    _require_writable(file, (".png",))
     drawn = {}
     for recipe in recipes:
         recipe.load()
-        with reporter.if_long(f"a first run compiles {recipe.base} ..."):
+        with Reporter().if_long(f"a first run compiles {recipe.base} ..."):
             result = triangulate_polygons(recipe, frame.polygons[:1])
         part = result.parts[0]
         if part is None:
@@ -74,7 +155,7 @@ def inspect(
         else:
             drawn[str(recipe)] = part
     if not drawn:
-        raise UsageError(f"no triangulator given can do polygon {polygon} of {scene}")
+        raise UsageError(f"no triangulator given can do polygon {polygon} of {scene.name}")
     try:
         draw_heatmaps(frame, 0, drawn, file)
     except OSError as error:
@@ -82,11 +163,51 @@ def inspect(
     typer.echo(f"picture: {file}")
 
 
-def _require_writable(file: Path) -> None:
+def _say_if_it_matters(
+    scene: Scene,
+    recipes: tuple[Recipe, ...],
+    views: list[View],
+    profile: str | None,
+    out: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Count a file at several sizes, and say what a triangulator saves there."""
+    from harness.profile import sizes
+
+    law = sizes.read_law(profile, options.PROFILES) if profile else None
+    if len(recipes) < 2:
+        raise UsageError(f"{recipes[0]} alone has nothing to be compared with: name two or more")
+    file = out or Path(f"{Path(scene.name).stem}-sizes.svg")
+    _require_writable(file, (".png", ".svg"))
+    reporter = Reporter(quiet=as_json)
+    for recipe in recipes:
+        recipe.load()
+    found = []
+    with reporter.stage("counting", len(views)) as stage:
+        for view in views:
+            found.append(sizes.count_size(scene, recipes, view, law))
+            stage.complete(len(found))
+    answer = sizes.Sizes(scene.name, law.device if law else None, tuple(found))
+    try:
+        sizes.draw_chart(answer, file)
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
+    if as_json:
+        typer.echo(json.dumps(answer.to_json(), indent=2, allow_nan=False))
+        return
+    Console(highlight=False).print(*sizes.tables(answer), sep="\n\n")
+    typer.echo(sizes.sentence(answer))
+    typer.echo(f"chart: {file}")
+
+
+def _require_writable(file: Path, endings: tuple[str, ...]) -> None:
     """Refuse a place that cannot be written, before any work is done."""
     folder = file.parent
-    if file.suffix.lower() != ".png":
-        raise UsageError(f"cannot write {file}: it is a PNG; give --out a name that ends in .png")
+    if file.suffix.lower() not in endings:
+        raise UsageError(
+            f"cannot write {file}: give --out a name that ends in {' or '.join(endings)}"
+        )
     if not folder.is_dir():
         raise UsageError(f"cannot write {file}: there is no folder {folder}")
     if not os.access(file if file.exists() else folder, os.W_OK):
@@ -94,26 +215,22 @@ def _require_writable(file: Path) -> None:
 
 
 def _list_every(
-    scene: str, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
+    scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
     from harness.commands.running import default_folder
-    from harness.measuring.loading import load_scene
     from harness.pictures.style import plain_table
     from harness.stored import atomic
     from harness.study import enumeration
     from triangulators import Skipped, TriangulationError
 
-    loaded = load_scene(scene, 0, Reporter())
-    if polygon >= len(loaded.polygons):
-        raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
-    folder = out or default_folder(loaded.name, before="every-")
+    folder = out or default_folder(scene.name, before="every-")
     try:
-        table = enumeration.triangulation_table(loaded.polygons[polygon], mode)
+        table = enumeration.triangulation_table(scene.polygons[polygon], mode)
         with atomic.folder(folder, added=True) as made:
-            enumeration.write(table, loaded.polygons[polygon], made)
+            enumeration.write(table, scene.polygons[polygon], made)
     except (Skipped, TriangulationError) as reason:
-        raise UsageError(f"polygon {polygon} of {scene}: {reason}") from reason
+        raise UsageError(f"polygon {polygon} of {scene.name}: {reason}") from reason
     except OSError as error:
         raise UsageError(f"cannot use {folder}: {error.strerror or error}") from error
     columns = ("overdraw", "shape", "half_perimeter", "edge_length", "triangles", "conforming")

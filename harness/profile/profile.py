@@ -91,8 +91,8 @@ def keep(content: Mapping[str, Any], file: Path) -> Path:
     return file
 
 
-def read_coefficients(file: Path) -> dict[str, float]:
-    """Return what `optimal:calibrated` minimises by a profile's file, by `COSTS`.
+def read_profile(file: Path) -> dict[str, Any]:
+    """Read a profile's file.
 
     Raises
     ------
@@ -100,15 +100,25 @@ def read_coefficients(file: Path) -> dict[str, float]:
         if it is missing, no profile, or was refused when it was made
     """
     try:
-        content = json.loads(atomic.read(file))
-        if content.get("refused"):
-            raise UsageError(
-                f"{file} was refused: it fits too badly; repeat raster-harness profile"
-            )
-        return {name: float(content["coefficients"][name]) for name in COSTS}
+        content = dict(json.loads(atomic.read(file)))
     except FileNotFoundError:
         raise UsageError(f"no profile {file}; make it: raster-harness profile") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, TypeError) as error:
+        raise UsageError(f"{file} is not a profile: {error!r}") from error
+    if content.get("refused"):
+        raise UsageError(f"{file} was refused: it fits too badly; repeat raster-harness profile")
+    return content
+
+
+def read_coefficients(file: Path) -> dict[str, float]:
+    """Return what `optimal:calibrated` minimises by a profile's file, by `COSTS`.
+
+    Raises what `read_profile` raises.
+    """
+    content = read_profile(file)
+    try:
+        return {name: float(content["coefficients"][name]) for name in COSTS}
+    except (ValueError, KeyError, TypeError) as error:
         raise UsageError(f"{file} is not a profile: {error!r}") from error
 
 

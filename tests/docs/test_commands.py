@@ -26,7 +26,7 @@ LONG = (
     "doctor",
     "list scenes",
     "run --scene city",
-    "inspect --scene city",
+    "inspect city",
 )
 
 

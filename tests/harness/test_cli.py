@@ -296,7 +296,7 @@ def test_an_option_that_is_not_used_is_refused(harness, block):
     code, _, err = harness("run", "--scene", "city", "--layer", "x")
     assert code == 2
     assert_one_line(err, "layer")
-    code, _, err = harness("inspect", "--scene", str(block), "--out", "a.foo")
+    code, _, err = harness("inspect", str(block), "--out", "a.foo")
     assert code == 2
     assert_one_line(err, ".png")
 
@@ -319,7 +319,7 @@ def test_list_alone_lists_everything(harness):
 
 
 def test_options_do_what_hidden_commands_did(harness):
-    code, out, _ = harness("inspect", "--scene", "paper", "--every", "paper", "--out", "all")
+    code, out, _ = harness("inspect", "paper", "--every", "paper", "--out", "all")
     assert code == 0
     assert "triangulations; all in all/triangulations.csv" in out
     code, _, err = harness("compare", "all", "all", "--repeat")

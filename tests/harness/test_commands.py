@@ -104,10 +104,10 @@ def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harnes
 
 
 def test_inspect_draws_a_picture(harness, block):
-    code, _, _ = harness("inspect", "--scene", str(block), "--out", "picture.png")
+    code, _, _ = harness("inspect", str(block), "--out", "picture.png")
     assert code == 0
     assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
-    code, _, err = harness("inspect", "--scene", str(block), "--polygon", "9")
+    code, _, err = harness("inspect", str(block), "--polygon", "9")
     assert code == 2
     assert_one_line(err, "polygons 0 to 2")
 
@@ -118,7 +118,7 @@ def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch
         "harness.pictures.heatmaps.draw_heatmaps",
         lambda frame, *_: told.extend(frame.source.tolist()),
     )
-    assert harness("inspect", "--scene", str(block), "--polygon", "2")[0] == 0
+    assert harness("inspect", str(block), "--polygon", "2")[0] == 0
     assert told == [2]
 
 
@@ -139,9 +139,7 @@ def _slowly(function):
 
 
 def test_enumerate_refuses_what_has_too_many_triangulations(harness):
-    code, _, err = harness(
-        "inspect", "--every", "conforming", "--scene", "stress", "--polygon", "0"
-    )
+    code, _, err = harness("inspect", "stress", "--every", "conforming", "--polygon", "0")
     assert code == 2
     assert_one_line(err, "triangulations", "optimal")
 

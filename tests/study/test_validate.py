@@ -150,9 +150,7 @@ def test_the_same_triangulation_by_two_names_counts_once(study):
 def test_all_triangulations_of_the_papers_polygon_are_listed(harness, tmp_path):
     counts = {}
     for mode in ("paper", "conforming"):
-        assert (
-            harness("inspect", "--scene", "paper", "--every", mode, "--out", f"all/{mode}")[0] == 0
-        )
+        assert harness("inspect", "paper", "--every", mode, "--out", f"all/{mode}")[0] == 0
         table = pd.read_csv(tmp_path / "all" / mode / "triangulations.csv")
         counts[mode] = len(table)
         assert (tmp_path / "all" / mode / "plots" / "difference-vs-overdraw.png").exists()

@@ -36,7 +36,7 @@ LEAST: dict[str, tuple[str, ...]] = {
     "compare": ("RUN", "RUN"),
     "history": ("RUN",),
     "report": ("RUN",),
-    "inspect": ("--scene", "block.geojson"),
+    "inspect": ("block.geojson",),
     "triangulate": ("block.geojson", "-o", "out.obj", "--no-cache"),
     "gains": ("RUN", "--out", "gains"),
     "study": ("none.geojson", "--out", "study", "--quick"),

@@ -1,0 +1,163 @@
+"""Whether a triangulator matters for a file: the counts are a run's, and the sentence is theirs."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapely import Polygon, box
+
+from harness.frame import View, frame_of
+from harness.profile import sizes
+from harness.profile.counted import TERMS
+from harness.rasterisers import spans
+from harness.stored.folder import read_run
+from harness.triangulating.recipes import parse_all
+from scenes import load
+from tests.conftest import write_geojson
+from tests.harness.test_cli import assert_one_line
+
+NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
+
+
+@pytest.mark.usefixtures("no_plots", "in_process")
+def test_counts_and_sentence_are_those_of_runs(harness):
+    """A city of 40 at five sizes: every counter, and the share that the sentence names."""
+    wanted = ("--triangulators", ",".join(NAMES), "--rasterisers", "reference", "--quick")
+    scene = "city:buildings=40"
+    run = (
+        "run",
+        "--scene",
+        scene,
+        "--resolution",
+        "32,64,128,256,512",
+        *wanted,
+        "--out",
+        "run",
+        "-q",
+    )
+    assert harness(*run, "--budget", "0.01")[0] == 0
+    code, out, err = harness(
+        "inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json"
+    )
+    assert code == 0, err
+    told = json.loads(out)
+    by_size = {each["resolution"]: each["costs"] for each in told["sizes"]}
+    assert list(by_size) == [32, 64, 128, 256, 512]
+    records = read_run(Path("run")).records
+    assert len(records) == 15
+    lanes = {}
+    for record in records:
+        own = by_size[record["resolution"]][record["triangulator"]]
+        for name in ("fragments", "quads", "helper_lanes"):
+            assert own[name] == record["counters"][name], (record["resolution"], name)
+        lanes[record["resolution"], record["triangulator"]] = 4 * record["counters"]["quads"]
+    saved, size, best = max(
+        (1 - lanes[size, name] / lanes[size, NAMES[0]], size, name) for size, name in lanes
+    )
+    assert saved > sizes.MATTERS
+    assert f"at {size} px" in told["sentence"]
+    assert f"{best} saves {saved:.1%} of ear-clipping's shaded lanes" in told["sentence"]
+
+
+def test_it_says_that_it_does_not_matter(harness):
+    """A triangle has one triangulation, and it is written in one sentence."""
+    write_geojson(Path("one.geojson"), [Polygon([(0, 0), (9, 0), (0, 9)])])
+    code, out, _ = harness("inspect", "one.geojson", "--sizes", "16-64", "--out", "chart.png")
+    assert code == 0
+    assert "It does not matter for you: from 16 to 64 px no triangulator saves 1% of" in out
+    assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_partial_quads_are_those_with_a_helper_lane(city_of_12):
+    """By the picture of each triangle alone, in which lanes are marked one by one."""
+    frame, triangles = city_of_12
+    total = 0
+    for row in triangles:
+        covered, helpers = np.zeros((2, 128, 128), np.int64)
+        spans.shade(frame.points, row[None], covered, helpers, frame.window)
+        total += int((helpers.reshape(64, 2, 64, 2).sum(axis=(1, 3)) > 0).sum())
+    counted = sizes._cost(frame, triangles, 0.0, None)
+    assert counted.partial_quads == total > 100
+    assert counted.quads > total
+
+
+def test_a_law_makes_seconds_of_counters(city_of_12):
+    frame, triangles = city_of_12
+    names = list(TERMS)
+    for name, count in (("triangles", len(triangles)), ("draw", 1)):
+        law = sizes.Law("scripted", np.array([2e-9 * (each == name) for each in names]))
+        assert sizes._cost(frame, triangles, 0.0, law).draw_s == pytest.approx(2e-9 * count)
+    law = sizes.Law("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
+    cost = sizes._cost(frame, triangles, 0.0, law)
+    assert cost.draw_s == pytest.approx(1e-9 * cost.helper_lanes)
+
+
+@pytest.fixture(scope="module")
+def city_of_12():
+    frame = frame_of(load("city:buildings=12"), View(128))
+    made = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
+    return frame, frame.join(made.parts)
+
+
+def test_the_sentence_names_where_it_begins_and_ends_to_matter():
+    """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
+
+    def cost(lanes: int, draw_s: float | None = None, cut: float = 0.0) -> sizes.Cost:
+        return sizes.Cost(1, lanes // 4, 1, 1, cut, draw_s)
+
+    def size(px: int, lanes: int) -> sizes.Size:
+        return sizes.Size(px, 1, px / 2, {"a": cost(4000), "b": cost(lanes), "c": cost(lanes + 8)})
+
+    shares = {16: 4000, 32: 3800, 64: 3200, 128: 3980}
+    found = sizes.Sizes("s", None, tuple(size(*each) for each in shares.items()))
+    assert sizes.sentence(found) == (
+        "It matters: at 64 px, 32 px a polygon, b saves 20.0% of a's shaded lanes; c saves nearly "
+        "as much. Below 32 px nothing is gained. Above 64 px nothing is gained."
+    )
+    timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
+    found = sizes.Sizes("s", "phone", (sizes.Size(64, 1, 32.0, timed),))
+    assert sizes.sentence(found) == (
+        "It matters: at 64 px, 32 px a polygon, b saves 25.0% of a's draw time on phone, which "
+        "pays after 6 draws."
+    )
+
+
+def test_a_contributed_profile_is_known_by_its_name(harness):
+    write_geojson(Path("l.geojson"), [box(0, 0, 8, 8) - box(4, 4, 9, 9)])
+    given = ("inspect", "l.geojson", "--sizes", "64")
+    code, out, err = harness(*given, "--profile", "opengl-llvmpipe")
+    assert code == 0, err
+    assert "ms of a draw on llvmpipe" in out
+    assert re.search(r"of ear-clipping's draw time on llvmpipe", out)
+    assert Path("l-sizes.svg").read_text().startswith("<?xml")
+    code, _, err = harness(*given, "--profile", "opengl-lvmpipe")
+    assert code == 2
+    assert_one_line(err, "no profile opengl-lvmpipe", "did you mean 'opengl-llvmpipe'?")
+    Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')
+    code, _, err = harness(*given, "--profile", "none.json")
+    assert code == 2
+    assert_one_line(err, "none.json is not a profile")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--sizes", "64-16"], ["--sizes", "larger"]),
+        (["--sizes", "1-16"], ["--sizes", "8 to 16384"]),
+        (["--sizes", "16-64", "--resolution", "64"], ["--resolution", "--sizes"]),
+        (["--profile", "x.json"], ["--profile", "--sizes"]),
+        (["--json"], ["--json", "--sizes"]),
+        (["--sizes", "16", "--every", "paper"], ["--every", "--sizes"]),
+        (["--sizes", "16", "--triangulator", "fan"], ["fan", "two or more"]),
+        (["--sizes", "16", "--out", "x.pdf"], ["x.pdf", ".svg"]),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(harness, arguments, parts):
+    write_geojson(Path("l.geojson"), [box(0, 0, 8, 8)])
+    code, _, err = harness("inspect", "l.geojson", *arguments)
+    assert code == 2
+    assert_one_line(err, *parts)
