@@ -28,7 +28,8 @@ class Chunk:
 
     `crs` is the file's reference system. If the polygons were projected from longitude and
     latitude, `projection` is their map, which also leads back. `notes` say what was done to the
-    file as a whole; each is in the first chunk that it is true of.
+    file as a whole; each is in the first chunk that it is true of. `credit` names whose data they
+    are, where that has to be told.
     """
 
     cleaned: Cleaned
@@ -37,6 +38,7 @@ class Chunk:
     crs: str | None = None
     projection: Projection | None = None
     notes: tuple[str, ...] = ()
+    credit: str = ""
 
 
 def read(

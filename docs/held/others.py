@@ -79,7 +79,7 @@ KEPT = "models-kept.csv"
 
 
 def models_kept() -> list[str]:
-    """Return what stays as it was in thirty models."""
+    """Return what stays as it was in models of many kinds."""
     rows = some(KEPT)
     gltf = [row for row in rows if row["errors"]]
 

@@ -28,8 +28,8 @@ def triangulate(
         typer.Option(
             "--out",
             "-o",
-            help="File to write: .glb, .gltf, .obj, .ply, .stl, .npz, .geojson or .parquet; of "
-            "many files, and with --dask, a folder for GeoParquet parts.",
+            help="File to write: .glb, .gltf, .obj, .npz, .geojson or .parquet; of many "
+            "files, and with --dask, a folder for GeoParquet parts.",
         ),
     ] = None,
     triangulator: Annotated[
@@ -52,10 +52,6 @@ def triangulate(
     layer: Layer = None,
     where: Where = None,
     limit: Limit = None,
-    cached: Annotated[
-        bool,
-        typer.Option("--cache/--no-cache", help="Use the model database of triangulations."),
-    ] = True,
     certify: Annotated[
         bool,
         typer.Option(
@@ -89,7 +85,7 @@ def triangulate(
     in the folder -o. The same command, given again, does what is missing. Polygons that fail are
     named and left out, and the exit code is 5.
 
-    The flat faces of a 3D model (.glb, .gltf, .obj, .ply, .stl) are triangulated again in place,
+    The flat faces of a 3D model (.glb, .gltf, .obj) are triangulated again in place,
     for the shortest edges: the file keeps its format, every vertex, and what is seen.
     """
     source = Path(file)
@@ -100,7 +96,6 @@ def triangulate(
             "--layer": layer,
             "--where": where,
             "--limit": limit,
-            "--no-cache": None if cached else True,
             "--certify": certify or None,
             "--evidence": evidence,
             "--device": device,
@@ -112,7 +107,6 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
-    from harness.triangulating.database import ModelDatabase
     from harness.triangulating.device import get_ready
 
     reporter = Reporter(quiet=quiet)
@@ -135,35 +129,29 @@ def triangulate(
         )
         return
     device = None if device is None else get_ready(device, reporter)
-    database = ModelDatabase(say=reporter.warn) if cached else None
 
     def counted(polygons: int) -> None:
         needless()
         counting(polygons)
 
-    try:
-        with (
-            reporter.counting(f"triangulating {file}") as counting,
-            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
-        ):
-            report = export_file(
-                file,
-                out,
-                triangulator,
-                criterion,
-                extrude=height,
-                layer=layer,
-                where=where,
-                limit=limit,
-                database=database,
-                progress=counted,
-                certify=certify,
-                evidence=evidence,
-                device=device,
-            )
-    finally:
-        if database is not None:
-            database.close()
+    with (
+        reporter.counting(f"triangulating {file}") as counting,
+        reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+    ):
+        report = export_file(
+            file,
+            out,
+            triangulator,
+            criterion,
+            extrude=height,
+            layer=layer,
+            where=where,
+            limit=limit,
+            progress=counted,
+            certify=certify,
+            evidence=evidence,
+            device=device,
+        )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
@@ -212,8 +200,6 @@ def _in_place(
     done = retriangulate(source, out, criterion or CRITERION)
     for reason, count in sorted(done.left.items()):
         typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
-    for note in sorted(done.notes):
-        typer.echo(f"{source}: {note}", err=True)
     share = done.flat_area / done.area if done.area else 0.0
     typer.echo(
         f"{source}: {done.triangles:,} triangles, {done.flat:,} of them in {done.faces:,} "

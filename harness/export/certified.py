@@ -10,7 +10,7 @@ from typing import IO, Any
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.triangulation import Batch
+from harness.export.mesh import Batch
 from triangulators import TriangulationError, certify, criteria, parse
 from triangulators.checking.claims import as_claim
 

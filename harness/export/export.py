@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -15,19 +15,21 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.export import indexed_mesh as meshes
-from harness.export.binary import PlyWriter, StlWriter
+from harness.export import mesh as meshes
+from harness.export.apart import triangulate_many
 from harness.export.certified import Certified
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
-from harness.export.npz import NpzWriter
-from harness.export.obj import ObjWriter
-from harness.export.polygon_sources import Part, parts_of
-from harness.export.triangulation import Batch, triangulate_batch
-from harness.export.writer import About, Writer
+from harness.export.mesh import Batch
+from harness.export.writers import About, NpzWriter, ObjWriter, Writer
 from harness.stored.output import Output
-from harness.triangulating.database import ModelDatabase
+from scenes import load
+from scenes.cleaning.clean import Cleaned
+from scenes.files import Chunk, read_chunks
+from scenes.readers.reader import is_model
+from scenes.registry import split
 from triangulators import TriangulationError, UnknownName, full_name, parse
+from triangulators.batch.triangulate_many import ragged
 from triangulators.methods.optimal import LIMIT
 
 CHUNK = 20_000
@@ -39,8 +41,6 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
     ".gltf": partial(GltfWriter, binary=False),
     ".obj": ObjWriter,
-    ".ply": PlyWriter,
-    ".stl": StlWriter,
     ".npz": NpzWriter,
     ".geojson": GeoJsonWriter,
     ".json": GeoJsonWriter,
@@ -49,7 +49,7 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
 }
 """Suffix of the output to its writer."""
 
-SOLID = (".glb", ".gltf", ".obj", ".ply", ".stl")
+SOLID = (".glb", ".gltf", ".obj")
 """Suffixes of 3D models."""
 
 
@@ -60,7 +60,6 @@ class Report:
     files : what was written, the target first
     dropped, repaired, failed : (which, reason), the first thousand of each; failed are polygons
         that the triangulator could not do; `counts` has all of them, by kind and reason
-    read : triangulations that came from the model database
     certified : what the triangulations cost and the least they could cost, where that was asked for
     proven : polygons whose optimum is proven by the way it was computed
     evidence : the file that proofs are written to, open while they are
@@ -77,7 +76,6 @@ class Report:
     repaired: list[tuple[str, str]] = field(default_factory=list)
     failed: list[tuple[str, str]] = field(default_factory=list)
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    read: int = 0
     proven: int = 0
     flat: int = 0
     notes: list[str] = field(default_factory=list)
@@ -110,7 +108,6 @@ def export_file(
     where: str | None = None,
     limit: int | None = None,
     project: bool | None = None,
-    database: ModelDatabase | None = None,
     progress: Callable[[int], None] | None = None,
     certify: bool = False,
     evidence: Path | None = None,
@@ -124,12 +121,12 @@ def export_file(
     `criterion` is given; `criterion` alone means the optimum of that criterion.
     The suffix of `out` gives the format (see `FORMATS`). `extrude` is a height in the scene's
     units, or the name of an attribute that holds it. Polygons are read, triangulated and written
-    `chunk` at a time, so memory does not grow with the file. `database` is the model database to
-    use, or None for none. `certify` has each triangulation's distance from the optimum of its
-    criterion (half-perimeter, if it has none) worked out, and `evidence` is a file for the proofs,
-    a line for each polygon. `device` is that of `triangulators.triangulate_many`. `progress` is
-    called with the number of polygons done so far. `parameters` go to the triangulator. `out`
-    appears when all is written; on an error it stays as it was.
+    `chunk` at a time, so memory does not grow with the file. `certify` has each triangulation's
+    distance from the optimum of its criterion (half-perimeter, if it has none) worked out, and
+    `evidence` is a file for the proofs, a line for each polygon. `device` is that of
+    `triangulators.triangulate_many`. `progress` is called with the number of polygons done so far.
+    `parameters` go to the triangulator. `out` appears when all is written; on an error it stays as
+    it was.
 
     Raises scenes.SceneError for a source that cannot be read, and UsageError for an unknown format
     or triangulator, an attribute that is not there, and an output that cannot be written.
@@ -139,14 +136,16 @@ def export_file(
     make = _format(target)
     name = chosen(triangulator, criterion)
     report = Report(certified=Certified.of(name) if certify or evidence else None)
+    options = {"layer": layer, "where": where, "project": project}
+    given = {key: value for key, value in options.items() if value is not None}
     solid = target.suffix.lower() in SOLID
-    parts = parts_of(str(source), layer, where, limit, project, chunk, solid)
+    chunks = _chunks(str(source), given, limit, chunk, solid)
     try:
         with Output(target) as output, Output(evidence or target) as proofs:
             if evidence is not None:
                 report.evidence = proofs.file(mode="w")
-            how = Meshing(name, parameters, extrude, database, device)
-            writer = add_parts(parts, lambda about: make(output, about), how, report, progress)
+            how = Meshing(name, parameters, extrude, device)
+            writer = add_chunks(chunks, lambda about: make(output, about), how, report, progress)
             if writer is None or report.triangles == 0:
                 raise UsageError(_nothing(str(source), report))
             writer.finish()
@@ -168,12 +167,57 @@ class Meshing:
     name: str
     parameters: Mapping[str, Any]
     extrude: str | float | None = None
-    database: ModelDatabase | None = None
     device: str | None = None
 
 
-def add_parts(
-    parts: Iterable[Part],
+def _chunks(
+    source: str, options: dict[str, Any], limit: int | None, size: int, solid: bool
+) -> Iterator[Chunk]:
+    """The polygons of a scene or a file, `size` at a time, cut off after `limit`.
+
+    options : those of `scenes.files.read_chunks`, for files alone
+    solid : they become a 3D model; UsageError where the source is one, too
+    """
+    if limit is not None and limit < 1:
+        raise UsageError(f"limit={limit} leaves no polygon: give 1 or more")
+    name, given, is_file = split(source)
+    if is_file:
+        if solid and is_model(Path(name)):
+            raise UsageError(
+                f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
+                f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
+            )
+        known = given | options
+        limit = limit if limit is not None else known.pop("limit", None)
+        whole = read_chunks(name, size=size, **known)
+    elif options:
+        raise UsageError(f"layer, where and project are for files; {name} is a scene")
+    else:
+        whole = _of_scene(source, size)
+    left = limit
+    for chunk in whole:
+        if left is not None and len(chunk.cleaned.polygons) >= left:
+            cleaned = replace(chunk.cleaned, polygons=chunk.cleaned.polygons[:left])
+            table = None if chunk.attributes is None else chunk.attributes.iloc[:left]
+            yield replace(chunk, cleaned=cleaned, attributes=table)
+            return
+        left = None if left is None else left - len(chunk.cleaned.polygons)
+        yield chunk
+
+
+def _of_scene(source: str, size: int) -> Iterator[Chunk]:
+    scene = load(source)
+    polygons = np.asarray(scene.polygons)
+    for start in range(0, len(polygons), size):
+        rows = slice(start, start + size)
+        table = None if scene.attributes is None else scene.attributes.iloc[rows]
+        notes: Any = ([], [], ()) if start else (scene.dropped, scene.repaired, scene.notes)
+        cleaned = Cleaned(polygons[rows], np.arange(len(polygons))[rows], *notes[:2])
+        yield Chunk(cleaned, table, scene.units, notes=notes[2], credit=scene.credit)
+
+
+def add_chunks(
+    chunks: Iterable[Chunk],
     make: Callable[[About], Writer],
     how: Meshing,
     report: Report,
@@ -181,21 +225,21 @@ def add_parts(
     *,
     empty: bool = False,
 ) -> Writer | None:
-    """Triangulate parts of a source and give them to one writer; counts in `report`.
+    """Triangulate chunks of a source and give them to one writer; counts in `report`.
 
-    `empty`: parts without a polygon are written, too. Returns the writer, which is not finished;
+    `empty`: chunks without a polygon are written, too. Returns the writer, which is not finished;
     None where nothing was written.
     """
     writer: Writer | None = None
-    for part in parts:
-        report.note("dropped", part.dropped)
-        report.note("repaired", part.repaired)
-        report.notes += part.notes
-        if len(part.polygons) == 0 and not empty:
+    for chunk in chunks:
+        report.note("dropped", chunk.cleaned.dropped)
+        report.note("repaired", chunk.cleaned.repaired)
+        report.notes += chunk.notes
+        if len(chunk.cleaned.polygons) == 0 and not empty:
             continue
         if writer is None:
-            writer = make(About(triangulator=how.name, **part.about))
-        mesh = _triangulated(part, how, report)
+            writer = make(About(how.name, chunk.units, chunk.credit, chunk.crs, chunk.projection))
+        mesh = _triangulated(chunk, how, report)
         writer.add(mesh)
         report.polygons += mesh.polygons
         report.vertices += len(mesh.vertices)
@@ -230,19 +274,19 @@ def chosen(triangulator: str | None, criterion: str | None) -> str:
         raise UsageError(str(error)) from error
 
 
-def _triangulated(part: Part, how: Meshing, report: Report) -> meshes.Mesh:
+def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     begun = time.perf_counter()
-    batch = triangulate_batch(
-        part.polygons, how.name, dict(how.parameters), how.database, how.device
-    )
+    arrays = ragged(chunk.cleaned.polygons)
+    found = triangulate_many(arrays, how.name, device=how.device, **how.parameters)
+    starts = np.asarray(found.starts, dtype=np.int64)
+    batch = Batch(arrays, found.triangles, starts, dict(found.failed), found.compiled)
     report.triangulate_s += time.perf_counter() - begun
-    report.read += batch.read
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
     report.note("failed", failed)
     report.proven += _proven(batch, how.name)
     if report.certified is not None:
-        report.certified.add(part.polygons, batch, report.evidence)
-    mesh = meshes.flat(batch, part.attributes)
+        report.certified.add(chunk.cleaned.polygons, batch, report.evidence)
+    mesh = meshes.flat(batch, chunk.attributes)
     gone = np.diff(mesh.triangle_starts) == 0
     if how.extrude is not None:
         tops, unusable = _heights(mesh.attributes, how.extrude)

@@ -16,8 +16,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.indexed_mesh import Mesh
-from harness.export.writer import About, plain
+from harness.export.mesh import Mesh
+from harness.export.writers import About, plain
 from harness.stored.output import Output
 from scenes.cleaning.projection import system
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.export.indexed_mesh import Mesh, plan_area, with_z
-from harness.export.writer import About, append, plain
+from harness.export.mesh import Mesh, with_z
+from harness.export.writers import About, append, plain
 from harness.stored.output import Output
 
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -28,8 +28,7 @@ class GltfWriter:
 
     glTF holds single precision only. So positions are whole numbers on a fine grid around the
     middle of each batch. The node's matrix maps them back; readers hold it in double precision.
-    Rounding changes the plan area of a batch, by less than one step of the grid at its edge; the
-    matrix corrects this too, so areas stay exact. `_FEATURE_ID_0` is the polygon of each vertex,
+    `_FEATURE_ID_0` is the polygon of each vertex,
     counted within its mesh, as in EXT_mesh_features.
     """
 
@@ -60,8 +59,6 @@ class GltfWriter:
         plan = max(reach[:2].max(), 1e-30)
         step = np.array([plan, plan, reach[2] or plan]) / _STEPS
         grid = np.rint((vertices - middle) / step)
-        stretch = _stretch(vertices, grid * step, mesh.triangles)
-        scale = step * [stretch, stretch, 1.0]
         feature = mesh.vertex_owners.astype("<f4")
         attributes = {
             "POSITION": self._accessor(grid.astype("<f4"), "VEC3", _FLOAT, _VERTICES, True),
@@ -72,7 +69,7 @@ class GltfWriter:
             "attributes": attributes,
             "indices": self._accessor(indices, "SCALAR", _UNSIGNED, _INDICES, False),
         }
-        matrix = np.diag([*scale, 1.0])
+        matrix = np.diag([*step, 1.0])
         matrix[:3, 3] = middle - self._origin
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
         made: dict[str, Any] = {"primitives": [primitive]}
@@ -98,7 +95,7 @@ class GltfWriter:
                 "extras": {
                     "origin": origin,
                     "units": self._about.units,
-                    "crs": self._about.crs if self._about.to_source is None else None,
+                    "crs": self._about.crs if self._about.projection is None else None,
                     "triangulator": self._about.triangulator,
                 },
             },
@@ -157,12 +154,3 @@ class GltfWriter:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._accessors.append(accessor)
         return len(self._accessors) - 1
-
-
-def _stretch(
-    exact: NDArray[np.float64], rounded: NDArray[np.float64], triangles: NDArray[np.int64]
-) -> float:
-    """The factor, within rounding of 1, that gives the rounded mesh its exact plan area."""
-    wanted, got = plan_area(exact, triangles), plan_area(rounded, triangles)
-    factor = float(np.sqrt(wanted / got)) if wanted > 0 and got > 0 else 1.0
-    return factor if abs(factor - 1.0) < 1e-6 else 1.0

@@ -19,8 +19,6 @@ from harness.models.flat_faces import flat_faces
 from harness.models.gltf import GltfModel
 from harness.models.mesh import HALF, Mesh, Part, edge_numbers, sides_of
 from harness.models.obj import ObjModel
-from harness.models.ply import PlyModel
-from harness.models.stl import StlModel
 from harness.models.views import PIXELS, Drawn, Seen, look
 from scenes.readers import cut_off, damage
 from scenes.readers.opening import existing
@@ -51,8 +49,6 @@ FORMATS: dict[str, Callable[[Path], Model]] = {
     ".glb": GltfModel,
     ".gltf": GltfModel,
     ".obj": ObjModel,
-    ".ply": PlyModel,
-    ".stl": StlModel,
 }
 """Suffix to what reads a model, and later writes it."""
 
@@ -69,7 +65,6 @@ class Changes:
     area, flat_area : in the model's units
     before, after : length of all sides of changed faces' triangles, in the model's units
     left : faces and parts left as they are, by reason
-    notes : what else the user has to know
     seen : where nothing is written, counters of the model before and after, in views from around
     """
 
@@ -83,7 +78,6 @@ class Changes:
     before: float = 0.0
     after: float = 0.0
     left: Counter[str] = field(default_factory=Counter)
-    notes: set[str] = field(default_factory=set)
     seen: list[Seen] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
     seconds: float = 0.0
@@ -110,6 +104,7 @@ def retriangulate(
         that is no sum over triangles
     """
     begun = time.perf_counter()
+    _kind_of(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: a model stays what it is, so give {source.suffix}")
     cost_named(criterion)
@@ -125,7 +120,6 @@ def retriangulate(
             if (found.triangles != part.mesh.triangles).any():
                 with _clear_errors(source):
                     model.replace(part, found.triangles)
-                changes.notes |= {part.note} - {""}
     if out is None:
         changes.seen = look(drawn, sizes) if changes.changed else []
     else:
@@ -145,14 +139,19 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     UsageError
         for one that is no model, by its suffix
     """
-    kind = FORMATS.get(source.suffix.lower())
-    if kind is None:
-        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
+    kind = _kind_of(source)
     existing(str(source))
     cut_off.check(source)
     with _clear_errors(source):
         model = kind(source)
         return model, list(model.groups())
+
+
+def _kind_of(source: Path) -> Callable[[Path], Model]:
+    kind = FORMATS.get(source.suffix.lower())
+    if kind is None:
+        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
+    return kind
 
 
 def _clear_errors(source: Path) -> AbstractContextManager[None]:

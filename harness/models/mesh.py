@@ -56,29 +56,18 @@ class Part:
     source : what the model needs to find them again
     left : why they stay as they are, "" if they need not
     placements : (4, 4) matrices, one for each place where it is drawn
-    note : what is to be said where triangles change, "" for nothing
     """
 
     mesh: Mesh
     source: Any
     left: str = ""
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
-    note: str = ""
 
 
 def tolerance_of(values: NDArray[np.float64]) -> float:
     """Return what rounding to single precision explains, in the units of the values, (n, k)."""
     known = np.abs(values[np.isfinite(values)])
     return STEPS * float(np.spacing(np.float32(known.max(initial=0.0))))
-
-
-def centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values (n, k) from the middle of those that are numbers: how far away it is is exact.
-
-    So it is for double precision and texts; single precision rounds what is far from 0 more.
-    """
-    known = values[np.isfinite(values).all(axis=1)]
-    return values - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else values
 
 
 def edge_numbers(ends: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -1,13 +1,14 @@
 """Wavefront OBJ: the triangles of its `f` lines, part by part as materials and groups change.
 
-A vertex is a triple of position, texture coordinate and normal.
+A vertex is a triple of position, texture coordinate and normal. New triangles replace words of the
+text, and nothing else.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.models.mesh import Mesh, Part
-from harness.models.text_file import TextFile, numbered, text_step, text_tolerance
+from harness.models.mesh import Mesh, Part, tolerance_of
+from harness.stored.output import Output
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (
@@ -25,6 +26,9 @@ _NEW_PART = (
 )
 _LEAST = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
 """By how much colours, texture coordinates and normals may be off on a flat face, at least."""
+
+SHARE = 1e-6
+"""Of a model's size, the most that the decimals of a text may leave open."""
 
 Triple = tuple[int, int, int]
 
@@ -44,14 +48,15 @@ class ObjModel:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.left: Counter[str] = Counter()
-        self._text = TextFile(path)
+        self._data = path.read_bytes()
+        self._pieces: list[tuple[int, int, bytes]] = []  # where words stand, and what instead
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
         self._parts = [_Part()]
         self._begun: list[bytes] = []
         self._largest = [0, 0, 0]
         self._smooth: list[int] = []  # the position of each corner to be shaded smooth
         place = 0
-        for number, line in enumerate(self._text.data.splitlines(keepends=True), 1):
+        for number, line in enumerate(self._data.splitlines(keepends=True), 1):
             try:
                 self._read(line, place)
             except ValueError as error:
@@ -115,15 +120,14 @@ class ObjModel:
         """Yield all parts together."""
         values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
-        step = text_step(word for line in self._lines[b"v"] for word in line[:3])
+        step = _step(word for line in self._lines[b"v"] for word in line[:3])
         uses = np.bincount(self._smooth, minlength=len(xyz) + 1)
         parts = []
         for part in self._parts:
             if not part.triples:
                 continue
             corners = np.array(part.triples, dtype=np.int64).reshape(-1, 3)
-            first, number = numbered(corners)
-            vertices = corners[first]
+            vertices, number = np.unique(corners, axis=0, return_inverse=True)
             positions = xyz[vertices[:, 0] - 1]
             # what has no texture coordinate, or no normal, agrees with nothing that has one
             fixed = (vertices[:, 1:] > 0).astype(np.float64)
@@ -132,7 +136,7 @@ class ObjModel:
                 found, off = values[kind]
                 given = np.vstack([np.zeros((1, found.shape[1])), found])
                 affine.append(given[vertices[:, column]] / off)
-            tolerance = text_tolerance(positions, step)
+            tolerance = _tolerance(positions, step)
             made = np.where(vertices[:, 2], 0, uses[vertices[:, 0]]) if part.smooth else None
             triangles = number.reshape(-1, 3)
             mesh = Mesh(positions, triangles, np.hstack(affine), fixed, tolerance, made)
@@ -151,7 +155,7 @@ class ObjModel:
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
             raise UsageError(f"{self._path} is not OBJ: a vertex with fewer than 3 coordinates")
-        step = text_step(word for line in lines for word in line)
+        step = _step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
             _LEAST[kind], min(step, 1e-3)
         )
@@ -159,11 +163,21 @@ class ObjModel:
     def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
         """Give a part other triangles (m, 3)."""
         spans, words = part.source
-        self._text.replace(spans, part.mesh.triangles, triangles, words)
+        for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
+            for place, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
+                self._pieces.append((*place, words[vertex]))
 
     def write(self, out: Path) -> list[Path]:
         """Write the model; returns the files."""
-        return self._text.write(out)
+        parts: list[bytes] = []
+        done = 0
+        for first, last, word in sorted(self._pieces):
+            parts += [self._data[done:first], word]
+            done = last
+        with Output(out) as output:
+            with output.file() as file:
+                file.write(b"".join([*parts, self._data[done:]]))
+            return output.publish()
 
 
 def _word(vertex: list[int]) -> bytes:
@@ -172,3 +186,20 @@ def _word(vertex: list[int]) -> bytes:
     if normal:
         return b"/".join((position, texture, normal))
     return position + b"/" + texture if texture else position
+
+
+def _step(words: Iterable[bytes]) -> float:
+    """Return what numbers written so leave open: one of their last decimal."""
+    return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in words), default=0)
+
+
+def _tolerance(positions: NDArray[np.float64], step: float) -> float:
+    """Return by how much a face may be bent whose positions (n, 3) were written in a text.
+
+    They are taken from the middle of those that are numbers: how far away it is is exact in a text,
+    where single precision rounds what is far from 0 more.
+    """
+    known = positions[np.isfinite(positions).all(axis=1)]
+    local = known - (known.min(axis=0) / 2 + known.max(axis=0) / 2) if len(known) else known
+    largest = float(np.abs(local).max(initial=0.0))
+    return max(tolerance_of(local), min(step, SHARE * largest))

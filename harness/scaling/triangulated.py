@@ -9,12 +9,12 @@ from pathlib import Path
 
 from harness.errors import UsageError
 from harness.export.certified import Certified
-from harness.export.export import Meshing, Report, add_parts
+from harness.export.export import Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
-from harness.export.polygon_sources import of_file
 from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
 from harness.stored.output import Output
+from scenes.files import read_chunks
 
 FOOTER = "raster_harness_part"
 """Name under which a part's file holds what it says of itself, as JSON."""
@@ -59,11 +59,11 @@ def _write(part: Part, options: Options, place: Path, code: str, threads: int | 
     report = Report(certified=Certified.of(options.triangulator) if options.certify else None)
     with Output(place, forced=True) as output:
         how = Meshing(options.triangulator, {"threads": threads}, options.extrude)
-        wanted = {"layer": options.layer, "where": options.where, "rows": part.rows}
-        given = {name: value for name, value in wanted.items() if value is not None}
-        parts = of_file(part.path, given, AT_A_TIME)
+        chunks = read_chunks(
+            part.path, layer=options.layer, where=options.where, rows=part.rows, size=AT_A_TIME
+        )
         make = partial(GeoParquetWriter, output)
-        writer = add_parts(parts, make, how, report, empty=True)
+        writer = add_chunks(chunks, make, how, report, empty=True)
         done = _done(part, options, code, report)
         told = {FOOTER: json.dumps(lasting(done), sort_keys=True)}
         if writer is None:

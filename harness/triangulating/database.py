@@ -3,8 +3,7 @@
 One SQLite file serves several processes at once (write-ahead log). Each entry carries a checksum,
 what is read is verified to be a triangulation of its polygon, and a file that SQLite cannot read is
 deleted and begun anew. That what is read is the optimum is believed, for only optima are kept
-as such: whoever may write the file can make others believe otherwise. `--certify` proves anew what
-was read, `--no-cache` reads nothing.
+as such: whoever may write the file can make others believe otherwise. `--no-cache` reads nothing.
 """
 
 from __future__ import annotations

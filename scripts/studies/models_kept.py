@@ -3,10 +3,10 @@
     npm install gltf-validator       # in a folder of its own, FOLDER
     PYTHONPATH=. python scripts/studies/models_kept.py --packages FOLDER [--out FILE]
 
-Writes a row for each model of tests/models/thirty.py: its triangles and changed faces; what is lost
-beside index data (nothing); whether it is closed before and after; of pictures from eight sides,
-drawn by pyrender with textures, colours and light, the pixels, how many differ by more than one of
-255 levels, and the largest difference; errors that the validator finds before and after.
+Writes a row for each model of tests/models/various.py: its triangles and changed faces; what is
+lost beside index data (nothing); whether it is closed before and after; of pictures from eight
+sides, drawn by pyrender with textures, colours and light, the pixels, how many differ by more than
+one of 255 levels, and the largest difference; errors that the validator finds before and after.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from harness.models.views import directions
 from harness.rasterisers import find_device
 from scripts.studies.models import write_table
 from tests.models.kept import closed, lost
-from tests.models.thirty import GLTF, MODELS, fan
+from tests.models.various import GLTF, MODELS, fan
 
 PIXELS, SIDES = 256, 8
 DISTANCE = 3.0

@@ -14,8 +14,6 @@ import shapely
 from mapbox_earcut import triangulate_float64
 from pyarrow import parquet
 
-from harness.export.triangulation import COMPILED, triangulate_batch
-from harness.triangulating.database import ModelDatabase
 from scenes import load
 from tests.paths import ROOT
 from triangulators.batch.triangulate_many import ragged
@@ -92,29 +90,3 @@ def test_a_million_footprints_in_two_gibibytes(million, hundred_thousand):
     assert polygons == 1_000_000
     assert parquet.read_metadata(out).num_rows == polygons
     assert peak < MEMORY_MIB
-
-
-def test_reading_beats_computing_where_the_database_is_used(hundred_thousand, tmp_path):
-    """Where it does not, `harness.export.triangulation` computes; this is why."""
-    sample = hundred_thousand[:10_000]
-    sizes = shapely.get_num_coordinates(sample) - 1
-    plain = shapely.get_num_interior_rings(sample) == 0
-    for name, chosen in (
-        ("optimal:half-perimeter", ~plain),
-        ("optimal:half-perimeter", plain & (sizes > COMPILED)),
-        ("ear-clipping", plain & (sizes <= 12)),
-        ("delaunay", plain & (sizes <= 12)),
-    ):
-        polygons = sample[chosen][:1000]
-        with ModelDatabase(tmp_path / "model.sqlite") as database:
-            triangulate_batch(polygons, name, {}, database)  # compiles, computes, keeps
-            begun = time.perf_counter()
-            triangulate_batch(polygons, name, {})
-            computing = time.perf_counter() - begun
-            begun = time.perf_counter()
-            batch = triangulate_batch(polygons, name, {}, database)
-            reading = time.perf_counter() - begun
-        each = 1e6 / len(polygons)
-        print(f"{name}: computing {computing * each:.0f} us, reading {reading * each:.0f} us")
-        assert batch.read == len(polygons)
-        assert reading < computing

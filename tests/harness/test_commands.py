@@ -13,8 +13,9 @@ import pytest
 import trimesh
 
 from harness.commands.export import COMPILING
-from harness.export.triangulation import triangulate_batch
+from harness.export.apart import triangulate_many
 from harness.profile.fitting import COSTS
+from harness.triangulating.database import ModelDatabase
 from tests.harness.test_cli import MOCK, assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -75,8 +76,8 @@ def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, ar
 
 
 def test_the_cache_can_be_looked_at_and_emptied(harness):
-    large = ["city:buildings=20", "--triangulator", "delaunay", "-o", "city.npz", "--quiet"]
-    assert harness("triangulate", *large)[0] == 0
+    with ModelDatabase() as database:
+        database.put_many("delaunay", [(b"key", np.zeros((1, 3), np.int32))])
     code, out, _ = harness("cache", "info")
     assert code == 0
     assert "cache.sqlite" in out
@@ -93,13 +94,13 @@ def test_polygons_that_fail_are_left_out_and_the_exit_code_says_so(block, harnes
     """The fan leaves out the courtyard: two of three footprints are in the file."""
     out = ("-o", "out") if many else ("-o", "block.npz")
     source = str(block.with_name("*.geojson")) if many else str(block)
-    code, said, err = harness("triangulate", source, *out, "--triangulator", "fan", "--no-cache")
+    code, said, err = harness("triangulate", source, *out, "--triangulator", "fan")
     assert code == 5
     assert "2 polygons, " in said
     assert f"error: 1 polygon failed; the rest is in {out[1]}" in err
     assert "failed 1: " in err
     assert Path(out[1]).exists()
-    given = ("triangulate", source, *out, "--triangulator", "strip", "--no-cache")
+    given = ("triangulate", source, *out, "--triangulator", "strip")
     assert not many or harness(*given)[0] == 2  # the folder is of another triangulator
 
 
@@ -124,7 +125,7 @@ def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch
 
 def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
     monkeypatch.setattr("harness.commands.export.SAID_AFTER_S", 0.0)
-    monkeypatch.setattr("harness.export.export.triangulate_batch", _slowly(triangulate_batch))
+    monkeypatch.setattr("harness.export.export.triangulate_many", _slowly(triangulate_many))
     code, _, err = harness("triangulate", str(block), "-o", "block.obj")
     assert code == 0
     assert COMPILING in err

@@ -22,15 +22,9 @@ Change = str
 
 def lost(before: Path, after: Path) -> list[Change]:
     """Say what is not byte for byte as it was, beside indices of triangles; [] if all is."""
-    kind = before.suffix
-    if kind in (".glb", ".gltf"):
+    if before.suffix in (".glb", ".gltf"):
         return list(_gltf(before, after))
-    one, other = before.read_bytes(), after.read_bytes()
-    if kind == ".obj":
-        return _lines(one, other, rb"f ")
-    if kind == ".ply":
-        return _ply(one, other)
-    return _stl(one, other)
+    return _lines(before.read_bytes(), after.read_bytes(), rb"f ")
 
 
 def closed(path: Path) -> bool:
@@ -127,46 +121,3 @@ def _lines(one: bytes, other: bytes, face: bytes) -> list[Change]:
         if not a.startswith(face) or len(words[0]) != len(words[1]) or ends[0] != ends[1]:
             return [f"line {a!r}"]
     return []
-
-
-def _ply(one: bytes, other: bytes) -> list[Change]:
-    head, mark, content = one.partition(b"end_header\n")
-    if not other.startswith(head + mark):
-        return ["header"]
-    rest = other[len(head) + len(mark) :]
-    counts = [int(each) for each in re.findall(rb"element \w+ (\d+)", head)]
-    if b"ascii" in head:
-        rows = [data.split(b"\n") for data in (content, rest)]
-        if rows[0][: counts[0]] != rows[1][: counts[0]]:
-            return ["vertices"]
-        faces = [[row.split() for row in each[counts[0] :]] for each in rows]
-        same = all(a[:1] == b[:1] and a[4:] == b[4:] for a, b in zip(*faces, strict=True))
-        return [] if same else ["faces"]
-    if len(content) != len(rest):
-        return ["size"]
-    size = (len(content) - _faces_size(head, counts[1])) // counts[0] * counts[0]
-    if content[:size] != rest[:size]:
-        return ["vertices"]
-    rows = [np.frombuffer(data[size:], "u1").reshape(counts[1], -1) for data in (content, rest)]
-    kept = np.r_[0, 13 : rows[0].shape[1]]
-    return [] if (rows[0][:, kept] == rows[1][:, kept]).all() else ["faces"]
-
-
-def _faces_size(head: bytes, count: int) -> int:
-    tail = head.partition(b"element face")[2]
-    return count * (13 + 2 * tail.count(b"property ushort"))
-
-
-def _stl(one: bytes, other: bytes) -> list[Change]:
-    if one.lstrip().startswith(b"solid") and b"facet" in one:
-        both = [data.splitlines() for data in (one, other)]
-        rows = [[line for line in lines if b"vertex" not in line] for lines in both]
-        words = [sorted(set(data.split())) for data in (one, other)]
-        return [] if rows[0] == rows[1] and words[0] == words[1] else ["text"]
-    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attribute", "<u2")])
-    rows = [np.frombuffer(data, kind, offset=84) for data in (one, other)]
-    same = one[:84] == other[:84] and all(
-        (rows[0][name] == rows[1][name]).all() for name in ("normal", "attribute")
-    )
-    places = [{tuple(place) for place in each["corners"].reshape(-1, 3).tolist()} for each in rows]
-    return [] if same and places[0] == places[1] else ["normals, attributes or places"]

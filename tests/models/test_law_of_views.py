@@ -11,7 +11,7 @@ from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
 from harness.triangulating.seen import original
-from tests.models.thirty import solid
+from tests.models.various import solid
 
 
 def test_the_mean_manhattan_length_over_all_views_is_the_length():

@@ -7,7 +7,6 @@ import pytest
 
 from harness.models.gltf_file import GltfFile
 from harness.models.in_place import Changes, retriangulate
-from scenes import SceneError
 from tests.models.build import KITE, LONG, Builder
 
 BLENDED = "a blended material shows in which order triangles are drawn"
@@ -91,29 +90,6 @@ def test_obj_whose_smooth_normals_are_made_of_its_triangles(tmp_path, beside, le
 def test_obj_with_normals_may_be_smooth(tmp_path):
     faces = "s 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 3//1 4//1 5//1\n"
     assert of_text(POINTS + faces, tmp_path)[0].changed == 1
-
-
-def ply(vertex: str = "", values: str = "", face: str = "", more: str = "") -> str:
-    rows = "".join(f"{x:g} {y:g} {z:g}{values}\n" for x, y, z in KITE.tolist())
-    axes = "".join(f"property float {axis}\n" for axis in "xyz")
-    return (
-        f"ply\nformat ascii 1.0\nelement vertex 4\n{axes}{vertex}element face 2\n"
-        f"property list uchar int vertex_indices\n{face}end_header\n{rows}"
-        f"3 0 1 2{more}\n3 0 2 3{more}\n"
-    )
-
-
-def test_ply_without_normals_is_said_to_be_shaded_otherwise(tmp_path):
-    (note,) = of_text(ply(), tmp_path, ".ply")[0].notes
-    assert "it holds no normals" in note
-    normals = "".join(f"property float n{axis}\n" for axis in "xyz")
-    assert of_text(ply(normals, " 0 0 1"), tmp_path, ".ply")[0].notes == set()
-
-
-def test_lists_on_faces_of_a_text_are_refused_as_of_binary(tmp_path):
-    text = ply(face="property list uchar float texcoord\n", more=" 6 0 0 1 0 1 1")
-    with pytest.raises(SceneError, match="a list of texcoord"):
-        of_text(text, tmp_path, ".ply")
 
 
 def test_what_is_left_is_counted(tmp_path):

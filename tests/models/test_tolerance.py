@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-
 import numpy as np
 import pytest
 
@@ -62,29 +60,11 @@ def obj(points: np.ndarray) -> bytes:
     return "\n".join([*lines, "f 1 2 3", "f 1 3 4", ""]).encode()
 
 
-def stl(points: np.ndarray) -> bytes:
-    corners = ["vertex {:.3f} {:.3f} {:.3f}".format(*row) for row in points.tolist()]
-    lines = ["solid a"]
-    for row in LONG.tolist():
-        lines += ["facet normal 0 0 1", "outer loop", *(corners[each] for each in row)]
-        lines += ["endloop", "endfacet"]
-    return "\n".join([*lines, "endsolid a"]).encode()
-
-
-def ply(points: np.ndarray, kind: str = "double") -> bytes:
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    head += [f"property {kind} {axis}" for axis in "xyz"]
-    head += ["element face 2", "property list uchar int vertex_indices", "end_header", ""]
-    data = points.astype("<f8" if kind == "double" else "<f4").tobytes()
-    return "\n".join(head).encode() + data + b"".join(struct.pack("<B3i", 3, *r) for r in LONG)
-
-
-@pytest.mark.parametrize("made", [obj, stl, ply])
-def test_a_roof_in_map_coordinates_is_bent(tmp_path, made):
+def test_a_roof_in_map_coordinates_is_bent(tmp_path):
     """Single precision is off by half a unit there, but these are no single numbers."""
-    source = tmp_path / f"roof.{made.__name__}"
+    source = tmp_path / "roof.obj"
     for rise, flat in ((1, 0), (0, 1)):
-        source.write_bytes(made(far(rise)))
+        source.write_bytes(obj(far(rise)))
         done = retriangulate(source, source.with_stem("out"))
         assert done.changed == flat
 
@@ -103,10 +83,3 @@ def test_a_vertex_that_no_triangle_uses_is_no_measure(tmp_path):
     primitive = builder.primitive(np.vstack([KITE, KITE[:1]]), LONG)
     primitive["attributes"]["TEXCOORD_0"] = builder.accessor(maps.astype("<f4"))
     assert changed(builder, tmp_path) == 0
-
-
-@pytest.mark.parametrize("kind", ["double", "float"])
-def test_so_it_is_in_ply(tmp_path, kind):
-    source = tmp_path / "stray.ply"
-    source.write_bytes(ply(STRAY, kind))
-    assert retriangulate(source, tmp_path / "out.ply").changed == 0

@@ -33,23 +33,21 @@ def crash(folder: str, name: str) -> None:
 
 def crash_on_far(*arguments: Any) -> Any:
     """Triangulate a part; a footprint east of `FAR` ends the process as a fault in C would."""
-    import shapely  # these take long to load, and the other tasks need none of them
-
-    from harness.export import export
+    from harness.export import export  # these take long to load, and the other tasks need none
     from harness.scaling.triangulated import do_part
 
-    triangulate = export.triangulate_batch
+    triangulate = export.triangulate_many
 
     def triangulate_or_crash(polygons: Any, *more: Any) -> Any:
-        if (shapely.bounds(polygons)[:, 0] > FAR).any():
+        if (polygons.coordinates[:, 0] > FAR).any():
             ctypes.string_at(0)
         return triangulate(polygons, *more)
 
-    export.triangulate_batch = triangulate_or_crash
+    export.triangulate_many = triangulate_or_crash
     try:
         return do_part(*arguments)
     finally:
-        export.triangulate_batch = triangulate
+        export.triangulate_many = triangulate
 
 
 def times(folder: Path) -> dict[str, int]:

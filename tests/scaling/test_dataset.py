@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
-from harness.export.triangulation import triangulate_batch
+from harness.export.apart import triangulate_many
 from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.task_queue import Alone
@@ -32,7 +32,7 @@ def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footpr
     summary = complete(parts, tmp_path / "out")
     assert ids(tmp_path / "out") == list(range(EVERY))
     assert summary.polygons == summary.proven == EVERY
-    found = triangulate_batch(footprints, OPTIONS.triangulator, {})
+    found = triangulate_many(footprints, OPTIONS.triangulator)
     assert summary.triangles == len(found.triangles)
     tables = pa.concat_tables(rows(tmp_path / "out"))
     areas = shapely.area(shapely.from_wkb(tables["geometry"].to_numpy()))

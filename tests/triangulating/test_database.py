@@ -8,10 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
-from harness.export import ModelDatabase, default_path, export_file
-from harness.export.triangulation import COMPILED, triangulate_batch
 from harness.triangulating import database as model
-from scenes import load
+from harness.triangulating.database import ModelDatabase, default_path
 
 SOME = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 
@@ -172,51 +170,3 @@ def test_default_path(monkeypatch, tmp_path):
     assert default_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
     monkeypatch.setenv("RASTER_HARNESS_CACHE", "/somewhere/else")
     assert default_path() == Path("/somewhere/else")
-
-
-@pytest.mark.parametrize("name", ["delaunay", "optimal:half-perimeter", "ear-clipping"])
-def test_a_second_batch_reads_what_the_first_computed(path, name):
-    polygons = np.asarray(load("city", buildings=80).polygons)
-    plain = triangulate_batch(polygons, name, {})
-    with ModelDatabase(path) as database:
-        first = triangulate_batch(polygons, name, {}, database)
-        second = triangulate_batch(polygons, name, {}, database)
-    assert first.read == 0
-    sizes = np.diff(np.r_[0, plain.arrays.ring_ends][np.r_[0, plain.arrays.polygon_ends]])
-    holed = np.array([len(p.interiors) > 0 for p in polygons])
-    worth = (sizes > COMPILED) | holed if name.startswith("optimal") else np.full(len(sizes), True)
-    assert second.read == worth.sum() > 0
-    for batch in (first, second):
-        assert (batch.starts == plain.starts).all()
-        assert (batch.triangles == plain.triangles).all()
-
-
-def test_failures_are_not_kept(path):
-    polygons = np.asarray(load("city", buildings=60).polygons)
-    with ModelDatabase(path) as database:
-        first = triangulate_batch(polygons, "fan", {}, database)
-        second = triangulate_batch(polygons, "fan", {}, database)
-    assert first.failed
-    assert second.failed == first.failed
-    assert second.read == 60 - len(first.failed)
-
-
-def test_a_users_function_is_not_kept(path):
-    polygons = np.asarray(load("city", buildings=5).polygons)
-    with ModelDatabase(path) as database:
-        triangulate_batch(polygons, f"{__name__}:by_delaunay", {}, database)
-        assert database.info().entries == 0
-
-
-def by_delaunay(polygon):
-    from triangulators import triangulate
-
-    return triangulate(polygon, "delaunay")
-
-
-def test_an_export_reads_what_another_computed(path, tmp_path):
-    with ModelDatabase(path) as database:
-        first = export_file("city:buildings=40", tmp_path / "a.obj", "delaunay", database=database)
-        second = export_file("city:buildings=40", tmp_path / "b.obj", "delaunay", database=database)
-    assert (first.read, second.read) == (0, 40)
-    assert (tmp_path / "a.obj").read_bytes() == (tmp_path / "b.obj").read_bytes()

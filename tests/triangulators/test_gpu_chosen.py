@@ -206,7 +206,7 @@ def test_the_command_line_gives_the_same_file_on_every_device(harness, tmp_path,
     remember("llvmpipe", measured()._replace(**driver()))
     source = square_file(tmp_path)
     for device in ("llvmpipe", "cpu"):
-        given = ["triangulate", str(source), "--no-cache", "--device", device]
+        given = ["triangulate", str(source), "--device", device]
         code, out, err = harness(*given, "-o", f"{device}.npz")
         assert (code, "4 polygons" in out) == (0, True), err
     assert named == [("llvmpipe", 4)]

@@ -19,7 +19,7 @@ from scenes import SceneError
 from tests.fuzz.damage import byte_edit, edit_bytes
 from tests.fuzz.target import target
 
-KINDS = ("glb", "obj", "ply", "stl")
+KINDS = ("glb", "obj")
 
 
 @functools.cache

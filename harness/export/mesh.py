@@ -10,7 +10,24 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.export.triangulation import Batch
+from triangulators.batch.triangulate_many import Ragged
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Triangulations of a batch.
+
+    arrays : the polygons as ragged arrays; triangles : (M, 3) int32, each polygon's as indices into
+    its own vertices; starts : (p + 1,), where each one's begin; failed : polygon number to reason;
+    compiled : (p,) those that compiled code did, an optimum exactly; None where none is.
+    """
+
+    arrays: Ragged
+    triangles: NDArray[np.int32]
+    starts: NDArray[np.int64]
+    failed: dict[int, str]
+    compiled: NDArray[np.bool_] | None
+
 
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)")
 
@@ -44,10 +61,6 @@ class Mesh:
     def vertex_owners(self) -> NDArray[np.int64]:
         """(n,), the polygon of each vertex."""
         return np.repeat(np.arange(self.polygons), np.diff(self.vertex_starts))
-
-    def corners(self) -> NDArray[np.float64]:
-        """(m, 3, 3) corners of the triangles, z = 0 for a flat mesh."""
-        return with_z(self.vertices)[self.triangles]
 
 
 def with_z(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -154,11 +167,3 @@ def without(mesh: Mesh, gone: NDArray[np.bool_]) -> Mesh:
         np.r_[0, np.cumsum(np.diff(mesh.triangle_starts)[~gone])],
         mesh.attributes[~gone].reset_index(drop=True),
     )
-
-
-def plan_area(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> float:
-    """Area of triangles (m, 3) of (n, 2 or 3) vertices seen from above."""
-    # about a corner of each triangle: far from the origin the plain formula loses digits
-    a, b, c = (vertices[triangles[:, k], :2] for k in range(3))
-    u, v = b - a, c - a
-    return float(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2)

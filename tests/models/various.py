@@ -441,39 +441,6 @@ def grouped_obj(path: Path) -> Path:
     return path
 
 
-def ply(encoding: str) -> Callable[[Path], Path]:
-    def make(path: Path) -> Path:
-        path.write_bytes(trimesh.exchange.ply.export_ply(solid(), encoding=encoding))
-        return path
-
-    return make
-
-
-def big_endian_ply(path: Path) -> Path:
-    """With colours of vertices and labels of faces."""
-    mesh = solid()
-    head = ["ply", "format binary_big_endian 1.0", f"element vertex {len(mesh.vertices)}"]
-    head += [f"property float {axis}" for axis in "xyz"] + ["property uchar red"]
-    head += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
-    head += ["property ushort label", "end_header", ""]
-    vertices = np.zeros(len(mesh.vertices), [("xyz", ">f4", 3), ("red", "u1")])
-    vertices["xyz"], vertices["red"] = mesh.vertices, 200
-    faces = np.zeros(len(mesh.faces), [("n", "u1"), ("row", ">i4", 3), ("label", ">u2")])
-    faces["n"], faces["row"], faces["label"] = 3, mesh.faces, 7
-    path.write_bytes("\n".join(head).encode() + vertices.tobytes() + faces.tobytes())
-    return path
-
-
-def stl(*, text: bool) -> Callable[[Path], Path]:
-    def make(path: Path) -> Path:
-        made = trimesh.exchange.stl.export_stl_ascii if text else trimesh.exchange.stl.export_stl
-        content = made(solid())
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return make
-
-
 def plain(path: Path) -> Path:
     solid().export(path)
     return path
@@ -505,9 +472,4 @@ MODELS: dict[str, Callable[[Path], Path]] = {
     "plain.obj": obj,
     "textured.obj": textured_obj,
     "grouped.obj": grouped_obj,
-    "text.ply": ply("ascii"),
-    "binary.ply": ply("binary"),
-    "big-endian.ply": big_endian_ply,
-    "binary.stl": stl(text=False),
-    "text.stl": stl(text=True),
 }
