@@ -76,7 +76,7 @@ def _versions() -> str:
 def main() -> None:
     """Run the command line; every error is one line and an exit code, which is never 1.
 
-    1 means a regression, so nothing but `compare` and `repeat` may end with it, on purpose.
+    1 means a regression, so nothing but `compare` may end with it, on purpose.
     """
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
         from harness.measuring import server

@@ -90,7 +90,7 @@ for scene in $scenes; do
         --triangulators $peers --budget $budget --quiet --out "$to/gains-${scene%%:*}"
 done
 step validate "$to/validate-city/correlations.csv" \
-    "$python" -m harness validate --scene city --resolution 512 --device "$device" \
+    "$python" -m harness study validate --scene city --resolution 512 --device "$device" \
     --rasterisers opengl,bounding-box "${study[@]}" --quiet --out "$to/validate-city"
 # The optimum for H in compute shaders: whether it is the CPU's, and its polygons a second.
 step "optimum, equality" "$to/optimum-equality.txt" optimum
@@ -104,7 +104,7 @@ if "$python" -c 'import wgpu' 2>/dev/null; then
         --rasterisers webgpu --triangulators $peers --budget $budget --quiet --out "$to/webgpu-city"
 fi
 step "gains over all" "$to/gains/gains.csv" \
-    "$python" -m harness gains "$to"/gains-*/ --out "$to/gains"
+    "$python" -m harness study gains "$to"/gains-*/ --out "$to/gains"
 
 if [ ${#failed[@]} -gt 0 ]; then
     printf '\nfailed: %s\n' "$(IFS=,; echo "${failed[*]}")"

@@ -98,14 +98,14 @@ COMMANDS = {
     ),
     "import": Command(*[("import", "saved.json", "-o", "out", "-q")] * 2, records, 15),
     "report": Command(*[("report", "RUN", "-o", "out.html")] * 2, digest, 10),
-    "gains": Command(*[("gains", "RUN", "--out", "out")] * 2, tables, 5),
+    "gains": Command(*[("study", "gains", "RUN", "--out", "out")] * 2, tables, 5),
     "history": Command(*[("history", "RUN", "SECOND", "--all", "--out", "out")] * 2, tables, 5),
     "inspect": Command(*[("inspect", "paper", "--every", "paper", "--out", "out")] * 2, tables, 5),
     "page": Command(*[("page", "RUN", "-o", "out.html")] * 2, digest, 10),
     "census": Command(*[("census", "block.geojson", "-o", "out", "-q")] * 2, counted, 10),
     "study": Command(
         *[
-            ("study", "block.geojson", "--out", "out", "--quick", "-q", "--resolution", "64")
+            ("study", "all", "block.geojson", "--out", "out", "--quick", "-q", "--resolution", "64")
             + ("--rasterisers", "reference")
         ]
         * 2,

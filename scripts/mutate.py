@@ -50,7 +50,7 @@ TESTS = {
     "harness/measuring/timing.py": "tests/measuring/test_timing.py",
     "harness/scaling/merging.py": "tests/scaling/test_merging.py",
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
-    "harness/study/statistics.py": "tests/study/test_statistics.py tests/study/test_spread.py",
+    "harness/study/correlations.py": "tests/study/test_correlations.py tests/study/test_spread.py",
     "harness/study/regret.py": "tests/study/test_regret.py",
     "harness/profile/fitting.py": "tests/profile/test_fitting.py tests/profile/test_law.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"

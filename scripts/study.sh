@@ -55,14 +55,14 @@ done
 
 # Does a criterion predict what was measured? Twice: the second study must say the same.
 for name in validate-city validate-city-again; do
-    once $to/llvmpipe/$name "${harness[@]}" validate --scene city --resolution 512 \
+    once $to/llvmpipe/$name "${harness[@]}" study validate --scene city --resolution 512 \
         --rasterisers opengl,bounding-box,scanline --device llvmpipe --budget 0.05
 done
 for device in llvmpipe zink softpipe; do # softpipe's compute shaders take some minutes
-    once $to/$device/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
+    once $to/$device/validate-paper "${harness[@]}" study validate --scene paper --resolution 512 \
         --rasterisers opengl,bounding-box,scanline --device $device
 done
-once $to/osmesa/validate-paper "${harness[@]}" validate --scene paper --resolution 512 \
+once $to/osmesa/validate-paper "${harness[@]}" study validate --scene paper --resolution 512 \
     --rasterisers osmesa,pyrender --device osmesa
 
 # Rotation, of triangulations made at 0 degrees and anew; arithmetic a fragment and samples a pixel.
@@ -85,7 +85,7 @@ for scene in city helsinki glyphs counties; do
         --resolution 1024 --order native,walk,vertex-cache --triangulators $some --budget 1
 done
 if [[ orders == *"$only"* ]]; then
-    "${harness[@]}" gains $to/llvmpipe/orders-*/ --bases ear-clipping,delaunay \
+    "${harness[@]}" study gains $to/llvmpipe/orders-*/ --bases ear-clipping,delaunay \
         --out $to/llvmpipe/orders
 fi
 
@@ -121,30 +121,30 @@ devices osmesa osmesa osmesa
 devices webgpu llvmpipe webgpu-llvmpipe
 devices webgpu lavapipe webgpu-lavapipe
 
-once $to/osmesa/validate-city "${harness[@]}" validate --scene city --resolution 512 \
+once $to/osmesa/validate-city "${harness[@]}" study validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers osmesa --device osmesa --budget 0.05
-once $to/zink/validate-city "${harness[@]}" validate --scene city --resolution 512 \
+once $to/zink/validate-city "${harness[@]}" study validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers opengl,bounding-box --device zink --budget 0.05
-once $to/softpipe/validate-city "${harness[@]}" validate --scene city --resolution 512 \
+once $to/softpipe/validate-city "${harness[@]}" study validate --scene city --resolution 512 \
     --polygons 12 --work 0 --rasterisers opengl --device softpipe --budget 0.05
 
 # Weighing A against D.
 for scene in paper city; do
-    once $to/llvmpipe/pareto-$scene "${harness[@]}" pareto --scene $scene --resolution 512 \
+    once $to/llvmpipe/pareto-$scene "${harness[@]}" study pareto --scene $scene --resolution 512 \
         --rasterisers opengl,bounding-box --device llvmpipe --budget 0.3
 done
 
 # What trusting a criterion costs, timed on two devices.
 for scene in city helsinki glyphs counties; do
     for device in llvmpipe zink; do
-        once $to/$device/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+        once $to/$device/regret-$scene "${harness[@]}" study validate --scene $scene --work 0 \
             --rasterisers opengl --device $device --resolution 256,1024 --budget 0.05 \
             --polygons $(few $scene 12)
     done
 done
 
 if [[ gains == *"$only"* ]]; then
-    "${harness[@]}" gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
+    "${harness[@]}" study gains $to/llvmpipe/gains-*/ --out $to/llvmpipe/gains
 fi
 if [[ validate-city-again == *"$only"* ]]; then
     "${harness[@]}" compare $to/llvmpipe/validate-city $to/llvmpipe/validate-city-again --repeat
@@ -152,13 +152,13 @@ fi
 
 # The same, counted on the CPU reference.
 for scene in city helsinki glyphs counties; do
-    once $to/cpu/regret-$scene "${harness[@]}" validate --scene $scene --work 0 \
+    once $to/cpu/regret-$scene "${harness[@]}" study validate --scene $scene --work 0 \
         --rasterisers reference --resolution 256,1024 --polygons $(many $scene) --budget 0.004
 done
 
 # H depends on the size at which slivers are drawn; counters of the CPU reference show how.
 for scene in city helsinki; do
-    once $to/cpu/validate-$scene-sizes "${harness[@]}" validate --scene $scene --work 0 \
+    once $to/cpu/validate-$scene-sizes "${harness[@]}" study validate --scene $scene --work 0 \
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done
 

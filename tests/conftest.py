@@ -110,7 +110,7 @@ def no_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     monkeypatch.setattr("harness.study.matrix.plot_study", lambda *_: [])
     monkeypatch.setattr("harness.study.regret.plot_regret", lambda *_: None)
-    monkeypatch.setattr("harness.study.pareto_plot.plot", lambda *_: [])
+    monkeypatch.setattr("harness.study.pareto.plot", lambda *_: [])
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ writes the figures anew.
 
     lookups    one figure, or one row, of a file
     findings, readme, others, profiles   the figures of each document
-    claims     those that `raster-harness study` sets beside what it finds
+    claims     those that `raster-harness study all` sets beside what it finds
 """
 
 from __future__ import annotations

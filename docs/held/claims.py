@@ -1,4 +1,4 @@
-"""The figures of `harness/study/our_figures.py`: each claim of `study`, on our own scenes."""
+"""The figures of `harness/study/our_figures.py`: each claim of `study all`, on our own scenes."""
 
 from __future__ import annotations
 

@@ -201,8 +201,8 @@ def _compare_repeated(first: Path, second: Path) -> None:
     verdict on the pair: faster, slower, or no difference shown, which means that the two are too
     close for the time spent. Exits with 1 if a counter differs.
     """
+    from harness.compare.repeat import repeat as agreement
     from harness.stored.folder import read_run
-    from harness.study.repeat import repeat as agreement
 
     found = agreement(read_run(first).records, read_run(second).records)
     if not found.cases:

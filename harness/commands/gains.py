@@ -1,4 +1,4 @@
-"""`harness gains`: what the choice of a triangulator gains, over several runs."""
+"""`harness study gains`: what the choice of a triangulator gains, over several runs."""
 
 from __future__ import annotations
 

@@ -97,33 +97,33 @@ COMMANDS = {
         "Show what changed over runs, in the order they were made.",
         ("history results",),
     ),
-    "gains": Entry(
-        COMPARE,
-        "gains:gains",
-        "Compare each triangulator's time with the bases', in all views; say which one was faster.",
-        (f"gains {RUN} --out results/gains",),
-    ),
-    "validate": Entry(
+    "study validate": Entry(
         STUDY,
         "validate:validate",
         "Say how well each criterion predicts the measured cost, within single polygons.",
-        ("validate --scene city --quick",),
+        ("study validate --scene city --quick",),
     ),
-    "study": Entry(
+    "study gains": Entry(
         STUDY,
-        "study:study",
-        "Say which of our findings hold on your data: validation, gains, regret and rotation, "
-        "bundled.",
-        ("study buildings.geojson --out results/study --quick",),
+        "gains:gains",
+        "Compare each triangulator's time with the bases', in all views; say which one was faster.",
+        (f"study gains {RUN} --out results/gains",),
     ),
-    "pareto": Entry(
+    "study pareto": Entry(
         STUDY,
         "pareto:pareto",
         "Measure the Pareto front of the paper's A and D, and the sweep of their weights.",
         (
-            "pareto --scene paper",
-            "pareto --scene city --polygons 4 --budget 0.2",
+            "study pareto --scene paper",
+            "study pareto --scene city --polygons 4 --budget 0.2",
         ),
+    ),
+    "study all": Entry(
+        STUDY,
+        "study:study",
+        "Say which of our findings hold on your data: validation, gains, regret and rotation, "
+        "bundled.",
+        ("study all buildings.geojson --out results/study --quick",),
     ),
     "census": Entry(
         STUDY,
@@ -180,9 +180,23 @@ COMMANDS = {
     ),
 }
 
+GROUPS = {
+    "study": Entry(
+        STUDY,
+        "",
+        "Study criteria and choices: validate, gains and pareto; all of them on your data.",
+        (),
+    ),
+}
+"""Commands that have commands of their own: in `COMMANDS`, their names come after this one."""
+
 
 def load(name: str) -> Any:
     """Import a command and return it as click has it, its examples below its help."""
+    if name in GROUPS:
+        return CommandGroup(
+            before=f"{name} ", name=name, help=GROUPS[name].summary, no_args_is_help=True
+        )
     module, _, attribute = COMMANDS[name].function.partition(":")
     function = getattr(import_module(f"harness.commands.{module}"), attribute)
     # Paragraphs wrap at any width.
@@ -191,7 +205,7 @@ def load(name: str) -> Any:
     # In plain text: Rich's table of options would cut long defaults off.
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     alone.command(
-        name,
+        name.rpartition(" ")[2],
         cls=CheckedCommand,
         help="\n\n".join(paragraphs),
         epilog="\n\n".join(["Examples:", *lines]),
@@ -225,20 +239,22 @@ def _wrong(value: Any) -> str:
 
 
 class CommandGroup(typer.core.TyperGroup):
-    """The group of all commands: each is imported when it is called, not when it is listed."""
+    """A group of commands: each is imported when it is called, not when it is listed.
 
-    def __init__(self, **settings: Any) -> None:
+    before : what the names of its commands begin with in `COMMANDS`; "" for the group of all
+    """
+
+    def __init__(self, before: str = "", **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands = {
-            name: typer.core.TyperCommand(
-                name,
-                help=entry.summary,
-                rich_help_panel=entry.panel,
-            )
-            for name, entry in COMMANDS.items()
-        }
+        self._before = before
+        for name, entry in ({} if before else GROUPS | COMMANDS).items() or COMMANDS.items():
+            own = name.removeprefix(before)
+            if name.startswith(before) and " " not in own:
+                self.commands[own] = typer.core.TyperCommand(
+                    own, help=entry.summary, rich_help_panel=entry.panel
+                )
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Return what `args` call, imported."""
         name, command, rest = super().resolve_command(ctx, args)
-        return name, load(name) if name and command else command, rest
+        return name, load(self._before + name) if name and command else command, rest

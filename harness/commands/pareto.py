@@ -1,4 +1,4 @@
-"""`harness pareto`: triangulations between the least A and the least D; which are faster."""
+"""`harness study pareto`: triangulations between the least A and the least D; which are faster."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ def pareto(
     from harness.report import write_report
     from harness.stored import atomic
     from harness.study import pareto as study
-    from harness.study import pareto_answer, pareto_plot
     from harness.triangulating.recipes import parse_all
     from scenes.spec import label
 
@@ -77,10 +76,8 @@ def pareto(
         with atomic.folder(folder, added=True) as made:
             study.front_table(fronts).to_csv(made / "fronts.csv", index=False)
             table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
-            pareto_plot.plot(table, fronts, Path(label(scene)).stem, made / "plots")
+            study.plot(table, fronts, Path(label(scene)).stem, made / "plots")
         write_report(run)
-    pareto_answer.print_table(table, label(scene), Console(highlight=False))
-    for line in (*pareto_answer.sentences(table), *pareto_answer.remarks(run.records, fronts)):
-        typer.echo(line)
+    study.print_table(table, label(scene), Console(highlight=False))
     typer.echo(f"study: {folder}")
     require_all(run)

@@ -1,4 +1,4 @@
-"""`harness study`: do our findings hold on other data?"""
+"""`harness study all`: do our findings hold on other data?"""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harness.commands.gains import gains
 from harness.commands.run import run
 from harness.commands.validate import validate
 from harness.errors import Inconclusive, NothingMeasured, UsageError
-from harness.study.design import Design
+from harness.study.subjects import Design
 
 ANGLES = options.Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
 

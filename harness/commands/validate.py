@@ -1,4 +1,4 @@
-"""`harness validate`: does a criterion predict what was measured?"""
+"""`harness study validate`: does a criterion predict what was measured?"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.console import Console
 
 from harness.commands import options
 from harness.progress import Reporter
-from harness.study.design import Design
+from harness.study.subjects import Design
 
 COUNTED_ON_THE_CPU = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
@@ -58,7 +58,7 @@ def validate(
     from harness.rasterisers.base import Options
     from harness.report import write_report
     from harness.stored import atomic
-    from harness.study import analysis, extremes, matrix, regret
+    from harness.study import correlations, matrix, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
     from harness.triangulating.recipes import parse_all
     from scenes import Scene
@@ -86,16 +86,14 @@ def validate(
 
     run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
     with reporter.stage("correlating", 1):
-        table = analysis.measure_table(run.records)
+        table = correlations.measure_table(run.records)
         with atomic.folder(run.path, added=True) as made:
-            correlations, sizes = analysis.write(table, made)
-            matrix.plot_study(correlations, sizes, table, made)
-            ends = extremes.write(run.records, made)
+            ranked = correlations.write(table, made)
+            matrix.plot_study(ranked, table, made)
             lost = regret.write(run.records, made)
         write_report(run)
-    matrix.print_matrix(correlations, Console())
+    matrix.print_matrix(ranked, Console())
     regret.print_regret(lost, Console())
-    extremes.print_claim(ends, "overdraw", Console())
     if (few := table["polygon"].nunique()) < ENOUGH:
         typer.echo(f"{few} polygons say little; by default a study has {Design.polygons}")
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")

@@ -14,6 +14,9 @@ from harness.stored.folder import Record, Run
 USUAL_BASE = "ear-clipping"
 """What ratios are given against unless told otherwise: what most programs use today."""
 
+SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
+"""Criteria that, when they are all equal, show two names for one triangulation."""
+
 
 def group_of(record: Record) -> tuple[Any, ...]:
     """Return what the records that may be compared with each other have in common."""
@@ -26,6 +29,16 @@ def groups(records: Sequence[Record]) -> list[list[Record]]:
     """Split records into those measured alike but for the triangulator."""
     ordered = sorted(records, key=lambda record: repr(group_of(record)))
     return [list(members) for _, members in groupby(ordered, key=group_of)]
+
+
+def without_twins(records: Sequence[Record]) -> list[Record]:
+    """Return the records of one polygon and view, the first of each triangulation."""
+    seen: dict[tuple[float, ...], Record] = {}
+    for record in records:
+        predicted = record["predicted"]
+        if all(name in predicted for name in SAME):  # damage can take one away
+            seen.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
+    return list(seen.values())
 
 
 def base_of(members: Sequence[Record]) -> Record | None:

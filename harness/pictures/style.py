@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 from harness.stored.folder import file_stem
 
 if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
     from rich.table import Table
     from rich.text import TextType
 
@@ -154,6 +156,51 @@ def scatter(
         label=label,
         rasterized=rasterized,
     )
+
+
+def scatter_over_medians(
+    panel: Axes, table: pd.DataFrame, x: str, y: str, by: Sequence[str]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw two columns' marks over the medians of each polygon, random triangulations below.
+
+    by : the columns that say which rows are of one polygon; returns the marks, x and y
+    """
+    of_polygon = table.groupby(list(by))
+    across = table[x] / of_polygon[x].transform("median")
+    up = table[y] / of_polygon[y].transform("median")
+    families = table["triangulator"].map(family_of)
+    shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
+    many = len(table) > MOST_VECTOR_MARKS
+    for name in reversed(shown):
+        own = (families == name) & (across > 0) & (up > 0)
+        scatter(panel, across[own], up[own], shown[name], name, alpha=0.6, rasterized=many)
+    return across.to_numpy(float), up.to_numpy(float)
+
+
+def panels(
+    count: int, size: tuple[float, float], title: str, across: int = 9, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a title and so many panels, at most `across` of them beside each other.
+
+    size : of a panel, in inches; shared : what Matplotlib's `subplots` takes
+    """
+    from matplotlib.figure import Figure
+
+    wide = min(across, count)
+    high = -(-count // wide)
+    figure = Figure(figsize=(max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6))
+    places = figure.subplots(high, wide, squeeze=False, **shared).ravel().tolist()
+    for panel in places[count:]:
+        panel.set_visible(False)
+    figure.suptitle(title, fontsize=9)
+    return figure, places[:count]
+
+
+def legend_below(figure: Figure, places: Sequence[Axes], columns: int) -> None:
+    """Write below a figure what its panels' marks mean, each once."""
+    told = (panel.get_legend_handles_labels() for panel in places)
+    handles = {text: each for two in told for each, text in zip(*two, strict=True)}
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
 def plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:

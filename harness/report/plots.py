@@ -25,16 +25,15 @@ from harness.pictures.style import (
     MOST_VECTOR_MARKS,
     TWO_COLUMNS,
     draw,
-    family_of,
     looks,
     scatter,
+    scatter_over_medians,
 )
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
 from harness.study import polygon_ranking
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -162,7 +161,9 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     return _judged(
         ranks,
         measure,
-        lambda panel, criterion: _spread_marks(panel, table, criterion, measure),
+        lambda panel, criterion: scatter_over_medians(
+            panel, table, criterion, measure, ["polygon"]
+        ),
         [name for name in of_measure(measure) if name in table],
         "the polygon's median",
         f"Which criterion predicts {find(measure).label} within a polygon? {where['scene']}, "
@@ -170,21 +171,6 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
         "triangulated in many ways; one mark per triangulation",
         height=3.8,
     )
-
-
-def _spread_marks(
-    panel: Axes, table: pd.DataFrame, criterion: str, measure: str
-) -> tuple[Marks, Marks]:
-    by_polygon = table.groupby("polygon")
-    x = table[criterion] / by_polygon[criterion].transform("median")
-    y = table[measure] / by_polygon[measure].transform("median")
-    families = table["triangulator"].map(family_of)
-    shown = looks([name for name in dict.fromkeys(families) if name != "random"] + ["random"])
-    for name in reversed(shown):  # random ones below all others
-        own = (families == name) & (x > 0) & (y > 0)
-        many = len(table) > MOST_VECTOR_MARKS
-        scatter(panel, x[own], y[own], shown[name], name, alpha=0.6, rasterized=many)
-    return x.to_numpy(np.float64), y.to_numpy(np.float64)
 
 
 def _panels(ranks: Mapping[str, float]) -> list[str]:

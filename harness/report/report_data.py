@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from harness.figures import views
 from harness.figures.advice import advice
 from harness.figures.decision import Standing, decide, explained
@@ -16,15 +19,16 @@ from harness.figures.polygons import Columns, columns_of, correlation_of_ratios,
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.machine import state
 from harness.pictures.style import looks
-from harness.report import facts, matrix_table, packing
-from harness.report.answer import answer_of_study, criteria_of
+from harness.report import facts
+from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings
 from harness.stored.checking import FITS, USUAL_OPTIONS
-from harness.stored.drawings import view_of
+from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
 from harness.study import polygon_ranking
-from harness.study.statistics import Estimate
+from harness.study.correlations import Estimate
 from harness.summary import row_of
+from harness.webpages.single_file import encoded
 
 MOST_MARKS = 6_000
 """Marks of one chart: a polygon under one triangulator each."""
@@ -33,6 +37,9 @@ MOST_VALUES = 600_000
 """Per-polygon numbers that one report carries."""
 
 FEWEST_POLYGONS = 12
+
+MOST_TRIANGLES = 1_500_000
+"""Triangles that one report carries for its heatmaps, over all triangulators and views."""
 
 Content = dict[str, Any]
 
@@ -78,9 +85,9 @@ def content_of(run: Run) -> Content:
         for measure, values in correlations.items():
             told.append(((group["rasteriser"], group["device"], measure), values, group["view"]))
     folder = run.path if run.path.is_dir() else run.path.parent
-    study = matrix_table.from_study(folder)
+    study = from_study(folder)
     first = content["groups"][0]["view"] if content["groups"] else ""
-    content["matrices"] = study or matrix_table.from_run(
+    content["matrices"] = study or from_run(
         (where, values) for where, values, view in told if view == first
     )
     content["study"] = answer_of_study(study)
@@ -124,14 +131,14 @@ class _Polygons:
         return columns
 
     def _add_view(self, key: str, record: Record, polygons: int) -> None:
-        chosen = self._chosen[key] = packing.choose(polygons, self._most)
+        chosen = self._chosen[key] = choose(polygons, self._most)
         view = {"polygons": polygons, "chosen": chosen.tolist(), "predicted": {}, "drawing": None}
         kept = drawings.read(self._run, view_of(record))
         if kept is not None and len(kept.offsets) == polygons + 1:
             share = len(chosen) / max(1, polygons)
             triangles = sum(len(rows) for rows in kept.triangles.values())
-            if triangles * share <= packing.MOST_TRIANGLES / (1 + len(self.views)):
-                view["drawing"] = packing.pack(kept, chosen)
+            if triangles * share <= MOST_TRIANGLES / (1 + len(self.views)):
+                view["drawing"] = pack(kept, chosen)
         self.views[key] = view
 
     def within(self, record: Record, measure: str | None) -> dict[str, Estimate]:
@@ -266,3 +273,45 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.7g}") if math.isfinite(value) else None
     return value
+
+
+def choose(polygons: int, most: int) -> NDArray[np.int64]:
+    """Return the numbers, in order, of at most `most` polygons: all, or a fixed random sample."""
+    if polygons <= most:
+        return np.arange(polygons, dtype=np.int64)
+    chosen = np.random.default_rng(0).choice(polygons, size=most, replace=False)
+    return np.sort(chosen).astype(np.int64)
+
+
+def pack(geometry: Geometry, chosen: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the `chosen` polygons' points and triangles, JSON-ready.
+
+    points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; `sizes` vertices each
+    triangles : triangulator -> {"counts", "rows"}: triangles of each polygon, and base64 of
+        uint32 indices into that polygon's own points
+    """
+    starts, stops = geometry.offsets[:-1][chosen], geometry.offsets[1:][chosen]
+    sizes = stops - starts
+    take = _spans(starts, sizes)
+    packed = {
+        "points": encoded(geometry.points[take].astype("<i4")),
+        "sizes": sizes.tolist(),
+        "source": geometry.source[chosen].tolist(),
+        "triangles": {},
+    }
+    for name, triangles in geometry.triangles.items():
+        owner = np.searchsorted(geometry.offsets, triangles[:, 0], side="right") - 1
+        first = np.searchsorted(owner, chosen, side="left")
+        counts = np.searchsorted(owner, chosen, side="right") - first
+        rows = triangles[_spans(first, counts)] - np.repeat(starts, counts)[:, None]
+        packed["triangles"][name] = {
+            "counts": counts.tolist(),
+            "rows": encoded(rows.astype("<u4")),
+        }
+    return packed
+
+
+def _spans(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
+    before = np.cumsum(lengths) - lengths
+    return np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths)

@@ -11,38 +11,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from rich.console import Console
 
 from harness.errors import UsageError
 from harness.figures.groups import groups, time_ratio
 from harness.figures.polygons import PREDICTED, columns_of
-from harness.figures.ratios import Ratio
+from harness.figures.ratios import FASTER, SLOWER
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
+from harness.pictures.style import draw, legend_below, looks, panels, plain_table
 from harness.stored.folder import Record, Run
-from harness.study.design import Design
-from harness.study.subjects import choose_polygons
+from harness.study.subjects import Design, choose_polygons
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry
-from triangulators.methods import exhaustive
-from triangulators.methods.count_triangulations import count_triangulations
 from triangulators.methods.pareto import LIMIT, pareto_front
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
 NAMED = (
-    "fan",
-    "ear-clipping",
-    "delaunay",
-    "sweep",
-    "greedy",
-    "max-area",
-    "optimal:overdraw",
-    "optimal:shape",
-    "optimal:half-perimeter",
-    "optimal:edge-length",
+    *("fan", "ear-clipping", "delaunay", "sweep", "greedy", "max-area"),
+    *("optimal:overdraw", "optimal:shape", "optimal:half-perimeter", "optimal:edge-length"),
 )
 """Triangulators that are compared with the front; those that are not installed are left out."""
 
@@ -51,9 +49,6 @@ STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 MOST_POINTS = 15
 """Most points of one front that are measured; a longer front is sampled evenly, with both ends."""
-
-MOST_SHOWN = 500
-"""A polygon with at most this many triangulations has all of them plotted beside the front."""
 
 WHOLE = "all"
 """`polygon` of the rows about the whole scene."""
@@ -64,6 +59,9 @@ NORMALISED = ("overdraw_over_area", "shape_a_triangle")
 SAME = 1e-9
 """Costs with a smaller relative difference are equal."""
 
+COLOURS_OF_TIME = "PuOr_r"
+"""Purple is faster, orange slower: told apart with any kind of colour vision."""
+
 
 def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
     """Return the full name of the optimum for these weights."""
@@ -73,8 +71,8 @@ def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
 SWEEP = (mixture(1, 0), *(mixture(1, step) for step in STEPS), mixture(0, 1))
 """The sweep, from A alone to D alone."""
 
-WITHOUT_C, WITH_C = mixture(1, 1), mixture(1, 1, 1)
-"""Two optima that are one if C changes nothing."""
+WITH_C = mixture(1, 1, 1)
+"""The same triangulations as without C, whose weight changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,11 @@ class MeasuredFront:
 
     costs : (f, 2), A in px^2 and D in degrees, ascending in A
     chosen : the numbers of the points that are measured
-    everything : (t, 2), the costs of all triangulations, None where there are too many to show
     """
 
     polygon: int
     costs: NDArray[np.float64]
     chosen: tuple[int, ...]
-    everything: NDArray[np.float64] | None = None
 
 
 def named() -> tuple[str, ...]:
@@ -115,36 +111,22 @@ def take_apart(
     if alone or polygons:
         design = Design(polygons=max(polygons, 1), most_vertices=LIMIT)
         for number, part in choose_polygons(scene, design):
-            front = _front(number, part, view)
-            if front is None:
+            drawn = make_frame(part.polygons, view).polygons
+            if len(drawn) != 1 or drawn[0].interiors:  # the grid breaks it
                 continue
-            points = tuple(f"pareto#{k}" for k in front.chosen)
+            costs = pareto_front(drawn[0], "overdraw", "shape").costs
+            steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
+            chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
+            points = tuple(f"pareto#{k}" for k in chosen)
             sweep = (*SWEEP, WITH_C) if alone else ()
             name = f"{label}#{number}"
             parts.append(Part(name, part, parse_all((*points, *named(), *sweep))))
-            fronts[name] = front
+            fronts[name] = MeasuredFront(number, costs, chosen)
     if not alone:
         parts.append(Part(label, scene, parse_all((*SWEEP, WITH_C, *named()))))
     if not parts:
         raise UsageError(f"{scene.name}: its polygon breaks apart at {view.resolution} px")
     return parts, fronts
-
-
-def _front(number: int, scene: Scene, view: View) -> MeasuredFront | None:
-    """Return the front of a scene's only polygon, None if the grid breaks it."""
-    frame = make_frame(scene.polygons, view)
-    if len(frame.polygons) != 1 or frame.polygons[0].interiors:
-        return None
-    polygon = frame.polygons[0]
-    costs = pareto_front(polygon, "overdraw", "shape").costs
-    steps = np.linspace(0, len(costs) - 1, min(MOST_POINTS, len(costs)))
-    chosen = tuple(dict.fromkeys(np.rint(steps).astype(int).tolist()))
-    if count_triangulations(polygon) > MOST_SHOWN:
-        return MeasuredFront(number, costs, chosen)
-    every = exhaustive.tabulate(polygon)
-    return MeasuredFront(
-        number, costs, chosen, np.column_stack((every["overdraw"], every["shape"]))
-    )
 
 
 def front_table(fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
@@ -168,7 +150,8 @@ def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
         good = [record for record in members if record["status"] == "ok"]
         most = max((record["polygons"] for record in good), default=0)
         whole = [record for record in good if record["polygons"] == most]
-        base = least_overdraw_end(whole)
+        by_name = {record["triangulator"]: record for record in whole}
+        base = by_name.get("pareto#0", by_name.get(SWEEP[0]))
         if base is not None:
             front = fronts.get(base["scene"])
             rows += [_row(run, record, base, front) for record in whole]
@@ -176,54 +159,31 @@ def pareto_table(run: Run, fronts: Mapping[str, MeasuredFront]) -> pd.DataFrame:
     return table if table.empty else _with_undominated(table, fronts)
 
 
-def least_overdraw_end(records: Sequence[Record]) -> Record | None:
-    """Return the record of a group that times are compared with."""
-    by_name = {record["triangulator"]: record for record in records}
-    return by_name.get("pareto#0", by_name.get(SWEEP[0]))
-
-
 def _row(run: Run, record: Record, base: Record, front: MeasuredFront | None) -> dict[str, object]:
+    """Return a row; `base` is the least-A end, with which times are compared."""
     name = record["triangulator"]
     ratio = time_ratio(record, base)
+    kind = "sweep" if name.startswith("optimal:mixed") else "named"
+    weights: Sequence[float | None] = (None, None, None)
+    if kind == "sweep":
+        weights = [float(each) for each in (name.partition("=")[2] or "1/1/1").split("/")]
+    one, other = record["predicted"], base["predicted"]
+    alike = ("overdraw", "shape", "half_perimeter", "edge_length")
     return {
         "polygon": WHOLE if front is None else str(front.polygon),
-        "kind": _kind(name),
+        "kind": "front" if name.startswith("pareto#") else kind,
         "triangulator": name,
-        **_weights(name),
-        **{which: record["predicted"][which] for which in ("overdraw", "shape", "half_perimeter")},
-        "same_as_end": same(record, base),
+        **dict(zip(("alpha", "beta", "gamma"), weights, strict=True)),
+        **{which: one[which] for which in ("overdraw", "shape", "half_perimeter")},
+        "same_as_end": all(abs(one[n] - other[n]) <= SAME * abs(other[n]) for n in alike),
         **dict(zip(NORMALISED, _normalised(run, record, base), strict=True)),
         **{which: record["counters"].get(which) for which in ("helper_lanes", "bbox_tests")},
         **{which: record[which] for which in ("rasteriser", "device", "resolution")},
-        **_of_ratio(ratio),
+        "time_ratio": ratio and ratio.value,
+        "ci_low": ratio and ratio.low,
+        "ci_high": ratio and ratio.high,
+        "verdict": ratio and ratio.verdict,
     }
-
-
-def _of_ratio(ratio: Ratio | None) -> dict[str, object]:
-    columns = {"time_ratio": "value", "ci_low": "low", "ci_high": "high", "verdict": "verdict"}
-    return {name: None if ratio is None else getattr(ratio, of) for name, of in columns.items()}
-
-
-def same(record: Record, base: Record) -> bool:
-    """Whether two records are of one triangulation, as their criteria show."""
-    one, other = record["predicted"], base["predicted"]
-    names = ("overdraw", "shape", "half_perimeter", "edge_length")
-    return all(abs(one[name] - other[name]) <= SAME * abs(other[name]) for name in names)
-
-
-def _kind(name: str) -> str:
-    if name.startswith("pareto#"):
-        return "front"
-    return "sweep" if name.startswith("optimal:mixed") else "named"
-
-
-def _weights(name: str) -> dict[str, float | None]:
-    """Return alpha, beta and gamma of a mixture's name, None for anything else."""
-    letters = ("alpha", "beta", "gamma")
-    if _kind(name) != "sweep":
-        return dict.fromkeys(letters)
-    written = name.partition("=")[2] or "1/1/1"
-    return dict(zip(letters, map(float, written.split("/")), strict=True))
 
 
 def _normalised(run: Run, record: Record, base: Record) -> tuple[float, float]:
@@ -267,3 +227,106 @@ def undominated(costs: NDArray[np.float64], others: NDArray[np.float64]) -> NDAr
     as_good = (others[None] <= costs[:, None] + slack).all(axis=2)
     better = (others[None] < costs[:, None] - slack).any(axis=2)
     return np.asarray(~(as_good & better).any(axis=1))
+
+
+def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
+    """Print a row for each polygon, rasteriser and device: how many points are faster or slower.
+
+    Of a whole scene, the points are the steps of its sweep. Noise is how far from 1 the ratio of
+    the least-A end to itself is, under its other names.
+    """
+    title = f"{scene}: time in ratio to the least-A end of the front of A and D"
+    numbers = (">points", ">slower", ">faster", ">best", ">noise")
+    shown = plain_table(title, "polygon", "rasteriser", *numbers, "fastest of all")
+    for (polygon, rasteriser, _), part in table.groupby(
+        ["polygon", "rasteriser", "device"], sort=False
+    ):
+        kind = "front" if (part["kind"] == "front").any() else "sweep"
+        timed = part.dropna(subset=["time_ratio"])
+        others = timed[~timed["same_as_end"]]
+        points = others[(others["kind"] == kind) & (others["gamma"].fillna(0) == 0)]
+        twins = timed.loc[timed["same_as_end"] & (timed["time_ratio"] != 1), "time_ratio"]
+        fastest = others.nsmallest(1, "time_ratio")
+        shown.add_row(
+            str(polygon),
+            str(rasteriser),
+            str(len(points) + 1),
+            *(str((points["verdict"] == verdict).sum()) for verdict in (SLOWER, FASTER)),
+            "-" if points.empty else f"{points['time_ratio'].min():.3f}",
+            "-" if twins.empty else f"{100 * (twins - 1).abs().max():.1f} %",
+            *([f"{r.time_ratio:.3f} {r.triangulator}" for r in fastest.itertuples()] or ["-"]),
+        )
+    console.print(shown)
+
+
+def plot(
+    table: pd.DataFrame, fronts: Mapping[str, MeasuredFront], scene: str, folder: Path
+) -> list[Path]:
+    """Draw D against A, a panel a polygon and a figure for each rasteriser and device."""
+    files = []
+    for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
+        title = f"{scene}, {part['resolution'].iloc[0]} px: {rasteriser} on {device}"
+        files += draw(folder, f"pareto-{scene}-{rasteriser}-{device}", _figure, part, fronts, title)
+    return files
+
+
+def _figure(rows: pd.DataFrame, fronts: Mapping[str, MeasuredFront], title: str) -> Figure:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    known = {str(front.polygon): front for front in fronts.values()}
+    parts = {str(polygon): part for polygon, part in rows.groupby("polygon", sort=False)}
+    figure, places = panels(len(parts), across=3, size=(2.9, 2.9), title=title)
+    # Nine tenths of the ratios set the scale: one slow fan must not make all others look alike.
+    logs = np.log(rows.loc[~rows["same_as_end"], "time_ratio"].dropna().to_numpy(float))
+    limit = max(0.01, float(np.quantile(np.abs(logs), 0.9)) if len(logs) else 0.0)
+    scale = Normalize(-limit, limit)
+    for panel, (polygon, part) in zip(places, parts.items(), strict=True):
+        _front(panel, part, known.get(polygon))
+        _triangulations(panel, part, scale)
+        panel.set_title("whole scene" if polygon == WHOLE else f"polygon {polygon}", fontsize=7)
+        panel.set_xlabel("A over the area")
+        panel.set_ylabel("D per triangle (degrees)")
+    legend_below(figure, places, columns=5)
+    bar = figure.colorbar(
+        ScalarMappable(scale, colormaps[COLOURS_OF_TIME]), ax=places, extend="both"
+    )
+    ticks = np.linspace(-limit, limit, 5)
+    bar.set_ticks(ticks.tolist(), labels=[f"{ratio:.2f}" for ratio in np.exp(ticks)])
+    bar.set_label("time in ratio to the least-A end (ringed: faster)")
+    return figure
+
+
+def _front(panel: Axes, part: pd.DataFrame, front: MeasuredFront | None) -> None:
+    """Draw a polygon's front as its steps, or of a scene the hull that the sweep reaches."""
+    x, y = NORMALISED
+    line: Any = {"color": "#777777", "linewidth": 1}
+    if front is None:
+        sweep = part[(part["kind"] == "sweep") & (part["gamma"] == 0)].sort_values(x, kind="stable")
+        panel.plot(sweep[x], sweep[y], **line)
+        return
+    first = part.iloc[0]  # its area (px^2) and number of triangles turn costs into the axes'
+    scale = np.array([first["overdraw"] / first[x], first["shape"] / first[y]])
+    panel.step(*(front.costs / scale).T, where="post", **line)
+
+
+def _triangulations(panel: Axes, part: pd.DataFrame, scale: Normalize) -> None:
+    """Draw triangulations in the colour of their times, each name by its symbol."""
+    from matplotlib import colormaps
+
+    symbols = looks(NAMED)
+    for name, row in zip(part["triangulator"], part.to_dict("records"), strict=True):
+        ratio, kind = row["time_ratio"], row["kind"]
+        timed = ratio is not None and ratio == ratio
+        panel.scatter(
+            row[NORMALISED[0]],
+            row[NORMALISED[1]],
+            marker=symbols[name].marker if kind == "named" else ".",
+            label=name if kind == "named" else f"of the {kind}",
+            color=colormaps[COLOURS_OF_TIME](scale(np.log(ratio))) if timed else "#CCCCCC",
+            edgecolors="black" if row["verdict"] == FASTER else "#777777",
+            linewidths=1.3 if row["verdict"] == FASTER else 0.5,
+            s=24,
+            zorder=3,
+        )

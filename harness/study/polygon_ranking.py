@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from harness.figures.groups import SAME
 from harness.figures.registry import predictions
 from harness.frame import View
 from harness.measuring.worker import Worker
 from harness.stored import atomic, drawings
 from harness.stored.folder import Run
-from harness.study.analysis import SAME
+from harness.study.correlations import Estimate, within
 from harness.study.counted_ways import MEASURES, count_ways
-from harness.study.statistics import Estimate, median_within
 
 FILE = "spread.csv"
 
@@ -63,7 +63,7 @@ def estimate(table: pd.DataFrame, criterion: str, measure: str) -> Estimate:
         (polygon[criterion].to_numpy(float), polygon[measure].to_numpy(float))
         for _, polygon in table.groupby("polygon")
     ]
-    return median_within("spearman_within", columns)
+    return within(columns)
 
 
 def ranks(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:

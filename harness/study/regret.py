@@ -8,7 +8,7 @@ was measured; of all else it is the best that was measured.
 Times need care. The least of many noisy medians is lower than any true time, so that even the best
 triangulation would show a regret; and what one part of the rounds calls best is not the best in
 another part. So a regret of a time has two ends, between which the truth is on average: see
-`harness.study.statistics.regret_ends`. The parts are repeats or epochs, which share no buffers.
+`regret_ends`. The parts are repeats or epochs, which share no buffers.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from harness.figures.correlation import Column
 from harness.figures.groups import groups
-from harness.figures.intervals import FEWEST
+from harness.figures.intervals import FEWEST, UNKNOWN, mean_interval
 from harness.figures.ratios import blocks
 from harness.figures.registry import find, measures, predictions
 from harness.pictures.style import COLOURS, draw, family_of, plain_table
 from harness.stored.folder import Record
-from harness.study.analysis import TIME, label
-from harness.study.design import LEAST
-from harness.study.statistics import regret_ends, regret_interval
+from harness.study.correlations import TIME, label
+from harness.study.subjects import LEAST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +50,35 @@ SUMMARY = (
     *KEYS,
     *("polygons", "least_known", "mean", "ci_low", "ci_high", "median", "p95", "worst"),
 )
+
+
+def regret_ends(values: Column, chosen: int) -> tuple[float, float]:
+    """Return the regret of the candidate `chosen` against the best, from below and from above.
+
+    values : (k, b) costs of k candidates in b independent blocks of noisy measurements
+
+    The best of noisy costs is too low, and what seems best in one block is not the best in another.
+    So the plug-in figure, against the least mean over all blocks, is too high on average; the
+    cross-fitted one, against the candidate that the other blocks call best, is too low, and may be
+    below 0. The truth's expectation is between them: the minimum is concave (Jensen's inequality).
+    """
+    logs = np.log(values)
+    means = logs.mean(axis=1)
+    count = logs.shape[1]
+    others = (means[:, None] * count - logs) / (count - 1)
+    best = others.argmin(axis=0)
+    crossed = (logs[chosen] - logs[best, np.arange(count)]).mean()
+    plugged = means[chosen] - means.min()
+    return float(np.expm1(crossed)), float(np.expm1(plugged))
+
+
+def regret_interval(low: Column, high: Column) -> tuple[float, float]:
+    """Return the 95 % interval of mean regret, of `regret_ends` of each polygon, (p,) each.
+
+    No less than 0, for nothing is better than the best; NaN where the polygons do not tell it.
+    """
+    ends = mean_interval(low)[0], mean_interval(high)[1]
+    return (max(0.0, ends[0]), ends[1]) if np.isfinite(ends).all() else UNKNOWN
 
 
 def regret_table(records: Sequence[Record]) -> pd.DataFrame:

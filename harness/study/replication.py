@@ -17,8 +17,7 @@ import pandas as pd
 from harness.figures.intervals import FEWEST
 from harness.figures.registry import find
 from harness.study import our_figures
-from harness.study.analysis import TIME
-from harness.study.statistics import TOO_FEW
+from harness.study.correlations import TIME, TOO_FEW
 
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
 TURNED = "@0"

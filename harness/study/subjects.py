@@ -8,7 +8,7 @@ criterion, and at random, uniformly over all of its triangulations.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -16,17 +16,38 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.study.design import LEAST, STEERED, Design
 from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
 from triangulators import registry
-from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
 
 NOT_NAMED = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
 """Triangulators that are not methods a program would choose by name."""
 
 FEWEST_VERTICES = 8
 """A smaller polygon has too few triangulations (at most 42 at seven) to rank."""
+
+STEERED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
+"""Criteria whose optimal and worst triangulations are measured."""
+
+LEAST = "optimal:exact-quads"
+"""What regret is measured against: no triangulation shades fewer quads. Large ones are skipped."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Size of a study.
+
+    polygons : how many are drawn from the scene
+    random : random triangulations of each
+    most_vertices : larger polygons are left out, because their optima take long
+    all_below : a polygon with fewer triangulations than this has all of them measured instead of
+        random ones, among them those with T-junctions that the paper's method makes
+    """
+
+    polygons: int = 24
+    random: int = 30
+    most_vertices: int = 400
+    all_below: int = 100
 
 
 def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
@@ -75,6 +96,8 @@ def _alone(scene: Scene, number: int) -> Scene:
 
 def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]:
     """Return all triangulations to measure of a polygon without holes."""
+    from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
+
     named = [
         name
         for name, entry in registry.BUILTIN.items()

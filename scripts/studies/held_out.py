@@ -16,8 +16,7 @@ from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import EMPTY, REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study.design import Design
-from harness.study.subjects import choose_polygons
+from harness.study.subjects import Design, choose_polygons
 from harness.triangulating.recipes import parse
 from scenes import Scene
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval, ratio_interval
 from harness.figures.ratios import RUN_SCATTER, of_any_run, paired_ratio
-from harness.study.statistics import by_polygon, median_estimate, regret_ends, regret_interval
+from harness.study.correlations import by_polygon, median_estimate
+from harness.study.regret import regret_ends, regret_interval
 
 REGRETS = Path("results/reference/cpu/regret-city/regret_by_polygon.csv")
 DECIDED = "of which one polygon has a quarter"
@@ -224,7 +225,7 @@ def _compared(polygons: int) -> Callable[[np.random.Generator], Trial]:
             noise = rng.uniform(0.1, 1.0)
             for each in columns:
                 each.append((truth + noise * rng.standard_normal(20), truth))
-        one, two = (by_polygon("spearman_within", each) for each in columns)
+        one, two = (by_polygon(each) for each in columns)
         estimate = median_estimate("", one - two)
         return Trial((estimate.low, estimate.high), _percentile(one - two, rng, np.median), 0.0)
 

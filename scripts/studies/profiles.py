@@ -52,7 +52,7 @@ from harness.profile.fitting import COSTS, costs_of, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study.statistics import regret_ends, regret_interval
+from harness.study.regret import regret_ends, regret_interval
 from scripts.studies.held_out import Draw, HeldOut, held_out_draws, time_draws
 from scripts.studies.missing_terms import drawn
 

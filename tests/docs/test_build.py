@@ -43,7 +43,7 @@ def test_the_build_has_every_page(site):
 def test_the_reference_has_every_command_option_and_name(site):
     commands = (site / "reference" / "commands.html").read_text()
     for name in COMMANDS:
-        assert f'id="{name}"' in commands
+        assert f'id="{name.replace(" ", "-")}"' in commands
     for option in ("--triangulators", "--gate", "--resume", "--threshold"):
         assert option in commands
     names = (site / "reference" / "names.html").read_text()

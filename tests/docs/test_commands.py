@@ -18,9 +18,9 @@ from tests.paths import ROOT
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 COUNTERS = "--gate counters"
 LONG = (
-    "study",
-    "validate",
-    "pareto",
+    "study all",
+    "study validate",
+    "study pareto",
     "profile",
     "page --profile",
     "doctor",

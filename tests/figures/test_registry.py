@@ -21,7 +21,7 @@ from harness.pictures.style import looks
 from harness.rasterisers import counters
 from harness.report.report_data import content_of
 from harness.stored.folder import read_run
-from harness.study import analysis
+from harness.study import correlations
 from harness.summary import print_summary, write_csv
 from tests.harness.test_summary import record
 from triangulators import criteria
@@ -89,8 +89,8 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
         a_record(name, number, {"helper_lanes": 50 + number, "quads": 90 + number}, scene="city#1")
         for number, name in enumerate(NAMES)
     ]
-    correlations = analysis.correlate(analysis.measure_table(records))
-    assert "sparkle-length" in set(correlations["criterion"])
+    found = correlations.correlate(correlations.measure_table(records))
+    assert "sparkle-length" in set(found["criterion"])
     content = content_of(read_run(a_run(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
     assert content["figures"]["sparkle_length"]["title"] == "sparkle K"

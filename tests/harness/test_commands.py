@@ -149,7 +149,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     """The mock's times go with its counters, so who is ahead is known beforehand."""
     run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
-    code, _, _ = harness("gains", "run", "--out", "gains")
+    code, _, _ = harness("study", "gains", "run", "--out", "gains")
     assert code == 0
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"ear-clipping", "delaunay"}
@@ -157,7 +157,9 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
     assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
     names = [path.name for path in Path("gains/plots").iterdir()]
     assert any(name.startswith("gain-resolution-") for name in names)
-    code, out, _ = harness("gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping")
+    code, out, _ = harness(
+        "study", "gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping"
+    )
     assert code == 0
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"optimal:overdraw", "ear-clipping"}
@@ -165,7 +167,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
         own = table[table["base"] == base]
         beaten = own[own["verdict"] == "faster"]["resolution"].nunique()
         assert f"{base}: no other was shown to be faster in {2 - beaten} of 2 views" in out
-    code, _, err = harness("gains", "run", "--out", "gains", "--bases", "nothing")
+    code, _, err = harness("study", "gains", "run", "--out", "gains", "--bases", "nothing")
     assert code == 2
     assert_one_line(err, "unknown triangulator")
 
@@ -173,7 +175,7 @@ def test_gains_set_times_against_a_base_and_say_who_is_beaten(harness, block):
 def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch):
     run = ("run", "--scene", str(block), "--resolution", "64", "--out", "run", *MOCK)
     assert harness(*run, "--triangulators", "ear-clipping,delaunay")[0] == 0
-    assert harness("gains", "run", "--out", "gains")[0] == 0
+    assert harness("study", "gains", "run", "--out", "gains")[0] == 0
     before = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
 
     def cut_off(_table, folder):
@@ -182,7 +184,7 @@ def test_gains_that_are_cut_off_leave_what_was_there(harness, block, monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr("harness.study.gains.plot", cut_off)
-    assert harness("gains", "run", "--out", "gains", "--bases", "delaunay")[0] == 130
+    assert harness("study", "gains", "run", "--out", "gains", "--bases", "delaunay")[0] == 130
     after = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
     assert after == before
 
@@ -198,7 +200,7 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     monkeypatch.setattr(
         "harness.pictures.style.save", lambda figure, _, name: [figures.setdefault(name, figure)]
     )
-    assert harness("gains", "still", "turned", "--out", "gains")[0] == 0
+    assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0
     (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]
     line = figures[name].axes[0].lines[0]
     assert list(line.get_xdata()) == [0, 10, 20]
@@ -211,7 +213,9 @@ def test_gains_pair_no_times_of_different_runs(harness, block):
         run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
         fit = ("--fit", "circle" if out == "round" else "box")
         assert harness(*run, *fit, "--triangulators", triangulators)[0] == 0
-    code, out, _ = harness("gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay")
+    code, out, _ = harness(
+        "study", "gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay"
+    )
     assert code == 0
     table = pd.read_csv("gains/gains.csv")
     box = table[table["fit"] == "box"]

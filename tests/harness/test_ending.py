@@ -125,7 +125,7 @@ def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "command", [["history", "run", "again"], ["gains", "run"], ["report", "run"]]
+    "command", [["history", "run", "again"], ["study", "gains", "run"], ["report", "run"]]
 )
 @pytest.mark.parametrize("place", ["/proc/none", "file"])
 def test_a_folder_that_cannot_be_written_is_one_line(harness, stored, command, place):

@@ -122,7 +122,7 @@ def test_gains_and_comparisons_say_so(two, harness):
         file = run.path / "run.json"
         file.write_text(json.dumps(run.facts))
     folders = [str(run.path) for run in two]
-    code, out, _ = harness("gains", *folders, "--out", "gains")
+    code, out, _ = harness("study", "gains", *folders, "--out", "gains")
     assert code == 0
     assert f"several processors, whose times stay apart: llvmpipe on {EPYC}, {XEON}" in out
     table = Path("gains/gains.csv").read_text()

@@ -40,7 +40,7 @@ def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):
         assert record["time"]["epochs"] == [2] * 6
     assert Path("phone/report.html").is_file()
     assert harness("report", "phone")[0] == 0
-    code, _, err = harness("gains", "phone", "--out", "gains")
+    code, _, err = harness("study", "gains", "phone", "--out", "gains")
     assert code == 0, err
     code, out, _ = harness("compare", "phone", "phone")
     assert code == 0

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from harness.figures.intervals import FEWEST
 from harness.figures.registry import find
-from harness.study.analysis import label
+from harness.study.correlations import label
 from harness.study.regret import (
     COLUMNS,
     SUMMARY,
@@ -19,12 +19,12 @@ from harness.study.regret import (
     main_measures,
     plot_regret,
     print_regret,
+    regret_interval,
     regret_table,
     summarise,
     write,
     written,
 )
-from harness.study.statistics import regret_interval
 
 NAMES = ("optimal:exact-quads", "optimal:half-perimeter", "random#0", "random#1", "worst:overdraw")
 QUADS = (100, 103, 110, 120, 150)

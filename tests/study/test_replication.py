@@ -10,8 +10,8 @@ import pytest
 
 from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.study import our_figures
-from harness.study.design import Design
 from harness.study.replication import CLAIMS, Evidence, judge, page
+from harness.study.subjects import Design
 from tests.conftest import exit_code
 
 
@@ -148,7 +148,7 @@ def test_the_page_sets_ours_beside_what_was_found():
 
 
 def test_two_data_sets_of_one_name_are_refused(harness):
-    code, _, err = harness("study", "a/city.geojson", "b/city.geojson", "--out", "study")
+    code, _, err = harness("study", "all", "a/city.geojson", "b/city.geojson", "--out", "study")
     assert code == 2
     assert "rename one" in err
 
@@ -163,7 +163,7 @@ def small(monkeypatch):
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
 def test_a_small_study_is_measured_once(harness):
-    arguments = ("study", "city:buildings=20", "--out", "study", "--quick")
+    arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
     arguments += ("--rasterisers", "reference", "--resolution", "64")
     code, out, _ = harness(*arguments)
     assert code == 0
@@ -180,7 +180,7 @@ def test_a_small_study_is_measured_once(harness):
 def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     source = tmp_path / "squares.wkt"
     source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
-    arguments = ("study", str(source), "--out", "study", "--quick")
+    arguments = ("study", "all", str(source), "--out", "study", "--quick")
     code, out, _ = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
     assert code == 0
     assert "validate: squares" in out
@@ -229,7 +229,7 @@ def _measured_nothing(**_: object) -> None:
 def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeypatch):
     for name in ("validate", "run"):
         monkeypatch.setattr(f"harness.commands.study.{name}", _refused)
-    code, _, err = harness("study", "city", "--out", "out")
+    code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 2
     assert "error: no polygon without holes" in err
     assert not Path("out").exists()
@@ -238,7 +238,7 @@ def test_what_every_part_refuses_is_refused_and_nothing_is_made(harness, monkeyp
 def test_a_study_of_which_nothing_can_be_judged_measured_nothing(harness, monkeypatch):
     monkeypatch.setattr("harness.commands.study.validate", _refused)
     monkeypatch.setattr("harness.commands.study.run", _measured_nothing)
-    code, _, err = harness("study", "city", "--out", "out")
+    code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 4
     assert err.count("error: ") == 1
     assert "no finding could be judged" in err
@@ -256,10 +256,10 @@ def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch
         exact, compared(**USUAL), lost=0.002, chosen=0.9, walked=0.95, turned=(0.92, 0.99)
     )
     monkeypatch.setattr("harness.study.replication.read", lambda folder: found)
-    code, out, err = harness("study", "city", "--out", "out")
+    code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
     assert "error: in 3 of 4 parts of the study cases failed" in err
     assert "city: 11 of 11 findings hold" in out
     assert [path.name for path in asked] == ["choice", "walked", "turned"]
     monkeypatch.setattr("harness.commands.study.run", lambda **_: None)
-    assert harness("study", "city", "--out", "out")[0] == 0
+    assert harness("study", "all", "city", "--out", "out")[0] == 0

@@ -10,12 +10,12 @@ import pytest
 
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
-from harness.report.answer import criteria_of
+from harness.report.matrix import criteria_of
 from harness.report.report_data import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
 from harness.study import counted_ways, polygon_ranking
-from harness.study.analysis import difference, ranks
+from harness.study.correlations import difference, ranks
 from scenes import load
 from tests.conftest import exit_code
 from triangulators import triangulate

@@ -1,7 +1,7 @@
 /* The matrix of criteria and measurements, shaded by how well each criterion predicts each measurement. */
 
 function shadeOf(matrix, value) {
-  if (value === null || !/^(spearman|kendall)/.test(matrix.statistic)) return null;
+  if (value === null) return null;
   const strength = Math.round(Math.min(1, Math.abs(value)) ** 2 * 55);
   return `background: color-mix(in srgb, var(${value < 0 ? "--bad" : "--accent"}) ${strength}%, var(--paper))`;
 }
@@ -19,7 +19,7 @@ function drawMatrix() {
   const body = matrix.rows.map((row, i) => element("tr", {}, element("th", { scope: "row", title: meaning(row.name.replaceAll("-", "_")) }, row.title), ...matrix.columns.map((_, j) => {
     const [value, low, high] = matrix.cells[i][j] ?? [null, null, null];
     if (value === null) return element("td", { title: "the same for every triangulation, or not measured" }, "–");
-    const is = value === best[j] && !matrix.statistic.startsWith("slope");
+    const is = value === best[j];
     const interval = low !== null && high !== null ? element("small", {}, `${low.toFixed(3)} to ${high.toFixed(3)}`) : null;
     return element("td", { style: shadeOf(matrix, value), class: is ? "best" : null }, value.toFixed(3), is ? element("span", { class: "unseen" }, " best") : null, interval);
   })));
@@ -34,7 +34,7 @@ function setUpMatrix() {
   $("matrix-note").textContent = study
     ? "Small numbers are 95 % intervals. The best criterion of a column is framed."
     : `Of all polygons and triangulators in ${groups[0]?.condition ?? ""}, in ratio to ${groups[0]?.base ?? ""} on the same polygon. `
-      + "The best of a column is framed. harness validate judges criteria on many triangulations of each polygon, with intervals.";
+      + "The best of a column is framed. raster-harness study validate judges criteria on many triangulations of each polygon, with intervals.";
   tables.matrix = () => csv(["rasteriser", "device", "criterion", "measure", "statistic", "value", "ci_low", "ci_high"],
     matrices.flatMap((m) => m.rows.flatMap((row, i) => m.columns.flatMap((c, j) => (m.cells[i][j] ? [[c.rasteriser, c.device, row.name, c.measure, m.statistic, ...m.cells[i][j]]] : [])))));
   drawMatrix();

@@ -30,16 +30,16 @@ VALUES = (
 
 LEAST: dict[str, tuple[str, ...]] = {
     "run": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
-    "validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
-    "pareto": ("--scene", "block.geojson", "--rasterisers", "reference"),
+    "study validate": ("--scene", "block.geojson", "--rasterisers", "reference", "--quick"),
+    "study pareto": ("--scene", "block.geojson", "--rasterisers", "reference"),
     "profile": ("--rasteriser", "none"),
     "compare": ("RUN", "RUN"),
     "history": ("RUN",),
     "report": ("RUN",),
     "inspect": ("block.geojson",),
     "triangulate": ("block.geojson", "-o", "out.obj", "--no-cache"),
-    "gains": ("RUN", "--out", "gains"),
-    "study": ("none.geojson", "--out", "study", "--quick"),
+    "study gains": ("RUN", "--out", "gains"),
+    "study all": ("none.geojson", "--out", "study", "--quick"),
     "page": ("RUN",),
     "import": ("RUN", "--summary", "summary.json"),
     "census": ("block.geojson", "--out", "census"),
@@ -138,7 +138,7 @@ def _checked(value: dict[str, Any]) -> str:
             given[0] = value["value"]
         else:
             given.insert(0, value["value"])
-        code, err = (start if "started" in value else command)(name, *given)
+        code, err = (start if "started" in value else command)(*name.split(), *given)
         assert code in (0, 1, 2, 3, 4, 5), (code, given, err)
         assert "Traceback" not in err, err
         if code == 2:

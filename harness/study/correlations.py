@@ -1,18 +1,26 @@
-"""From a study's records to the matrix of criteria against measurements."""
+"""How well each criterion predicts each measurement: from a study's records to correlations.
+
+Within a polygon, every triangulation has the same area and, without T-junctions, the same number
+of triangles. So only the choice of diagonals makes a difference. Pooled over polygons, any two
+columns agree, because large polygons have large values in both; this says nothing about a
+criterion. The pooled figure is given to show this.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from harness.figures.correlation import Column, spearman
+from harness.figures.groups import SAME
+from harness.figures.intervals import median_over
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
-from harness.study.statistics import Estimate, by_polygon, median_estimate, pooled, within
 from triangulators.criteria import FEATURES_KEPT
 
 EXACT = {
@@ -23,15 +31,65 @@ EXACT = {
 }
 """What the CPU counts exactly before anything is drawn, as predictions: rasteriser and counter."""
 
-SAME = ("overdraw", "half_perimeter", "edge_length", "shape")
-"""Criteria that, when they are all equal, show two names for one triangulation."""
-
 TIME = "time_work_"
 """Prefix of the columns of times, by the work a fragment does."""
 
-Values = NDArray[np.float64]
-
 KEYS = ("polygon", "resolution", "rotation", "samples", "rasteriser", "device", "triangulator")
+
+
+FEWEST = 5
+"""Different triangulations a polygon must have for a correlation within it."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A statistic with its 95 % interval over polygons.
+
+    low, high : NaN where there are too few polygons to tell
+    polygons : how many it was estimated from; with 0 the value is NaN
+    """
+
+    statistic: str
+    value: float
+    low: float
+    high: float
+    polygons: int
+
+    @property
+    def verdict(self) -> str:
+        """Of a difference: above or below 0, not shown, or too few polygons."""
+        if np.isnan(self.low):
+            return TOO_FEW
+        return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SHOWN
+
+
+ABOVE, BELOW, NOT_SHOWN, TOO_FEW = "better", "worse", "no difference shown", "too few"
+
+
+def within(columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()) -> Estimate:
+    """Return the rank correlation within a polygon: the median over polygons, with its interval.
+
+    columns : (predicted, measured), one pair per polygon and view
+    of : the polygon of each pair, where polygons were seen in several views; each counts once, with
+        the mean over its views
+    """
+    return median_estimate("spearman_within", by_polygon(columns, of))
+
+
+def by_polygon(columns: Sequence[tuple[Column, Column]], of: Sequence[str] = ()) -> Column:
+    """Return the rank correlation within each polygon, (p,); NaN where it is not defined."""
+    values: dict[str, list[float]] = {}
+    for polygon, (x, y) in zip(of or map(str, range(len(columns))), columns, strict=True):
+        found = spearman(x, y) if len(x) >= FEWEST else float("nan")
+        values.setdefault(polygon, []).append(found)
+    return np.array([np.mean(each) for each in values.values()])
+
+
+def median_estimate(name: str, values: Column) -> Estimate:
+    """Return the median of one value per polygon, of those that are finite, with its interval."""
+    known = values[np.isfinite(values)]
+    value = float(np.median(known)) if len(known) else float("nan")
+    return Estimate(name, value, *median_over(known), len(known))
 
 
 def predictors() -> dict[str, str]:
@@ -114,16 +172,6 @@ def _with_exact(table: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def without_twins(records: Sequence[Record]) -> list[Record]:
-    """Return the records of one polygon and view, the first of each triangulation."""
-    seen: dict[tuple[float, ...], Record] = {}
-    for record in records:
-        predicted = record["predicted"]
-        if all(name in predicted for name in SAME):  # damage can take one away
-            seen.setdefault(tuple(round(predicted[name], 6) for name in SAME), record)
-    return list(seen.values())
-
-
 def _each_measure(table: pd.DataFrame) -> Iterator[tuple[dict[str, object], pd.DataFrame, str]]:
     """Yield (columns that say where, rows of a rasteriser and device, measure that was taken)."""
     for (rasteriser, device), part in table.groupby(["rasteriser", "device"], sort=False):
@@ -153,25 +201,31 @@ def correlate(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _estimates(part: pd.DataFrame, criterion: str, measure: str) -> list[Estimate]:
-    views, of, columns = _views(part, criterion, measure)
-    triangles = [view["triangles"].to_numpy(float) for view in views]
-    return [*within(columns, of), *pooled(columns, triangles)]
+    of, columns = _views(part, criterion, measure)
+    if not columns:
+        return [within(columns, of)]
+    x, y = (np.concatenate(side) for side in zip(*columns, strict=True))
+    nan = float("nan")
+    return [
+        within(columns, of),
+        Estimate("spearman_pooled", spearman(x, y), nan, nan, len(columns)),
+    ]
 
 
 def _views(
     part: pd.DataFrame, criterion: str, measure: str
-) -> tuple[list[pd.DataFrame], list[str], list[tuple[Values, Values]]]:
-    """Return the rows of each polygon's views that know both, of which polygon, and both."""
+) -> tuple[list[str], list[tuple[Column, Column]]]:
+    """Return of which polygon each view is, and its rows' two columns, where both are known."""
     rows = part[part[[criterion, measure]].notna().all(axis=1)]
     views = [view for _, view in rows.groupby(["polygon", "resolution", "rotation", "samples"])]
     columns = [(view[criterion].to_numpy(float), view[measure].to_numpy(float)) for view in views]
-    return views, [str(view["polygon"].iloc[0]) for view in views], columns
+    return [str(view["polygon"].iloc[0]) for view in views], columns
 
 
 def ranks(part: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
     """Return by polygon how well a criterion, a column of `part`, ranks a measure."""
-    _, of, columns = _views(part, criterion, measure)
-    return pd.Series(by_polygon("spearman_within", columns, of), list(dict.fromkeys(of)), float)
+    of, columns = _views(part, criterion, measure)
+    return pd.Series(by_polygon(columns, of), list(dict.fromkeys(of)), float)
 
 
 def difference(one: pd.Series[float], other: pd.Series[float]) -> Estimate:
@@ -197,10 +251,10 @@ def compare_all(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+def write(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     """Write what `measure_table` gave, and what `correlate` and `by_resolution` make of it.
 
-    Returns the latter two; correlations_by_resolution.csv is written where there are several, and
+    Returns the correlations; correlations_by_resolution.csv is written where there are several, and
     criteria_compared.csv where polygons rank two criteria.
     """
     table.to_csv(folder / "measured.csv", index=False, float_format="%.6g")
@@ -213,7 +267,7 @@ def write(table: pd.DataFrame, folder: Path) -> tuple[pd.DataFrame, pd.DataFrame
     sizes = by_resolution(table)
     if not sizes.empty:
         sizes.to_csv(folder / "correlations_by_resolution.csv", index=False, float_format="%.6g")
-    return correlations, sizes
+    return correlations
 
 
 def by_resolution(table: pd.DataFrame) -> pd.DataFrame:

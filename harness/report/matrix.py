@@ -1,12 +1,13 @@
 """The matrix of a report: how well each criterion predicts each measurement.
 
-A study (`harness validate`) leaves `correlations.csv` beside its run, with intervals; a plain run
-has the rank correlation of its polygons' ratios.
+`study validate` leaves `correlations.csv` beside its run, with intervals; a plain run has the rank
+correlation of its polygons' ratios. One sentence says which predicts the cost best.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ import numpy as np
 import pandas as pd
 
 from harness.errors import UsageError
-from harness.study.analysis import column, label, predictors
+from harness.figures.registry import find, measures, predictions
+from harness.study.correlations import TIME, Estimate, column, label, predictors
 
 FILE = "correlations.csv"
 WHERE = ("rasteriser", "device", "measure")
@@ -22,10 +24,7 @@ COLUMNS = ("rasteriser", "device", "criterion", "measure", "statistic", "value")
 
 STATISTICS = {
     "spearman_within": "rank correlation within a polygon",
-    "kendall_within": "Kendall's tau within a polygon",
-    "slope_within": "slope within a polygon (log against log)",
     "spearman_pooled": "rank correlation over all polygons (misleads: size alone makes it high)",
-    "spearman_partial": "rank correlation, triangle count held fixed",
     "spearman_of_ratios": "rank correlation of ratios to the base triangulator",
 }
 
@@ -48,13 +47,13 @@ def from_study(folder: Path) -> list[Matrix]:
     table = pd.read_csv(file)
     missing = [name for name in COLUMNS if name not in table]
     if missing:
-        raise UsageError(f"{file} has no column {', '.join(missing)}; run validate again")
+        raise UsageError(f"{file} has no column {', '.join(missing)}; validate again")
     table = table.reindex(columns=[*COLUMNS, "ci_low", "ci_high"])
     told = table[["value", "ci_low", "ci_high"]]
     values = told.apply(pd.to_numeric, errors="coerce")
     wrong = (values.isna() & told.notna()).any(axis=1)
     if wrong.any():
-        raise UsageError(f"{file}, line {wrong.argmax() + 2}: not a number; run validate again")
+        raise UsageError(f"{file}, line {wrong.argmax() + 2}: not a number; validate again")
     wheres = table[list(WHERE)].itertuples(index=False, name=None)
     kept = values.astype(object).where(np.isfinite(values), None).to_numpy().tolist()
     cells: dict[str, list[Cell]] = {}
@@ -97,3 +96,68 @@ def _matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
 def _place(criterion: str) -> tuple[int, str]:
     names = [*predictors(), column(criterion)]
     return names.index(column(criterion)), criterion
+
+
+Correlations = Mapping[str, Mapping[str, float | None]]
+"""measure -> criterion -> rank correlation of ratios."""
+
+
+def criteria_of(
+    measure: str | None,
+    correlations: Correlations,
+    within: Mapping[str, Estimate] | None = None,
+) -> str:
+    """Return one sentence about which criterion to use, "" where none was judged.
+
+    measure : the group's main counter, None if nothing was counted a polygon
+    within : criterion -> rank correlation with it within single polygons, where that is known
+    """
+    if within:
+        values = {name: each.value for name, each in within.items()}
+    else:
+        told = correlations.get(measure or "", {}).items()
+        values = {name: v for name, v in told if v is not None and name in predictions()}
+    if not values:
+        return ""
+    best = max(values, key=values.__getitem__)
+    words = "Within a polygon" if within else "Of the criteria"
+    words += f", {find(best).title} predicts {find(measure or '').label} best "
+    words += f"(rank correlation {values[best]:.2f}"
+    if within:
+        first = within[best]
+        words += "" if math.isnan(first.low) else f", {first.low:.2f} to {first.high:.2f}"
+        words += f", over {first.polygons} polygons"
+    if best != "overdraw" and "overdraw" in values:
+        words += f"; {find('overdraw').title} {values['overdraw']:.2f}"
+    return f"{words})."
+
+
+def answer_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return one sentence about a study's first matrix, None where it has no figure to name.
+
+    Helper lanes come first, then bounding-box tests, then whatever was measured.
+    """
+    if not matrices:
+        return None
+    matrix = matrices[0]
+    columns = [each["measure"] for each in matrix["columns"]]
+    wanted = [*measures(name for name in columns if not name.startswith(TIME)), *columns]
+    place = columns.index(wanted[0])
+    known = {
+        row["title"]: cells[place]
+        for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
+        if column(row["name"]) in predictions() and cells[place] and cells[place][0] is not None
+    }
+    if not known:
+        return None
+    best = max(known, key=lambda title: known[title][0])
+    value, low, high = known[best]
+    interval = "" if low is None else f", 95 % interval {low:.2f} to {high:.2f}"
+    of = matrix["columns"][place]
+    where = f"{of['rasteriser']} on {of['device']}"
+    words = f"{best} predicts the {of['title']} of {where} best "
+    words += f"({matrix['title']} {value:.2f}{interval})"
+    paper = find("overdraw").title
+    if best != paper and paper in known:
+        words += f"; {paper} reaches {known[paper][0]:.2f}"
+    return f"{words[0].upper()}{words[1:]}."

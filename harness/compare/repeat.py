@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from harness.figures.groups import group_of, groups, time_ratio
+from harness.figures.groups import group_of, groups, time_ratio, without_twins
 from harness.figures.ratios import UNDECIDED
 from harness.stored.folder import Record
-from harness.study.analysis import without_twins
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness.study.analysis import SAME, without_twins
+from harness.figures.groups import SAME, without_twins
 
 
 def test_twins_are_one_and_what_lacks_a_criterion_is_none():
