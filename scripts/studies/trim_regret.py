@@ -19,7 +19,7 @@ MEASURES = ("quads", "helper_lanes", "time_work_0")
 def main() -> None:
     """Trim both tables of the folder named on the command line."""
     folder = Path(sys.argv[1])
-    for name in ("measured.csv", "extremes.csv", "correlations_by_resolution.csv"):
+    for name in ("measured.csv", "correlations_by_resolution.csv"):
         (folder / name).unlink(missing_ok=True)
     for name in ("regret.csv", "regret_by_polygon.csv"):
         table = pd.read_csv(folder / name)
