@@ -106,13 +106,6 @@ def run(
         bool,
         typer.Option("--quick", help="Short times, wide intervals: a look, not a result."),
     ] = False,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            help="Address of a Dask scheduler: measure on every device that its workers offer as "
-            "resources, and merge what they find.",
-        ),
-    ] = None,
     base: options.Base = None,
     as_json: options.Json = False,
     quiet: options.Quiet = False,
@@ -159,11 +152,6 @@ def run(
         )
     folder = running.folder_for(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    if dask:
-        if beside or resume or as_json or base:
-            raise UsageError("--dask goes with none of --beside, --resume, --json and --base")
-        running.on_a_farm(plan, folder, dask, reporter)
-        return
     with running.beside_version(beside, plan, resume, twice=draw_twice) as other:
         how = RunOptions(
             resume=resume is not None,

@@ -111,18 +111,6 @@ def require_all(outcome: RunResult | Run) -> None:
         )
 
 
-def on_a_farm(plan: Plan, folder: Path, where: str, reporter: Reporter) -> None:
-    """Measure on the devices of many hosts; raises Inconclusive if some were set aside."""
-    from harness.scaling.farm import measure
-
-    outcome, aside = measure(plan, folder, where, reporter)
-    finish(outcome, Console(), reporter)
-    for name, why in aside.items():
-        reporter.warn(f"set aside {name}: {why}")
-    if aside:
-        raise Inconclusive(f"{len(aside)} devices were set aside; give the command again")
-
-
 @contextmanager
 def beside_version(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool

@@ -9,7 +9,6 @@ import queue
 import re
 import time
 import warnings
-from collections.abc import Callable, Mapping
 from typing import Any
 
 from harness.errors import INCONCLUSIVE, HarnessError, UsageError
@@ -35,9 +34,6 @@ SETTINGS = {
 
 WAITING = 2
 """Tasks that wait at each worker thread while it is busy; more would only be forgotten with it."""
-
-MANY = 100_000
-"""Tasks that a scheduler may have at a time where each has its place."""
 
 CONNECT_S = 60.0
 """Seconds that a scheduler is waited for, at first and after it was lost."""
@@ -66,8 +62,6 @@ class DaskCrew:
     """Futures on Dask's distributed scheduler; a worker has one thread for each core it is given.
 
     where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
-    place : for tasks that start processes of their own: what `Client.submit` is told of where a
-        task of this name may be carried out; all tasks are given to the scheduler at once then
 
     Raises
     ------
@@ -79,12 +73,7 @@ class DaskCrew:
 
     threads_each: int | None = 1
 
-    def __init__(
-        self,
-        where: str,
-        reporter: Reporter,
-        place: Callable[[str], Mapping[str, Any]] | None = None,
-    ) -> None:
+    def __init__(self, where: str, reporter: Reporter) -> None:
         try:
             import dask
             import distributed
@@ -92,7 +81,6 @@ class DaskCrew:
             raise UsageError(f"--dask needs Dask: {INSTALL}") from error
         self._distributed = distributed
         self._reporter = reporter
-        self._place = place
         self._ended: queue.Queue[Any] = queue.Queue()
         self._names: dict[str, tuple[str, Any]] = {}
         self._number = 0
@@ -140,32 +128,18 @@ class DaskCrew:
                 self._reporter.once(f"no worker is connected to {self._where}; waiting for one")
         return self._threads
 
-    def offers(self) -> dict[tuple[str, str], list[str]]:
-        """Return by host and resource the addresses of the workers that offer it."""
-        found: dict[tuple[str, str], list[str]] = {}
-        for address, worker in sorted(self._client.scheduler_info(n_workers=-1)["workers"].items()):
-            for name in sorted(name for name, amount in worker["resources"].items() if amount >= 1):
-                found.setdefault((worker["host"], name), []).append(address)
-        return found
-
     @property
     def room(self) -> int:
         """How many tasks it may have at a time."""
-        threads = max(1, self.threads)
-        return MANY if self._place else (1 + WAITING) * threads
+        return (1 + WAITING) * max(1, self.threads)
 
     def start(self, name: str, task: Task) -> None:
         """Send a task to the scheduler."""
         self._number += 1
         key = f"{name}-{os.getpid()}-{self._number}"
-        function, arguments = task
         try:
-            where = self._place(name) if self._place else {}
-            if self._place:
-                what: tuple[Any, ...] = (worker_process.carry_out_here, function, arguments)
-            else:
-                what = (worker_process.carry_out, pickle.dumps(task))
-            future = self._client.submit(*what, key=key, pure=False, **where)
+            packed = pickle.dumps(task)
+            future = self._client.submit(worker_process.carry_out, packed, key=key, pure=False)
         except (OSError, RuntimeError, ValueError) as error:
             raise SchedulerLost from error
         self._names[key] = (name, future)
@@ -201,7 +175,7 @@ class DaskCrew:
         except Exception as error:  # Dask's own: it cannot be sent, or the worker lacks our code
             text = " ".join(str(error).split())
             return Answer(failed=f"{type(error).__name__}: {text}")
-        if isinstance(answer.value, bytes) and not self._place:
+        if isinstance(answer.value, bytes):
             return Answer(pickle.loads(answer.value))
         return answer
 

@@ -10,11 +10,8 @@ import atexit
 import multiprocessing
 import pickle
 import threading
-from collections.abc import Callable
-from typing import Any
 
 from harness.errors import HarnessError
-from harness.measuring.serving import one_line
 from harness.measuring.worker import Worker
 from harness.scaling.task_queue import Answer
 
@@ -39,15 +36,6 @@ def carry_out(task: bytes) -> Answer:
 def _unpacked(task: bytes) -> bytes:
     function, arguments = pickle.loads(task)
     return pickle.dumps(function(*arguments))
-
-
-def carry_out_here(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Answer:
-    """Carry out a task in this very thread, because it has processes of its own."""
-    allow_children()
-    try:
-        return Answer(function(*arguments))
-    except Exception as error:
-        return Answer(failed=str(error) if isinstance(error, HarnessError) else one_line(error))
 
 
 def allow_children() -> None:
