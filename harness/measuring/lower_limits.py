@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -39,22 +38,33 @@ HOLES_S = 2e-7
 (measured: 10 to 450 ns, the most for the largest)."""
 
 
-class Begun(NamedTuple):
-    """Limits of a frame that a second process computes, or this one's if it comes first.
+class Limits:
+    """What no triangulation goes below, in quads, computed in the background.
 
-    parts : a triangulation (m, 3) of each polygon without gaps, whichever
+    A second process does it, or the one that triangulates if that comes first. `parts` is a
+    triangulation (m, 3) of each polygon without gaps, whichever.
     """
 
-    frame: Frame
-    parts: Sequence[NDArray[np.int32] | None]
-    least: Future[NDArray[np.int64]]
-    outline: Future[NDArray[np.int64]]
+    def __init__(
+        self, frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench
+    ) -> None:
+        self._of = (frame, parts)
+        self._bench = bench
+        self._least: Future[NDArray[np.int64]] = bench.compute_soon(fewest, frame, bench.database)
+        self._outline: Future[NDArray[np.int64]] = bench.compute_soon(limits, *self._of)
 
-
-def begin(frame: Frame, parts: Sequence[NDArray[np.int32] | None], bench: Bench) -> Begun:
-    """Begin to compute what `collect` returns."""
-    least = bench.compute_soon(fewest, frame, bench.database)
-    return Begun(frame, parts, least, bench.compute_soon(limits, frame, parts))
+    def collect(self) -> dict[str, NDArray[np.int64]]:
+        """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
+        unknown = np.full(len(self._of[0].polygons), -1)
+        found = {OUTLINE: unknown, LEAST: unknown}
+        with suppress(TaskFailed):  # what is measured is the same without it
+            if self._outline.cancel():
+                found[OUTLINE] = self._bench.compute(limits, *self._of)
+            else:
+                found[OUTLINE] = self._outline.result()
+        with suppress(TaskFailed):
+            found[LEAST] = self._least.result()
+        return found
 
 
 def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
@@ -69,20 +79,6 @@ def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[n
         return np.full(len(parts), -1)
     rest = np.isin(np.arange(len(parts)), list(frame.viewing.rest))
     return np.where(rest, quads_of(frame, parts), outlines(frame, parts))
-
-
-def collect(begun: Begun, bench: Bench) -> dict[str, NDArray[np.int64]]:
-    """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
-    unknown = np.full(len(begun.frame.polygons), -1)
-    found = {OUTLINE: unknown, LEAST: unknown}
-    with suppress(TaskFailed):  # what is measured is the same without it
-        if begun.outline.cancel():
-            found[OUTLINE] = bench.compute(limits, begun.frame, begun.parts)
-        else:
-            found[OUTLINE] = begun.outline.result()
-    with suppress(TaskFailed):
-        found[LEAST] = begun.least.result()
-    return found
 
 
 def seconds_of(frame: Frame) -> NDArray[np.float64]:

@@ -5,28 +5,28 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured, UsageError
-from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
 from harness.machine import environment, system
 from harness.machine.processor import label_of, processor, same
 from harness.machine.state import default_path, state_of
-from harness.measuring.backends import find_backends
-from harness.measuring.cases import Finding, Framed, Job, Triangulated, measure_scene
-from harness.measuring.count_cases import Counted, Finished
-from harness.measuring.loading import load_scene
+from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
+from harness.measuring.scene import Columns, SceneRun
 from harness.measuring.two_versions import Beside, Halves, head_records
-from harness.measuring.worker import OpenWorker, TaskFailed, Worker
+from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
 from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted, read_run
@@ -183,7 +183,7 @@ def _measure(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         store.write_facts({**facts, "interrupted": True})  # until it has come to its end
-        frames: list[dict[str, Any]] = []
+        keeper = _Keeper(store, records, reporter, drawings_too=not how.split)
         # BASE's code triangulates elsewhere, in no round of HEAD's.
         rounds = not (how.split or how.beside)
         try:
@@ -192,13 +192,23 @@ def _measure(
                 for number, (part, own) in enumerate(zip(parts, plans, strict=True)):
                     if len(parts) > 1:
                         reporter.say(f"{part.label} ({number + 1} of {len(parts)})")
-                    job = Job(own, part.label, part.scene, usable, broken, bench, reporter, rounds)
-                    for finding in measure_scene(job, records, counted):
-                        _keep(finding, store, records, frames, reporter, drawings_too=not how.split)
+                    SceneRun(
+                        plan=own,
+                        label=part.label,
+                        scene=part.scene,
+                        usable=usable,
+                        broken=broken,
+                        bench=bench,
+                        reporter=reporter,
+                        sink=keeper,
+                        finished=records,
+                        counted=counted,
+                        rounds=rounds,
+                    ).measure()
         except KeyboardInterrupt:
             hurried = bench.stopping = True
         finally:
-            facts["frames"] = frames or facts["frames"]
+            facts["frames"] = keeper.frames or facts["frames"]
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
@@ -232,35 +242,59 @@ def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
         yield
 
 
-def _keep(
-    finding: Finding,
-    store: Store,
-    records: dict[str, Record],
-    frames: list[dict[str, Any]],
-    reporter: Reporter,
-    *,
-    drawings_too: bool,
-) -> None:
-    """Store what was found, and add it to the run's records and frames."""
-    match finding:
-        case Framed():
-            frames.append(finding.facts())
-        case Triangulated(frame, triangles) if drawings_too:
-            drawings.write(store, frame, triangles)
-        case Counted(record, columns):
-            if columns is not None:
-                store.write_arrays(record["key"], columns)
-            store.append_counted({**record, "status": "counted"})
-        case Finished(record, columns):
-            if columns is not None:
-                store.write_arrays(record["key"], columns)
-            store.append(record)
-            records[record["key"]] = record
-            reporter.detail(_in_short(record))
-            if record["status"] == "failed":
-                reporter.warn(
-                    f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
-                )
+class _Keeper:
+    """Stores what is found, and adds it to the run's records and frames.
+
+    drawings_too : whether what was drawn is stored, too
+    """
+
+    def __init__(
+        self, store: Store, records: dict[str, Record], reporter: Reporter, *, drawings_too: bool
+    ) -> None:
+        self.frames: list[dict[str, Any]] = []
+        self._store = store
+        self._records = records
+        self._reporter = reporter
+        self._drawings_too = drawings_too
+
+    def framed(self, frame: Frame) -> None:
+        """Note what snapping to the grid did to the scene."""
+        view = frame.view
+        self.frames.append(
+            {
+                "resolution": view.resolution,
+                "rotation": view.rotation,
+                "fit": view.fit,
+                "scale": frame.scale,
+                "polygons": len(frame.source),
+                "vertices": len(frame.points),
+                "dropped": [list(entry) for entry in frame.dropped],
+                "repaired": [list(entry) for entry in frame.repaired],
+            }
+        )
+
+    def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
+        """Store what will be drawn."""
+        if self._drawings_too:
+            drawings.write(self._store, frame, triangles)
+
+    def counted(self, record: Record, columns: Columns | None) -> None:
+        """Store a record that lacks its time, so that a run that goes on need not count again."""
+        if columns is not None:
+            self._store.write_arrays(record["key"], columns)
+        self._store.append_counted({**record, "status": "counted"})
+
+    def finished(self, record: Record, columns: Columns | None = None) -> None:
+        """Store a record, and tell the user if it failed."""
+        if columns is not None:
+            self._store.write_arrays(record["key"], columns)
+        self._store.append(record)
+        self._records[record["key"]] = record
+        self._reporter.detail(_in_short(record))
+        if record["status"] == "failed":
+            self._reporter.warn(
+                f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
+            )
 
 
 def _in_short(record: Record) -> str:
@@ -269,24 +303,6 @@ def _in_short(record: Record) -> str:
     time = record.get("time")
     result = f"{time['median_s'] * 1e3:.4g} ms" if time else record["reason"] or "counted"
     return f"{where} on {record['device']}: {record['status']}, {result}"
-
-
-def find_broken(recipes: Iterable[Recipe], bench: Bench) -> dict[Recipe, str]:
-    """Load every third party's triangulator; return those that die of it, and how.
-
-    Raises
-    ------
-    UsageError
-        if one is not there, or cannot be imported: nothing is measured then
-    """
-    broken = {}
-    for recipe in recipes:
-        if not recipe.builtin:
-            try:
-                bench.load(recipe)
-            except TaskFailed as error:
-                broken[recipe] = str(error)
-    return broken
 
 
 def open_store(

@@ -22,7 +22,7 @@ def limits_of(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
     bench = Bench(open_worker, 60)
     try:
-        return lower_limits.collect(lower_limits.begin(frame, parts, bench), bench)
+        return lower_limits.Limits(frame, parts, bench).collect()
     finally:
         bench.close()
 

@@ -1,0 +1,357 @@
+"""Measures one scene: view by view it is framed, triangulated, counted and timed.
+
+Nothing is kept in here: whoever asked gets what is found through a sink, and stores it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import HarnessError
+from harness.frame import Frame, View, frame_of
+from harness.measuring import lower_limits, records
+from harness.measuring.loading import Usable
+from harness.measuring.plan import Case, Plan
+from harness.measuring.processes import Backend, Bench
+from harness.measuring.worker import TaskFailed, TaskTimedOut
+from harness.progress import Reporter
+from harness.rasterisers.base import Counters, Options
+from harness.stored.folder import Record
+from harness.triangulating.frames import FrameTriangulation, carry_over
+from harness.triangulating.recipes import ORIGINAL, Recipe
+from harness.triangulating.seen import in_views, original
+from scenes import Scene
+
+DONE = ("ok", "skipped")
+"""Records of cases that a resumed run leaves alone; what failed is tried again."""
+
+BASELINE = Recipe("delaunay")
+"""Its fragments say what each polygon covers on a device: it leaves no vertex out."""
+
+SAID_AFTER_S = 2.0
+"""Seconds of compiling after which it is told; loading what is compiled takes less."""
+
+Columns = Mapping[str, NDArray[Any]]
+"""Figures of each polygon, (p,) each."""
+
+
+class Sink(Protocol):
+    """Is told what measuring a scene brings to light, as soon as it does."""
+
+    def framed(self, frame: Frame) -> None:
+        """A view's frame was made."""
+
+    def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
+        """A frame was triangulated; (m, 3) rows of `frame.points` by triangulator."""
+
+    def counted(self, record: Record, columns: Columns | None) -> None:
+        """A case was counted, and is to be timed: the finished record but for its time."""
+
+    def finished(self, record: Record, columns: Columns | None = None) -> None:
+        """A case was measured, skipped or failed; columns only if `counted` was not told them."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Cases that are timed together: they differ in the triangulator alone."""
+
+    backend: Backend
+    options: Options
+    cases: dict[Recipe, Case]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A triangulator's result for one view, ready to be measured on every device."""
+
+    triangulation: FrameTriangulation
+    triangles: NDArray[np.int32]
+
+
+@dataclass
+class _View:
+    """What a view's groups share: its frame, what triangulators made of it, what is known of it.
+
+    limits : quads (p,) by name, see `lower_limits.Limits`; {} unless the baseline was triangulated
+    """
+
+    frame: Frame
+    prepared: dict[Recipe, Prepared] = field(default_factory=dict)
+    limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SceneRun:
+    """One scene, what is to be measured of it, and with what.
+
+    label : the scene's name in records
+    broken : triangulators that cannot be run at all, and why
+    finished : records by key; those that are ok or skipped are left alone
+    counted : records by key of cases that need only be timed
+    rounds : whether to triangulate in rounds, as drawings are timed
+    """
+
+    plan: Plan
+    label: str
+    scene: Scene
+    usable: Sequence[Usable]
+    broken: Mapping[Recipe, str]
+    bench: Bench
+    reporter: Reporter
+    sink: Sink
+    finished: Mapping[str, Record]
+    counted: Mapping[str, Record]
+    rounds: bool = False
+
+    def measure(self) -> None:
+        """Measure the cases until all are done, or `bench.stopping` is set."""
+        for view in self.plan.views:
+            groups = [group for group in self._groups(view) if group.cases]
+            if not groups or self.bench.stopping:
+                continue
+            # Drivers take a second to load; meanwhile another process can triangulate.
+            self.bench.open_soon(groups[0].backend)
+            now = _View(frame_of(self.scene, view))
+            self._tell_of_snapping(now.frame)
+            self.sink.framed(now.frame)
+            self._prepare(now, groups)
+            if self.rounds:
+                self._time_triangulating(now)
+            triangles = {str(recipe): ready.triangles for recipe, ready in now.prepared.items()}
+            self.sink.triangulated(now.frame, triangles)
+            for group in groups:
+                left = {
+                    recipe: case for recipe, case in group.cases.items() if recipe in now.prepared
+                }
+                if left and not self.bench.stopping:
+                    self._measure(now, replace(group, cases=left))
+
+    def _groups(self, view: View) -> Iterator[Group]:
+        for each in self.usable:
+            for options in each.options:
+                cases = {
+                    recipe: Case(
+                        scene=self.label,
+                        scene_hash=self.scene.content_hash,
+                        view=view,
+                        triangulator=str(recipe),
+                        rasteriser=each.backend.rasteriser,
+                        device=each.backend.device.name,
+                        options=options,
+                    )
+                    for recipe in self.plan.triangulators
+                }
+                left = {
+                    recipe: case
+                    for recipe, case in cases.items()
+                    if self.finished.get(case.key, {}).get("status") not in DONE
+                }
+                yield Group(each.backend, options, left)
+
+    def _tell_of_snapping(self, frame: Frame) -> None:
+        for verb, entries in (("dropped", frame.dropped), ("repaired", frame.repaired)):
+            if entries:
+                number, reason = entries[0]
+                self.reporter.say(
+                    f"snapping {verb} {len(entries)} of {len(self.scene.polygons)} polygons "
+                    f"at {frame.view.resolution} px, e.g. polygon {number}: {reason}"
+                )
+
+    # -- triangulations --------------------------------------------------------------------------
+
+    def _prepare(self, now: _View, groups: Sequence[Group]) -> None:
+        """Triangulate by the baseline and by what the groups need; what has no result is told."""
+        needed = {recipe for group in groups for recipe in group.cases}
+        asked = [recipe for recipe in self.plan.triangulators if recipe in needed]
+        wanted = list(dict.fromkeys([BASELINE, *asked]))
+        ours = [
+            recipe
+            for recipe in wanted
+            if recipe not in self.broken and type(recipe) is Recipe and recipe.base != ORIGINAL
+        ]
+        self.bench.compile_ahead([*ours, lower_limits.FEWEST])
+        limits: lower_limits.Limits | None = None
+        with self.reporter.stage("triangulating", len(wanted)) as stage:
+            for recipe in wanted:
+                result: Prepared | tuple[str, str] = ("failed", self.broken.get(recipe, ""))
+                if recipe not in self.broken:
+                    result = self._prepare_one(now.frame, recipe, stage.wait)
+                if isinstance(result, Prepared):
+                    now.prepared[recipe] = result
+                    if recipe == BASELINE:
+                        parts = result.triangulation.parts
+                        limits = lower_limits.Limits(now.frame, parts, self.bench)
+                else:
+                    for group in groups:
+                        if recipe in group.cases:
+                            self.sink.finished(records.problem(group.cases[recipe], *result))
+                stage.advance()
+        said = "looking for the fewest quads, by which regret is told ..."
+        if limits:
+            with self.reporter.if_long(said, SAID_AFTER_S):
+                now.limits = limits.collect()
+
+    def _prepare_one(
+        self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
+    ) -> Prepared | tuple[str, str]:
+        """Return a triangulator's result, or (status, reason) if it has none."""
+
+        def tell(waited: float) -> None:
+            if waited > SAID_AFTER_S:
+                self.reporter.once(
+                    f"compiling {recipe.base}, which only the first run on a machine does ..."
+                    if recipe.builtin
+                    else f"still waiting for {recipe.base}, on its first polygons ..."
+                )
+
+        try:
+            if recipe.base != ORIGINAL:
+                self.bench.compile(recipe, tell)
+            result = self._triangulate(frame, recipe, tick)
+        except TaskTimedOut as error:
+            # Ours are slow by design, others may have hung.
+            return ("skipped" if recipe.builtin else "failed"), str(error)
+        except TaskFailed as error:
+            self.reporter.detail(error.detail)
+            return "failed", str(error)
+        self.reporter.detail(result.trace)
+        for note in result.notes:
+            self.reporter.warn_once(note)
+        triangles = frame.join(result.parts)
+        if not len(triangles):
+            status = "failed" if result.failed else "skipped"
+            return status, records.incomplete(result) or "no polygon is left"
+        return Prepared(result, triangles)
+
+    def _triangulate(
+        self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
+    ) -> FrameTriangulation:
+        """Run one triangulator over the frame, the scene not yet turned, or flat faces."""
+        if frame.flat is not None:
+            if recipe.base == ORIGINAL:
+                return original(frame)
+            faces = frame.flat.polygons
+            return in_views(frame, self.bench.triangulate(recipe.before_turning, faces, tick))
+        if not recipe.upright:
+            return self.bench.triangulate(recipe, frame.polygons, tick)
+        upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
+        before = self.bench.triangulate(recipe.before_turning, upright.polygons, tick)
+        return carry_over(before, upright, frame)
+
+    def _time_triangulating(self, now: _View) -> None:
+        """Triangulate again in rounds, so that it is known how much the time of it scatters."""
+        once = {
+            recipe: ready.triangulation.seconds
+            for recipe, ready in now.prepared.items()
+            if not recipe.upright and recipe.base != ORIGINAL
+        }
+        polygons = (now.frame.flat or now.frame).polygons
+        budget_s, seed = self.plan.timing.budget_s, self.plan.seed
+        found = self.bench.time_triangulating(once, polygons, budget_s, seed)
+        for recipe, samples in found.items():
+            triangulation = now.prepared[recipe].triangulation
+            triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
+
+    # -- counts and times ------------------------------------------------------------------------
+
+    def _measure(self, now: _View, group: Group) -> None:
+        """Count the group's cases, then time them together."""
+        try:
+            opened = self.bench.open(group.backend)
+        except HarnessError as error:
+            for case in group.cases.values():
+                self.sink.finished(records.problem(case, "failed", str(error)))
+            return
+        timed = opened.timer is not None
+        ready = {
+            recipe: {**self.counted[case.key], "status": "ok"}
+            for recipe, case in group.cases.items()
+            if timed and case.key in self.counted
+        }
+        cases = {recipe: case for recipe, case in group.cases.items() if recipe not in ready}
+        if cases:
+            ready |= self._count(now, replace(group, cases=cases), timed=timed)
+        in_order = {recipe: ready[recipe] for recipe in group.cases if recipe in ready}
+        if in_order:
+            self._time(now, group, in_order)
+
+    def _count(self, now: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
+        """Count the group's cases; returns the records of those that are still to be timed.
+
+        The baseline is counted first, whether or not it is a case: it says what each polygon
+        covers.
+        """
+        ready: dict[Recipe, Record] = {}
+        coverage = None
+        frame, backend, options, cases = now.frame, group.backend, group.options, group.cases
+        limits = now.limits if options.samples == 1 else {}  # they are of pixels' centres
+        names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.prepared]
+        with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
+            for recipe in names:
+                prepared = now.prepared[recipe]
+                try:
+                    counters = self.bench.count(backend, frame, prepared.triangles, options)
+                except HarnessError as error:
+                    if recipe in cases:
+                        self.sink.finished(records.problem(cases[recipe], "failed", str(error)))
+                else:
+                    if recipe == BASELINE:
+                        coverage = _coverage(counters, prepared)
+                    if recipe in cases:
+                        made = (frame, prepared.triangulation, counters, coverage, limits)
+                        record = records.measured(cases[recipe], *made)
+                        columns = _columns(now, prepared, counters, limits)
+                        if timed:
+                            ready[recipe] = record
+                        (self.sink.counted if timed else self.sink.finished)(record, columns)
+                stage.advance()
+        return ready
+
+    def _time(self, now: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
+        """Time the counted cases together; `ready` are their records but for the time."""
+        settings, backend = self.plan.timing, group.backend
+        test = self.bench.open(backend).timer
+        assert test is not None
+        if test.gpu_s is not None and test.timer == "wall":
+            self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
+        likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
+        with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
+            groups, failures = self.bench.time(
+                backend,
+                {str(recipe): (now.frame, now.prepared[recipe].triangles) for recipe in ready},
+                group.options,
+                settings,
+                self.plan.seed,
+                lambda waited: stage.complete(min(waited, likely_s)),
+            )
+        for recipe, record in ready.items():
+            name = str(recipe)
+            if name in failures:
+                self.sink.finished(records.problem(group.cases[recipe], "failed", failures[name]))
+            else:
+                times = records.time_fields(groups[name], name, test, settings)
+                self.sink.finished({**record, "time": times})
+
+
+def _coverage(counters: Counters, baseline: Prepared) -> records.Coverage | None:
+    """Return what the baseline drew of each polygon, None where the device cannot say."""
+    fragments = counters.get("fragments")
+    if fragments is None or not fragments.ndim:
+        return None
+    return records.Coverage(fragments, records.drawn_polygons(baseline.triangulation.parts))
+
+
+def _columns(
+    now: _View, prepared: Prepared, counters: Counters, limits: Mapping[str, NDArray[np.int64]]
+) -> Columns | None:
+    """Return what is predicted and counted of each polygon; one polygon's are the totals."""
+    if len(now.frame.source) == 1:
+        return None
+    columns = prepared.triangulation.predicted.columns
+    predicted = {f"predicted_{name}": column for name, column in columns.items()}
+    return predicted | {n: column for n, column in counters.items() if column.ndim} | dict(limits)
