@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz kills bench proven study compare-demo docs docs-full lock clean
+.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz kills bench proven study compare-demo docs try docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -72,7 +72,11 @@ study: setup-test  ## the studies behind docs/findings.md; more than an hour on 
 
 docs:  ## build the documents into site/, warnings as errors
 	@scripts/setup.sh docs
+	$(PY) -m harness page --profile --out docs/profile.html
 	$(PY) -m mkdocs build --strict --quiet
+
+try: setup-test  ## put docs/try.html together from its parts
+	$(PY) docs/try/build.py
 
 docs-full: setup-test  ## run every command of README and docs, the slow ones too
 	DOCS_FULL=1 $(PY) -m pytest tests/docs

@@ -5,6 +5,7 @@ MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,15 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         if mark in markdown:
             markdown = markdown.replace(mark, make())
     return markdown
+
+
+def on_post_build(config: Any) -> None:
+    """Let try.html, which opens from docs/ as well, lead to the site's pages."""
+    page = Path(config.site_dir) / "try.html"
+    text = re.sub(r'href="([a-z/-]+)\.md"', r'href="\1.html"', page.read_text(encoding="utf-8"))
+    if (page.parent / "profile.html").exists():  # which `make docs` writes
+        text = text.replace('id="profile" href="how-to/profile.html"', 'href="profile.html"')
+    page.write_text(text, encoding="utf-8")
 
 
 def commands() -> str:

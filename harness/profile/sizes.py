@@ -22,11 +22,9 @@ from harness.pictures.style import ONE_COLUMN, STYLE, looks, plain_table
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
-from harness.rasterisers.spans import setup, span
 from harness.triangulating.frames import time_in_rounds, triangulate_polygons
 from harness.triangulating.recipes import Recipe
 from scenes import Scene
-from triangulators.compute.kernels import njit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,28 +191,10 @@ def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law |
         fragments=counted["fragments"],
         quads=counted["quads"],
         helper_lanes=counted["helper_lanes"],
-        partial_quads=counted["quads"] - _full_quads(frame.points, triangles, frame.window),
+        partial_quads=counted["partial_quads"],
         triangulate_s=seconds,
         draw_s=None if law is None else float((design_of([counted]) @ law.seconds)[0]),
     )
-
-
-@njit(error_model="numpy")
-def _full_quads(
-    points: NDArray[np.int32], triangles: NDArray[np.int32], window: NDArray[np.int64]
-) -> int:
-    """Count the 2x2 quads all of whose pixels a triangle covers."""
-    edges = np.zeros((3, 3), np.int64)
-    total = 0
-    for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges, window)
-        if solid:
-            for y in range((first + 1) & ~1, last, 2):
-                low, high = span(edges, y, left, right)
-                above_low, above_high = span(edges, y + 1, left, right)
-                begin = (max(low, above_low) + 1) >> 1
-                total += max(0, ((min(high, above_high) + 1) >> 1) - begin)
-    return total
 
 
 def sentence(found: Sizes) -> str:

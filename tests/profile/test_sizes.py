@@ -13,7 +13,6 @@ from shapely import Polygon, box
 from harness.frame import View, frame_of
 from harness.profile import sizes
 from harness.profile.counted import TERMS
-from harness.rasterisers import spans
 from harness.stored.folder import read_run
 from harness.triangulating.recipes import parse_all
 from scenes import load
@@ -52,7 +51,7 @@ def test_counts_and_sentence_are_those_of_runs(harness):
     lanes = {}
     for record in records:
         own = by_size[record["resolution"]][record["triangulator"]]
-        for name in ("fragments", "quads", "helper_lanes"):
+        for name in ("fragments", "quads", "helper_lanes", "partial_quads"):
             assert own[name] == record["counters"][name], (record["resolution"], name)
         lanes[record["resolution"], record["triangulator"]] = 4 * record["counters"]["quads"]
     saved, size, best = max(
@@ -70,19 +69,6 @@ def test_it_says_that_it_does_not_matter(harness):
     assert code == 0
     assert "It does not matter for you: from 16 to 64 px no triangulator saves 1% of" in out
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_partial_quads_are_those_with_a_helper_lane(city_of_12):
-    """By the picture of each triangle alone, in which lanes are marked one by one."""
-    frame, triangles = city_of_12
-    total = 0
-    for row in triangles:
-        covered, helpers = np.zeros((2, 128, 128), np.int64)
-        spans.shade(frame.points, row[None], covered, helpers, frame.window)
-        total += int((helpers.reshape(64, 2, 64, 2).sum(axis=(1, 3)) > 0).sum())
-    counted = sizes._cost(frame, triangles, 0.0, None)
-    assert counted.partial_quads == total > 100
-    assert counted.quads > total
 
 
 def test_a_law_makes_seconds_of_counters(city_of_12):

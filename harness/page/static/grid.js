@@ -38,10 +38,11 @@ function cellsOf(p, q) {
 /* How many quads have both pixels of both spans. */
 const wholeQuads = (p, q) => Math.max(0, ((Math.min(p[1], q[1]) + 1) >> 1) - ((Math.max(p[0], q[0]) + 1) >> 1));
 
-/* [fragments, quads, partial quads] of a triangle with corners [x, y] in 1/256 px, top-left rule. */
-function countTriangle(a, b, c) {
+/* Calls see(y, below, above) for each two rows y and y + 1, y even, of a triangle with corners [x, y] in 1/256 px: each
+   row's first and last covered pixel by the top-left rule, empty if first > last. */
+function walkTriangle(a, b, c, see) {
   const doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-  if (!doubled) return [0, 0, 0];
+  if (!doubled) return;
   const ring = doubled > 0 ? [a, b, c] : [a, c, b];
   const edges = ring.map((p, i) => {
     const q = ring[(i + 1) % 3], dx = q[0] - p[0], dy = q[1] - p[1];
@@ -53,14 +54,19 @@ function countTriangle(a, b, c) {
     return [firstPixel(Math.min(...values)), lastPixel(Math.max(...values))];
   };
   const [left, right] = reach(0), [first, last] = reach(1);
-  if (left > right) return [0, 0, 0];
+  if (left > right) return;
+  const row = (y) => (y < first || y > last ? [0, -1] : spanOf(edges, y, left, right));
+  for (let y = first - (first & 1); y <= last; y += 2) see(y, row(y), row(y + 1));
+}
+
+/* [fragments, quads, partial quads] of a triangle. */
+function countTriangle(a, b, c) {
   let fragments = 0, quads = 0, whole = 0;
-  for (let y = first - (first & 1); y <= last; y += 2) {
-    const spans = [y, y + 1].map((row) => (row < first || row > last ? [0, -1] : spanOf(edges, row, left, right)));
-    for (const [low, high] of spans) fragments += Math.max(0, high - low + 1);
-    quads += cellsOf(...spans);
-    whole += wholeQuads(...spans);
-  }
+  walkTriangle(a, b, c, (_, below, above) => {
+    for (const [low, high] of [below, above]) fragments += Math.max(0, high - low + 1);
+    quads += cellsOf(below, above);
+    whole += wholeQuads(below, above);
+  });
   return [fragments, quads, quads - whole];
 }
 

@@ -1,0 +1,99 @@
+"""Puts docs/try.html together, one file that needs no network: `python docs/try/build.py`.
+
+Its parts: earcut as npm has it, the flips of ports/javascript, the report's style and elements, the
+measuring page's exact rasteriser, and the page's own scripts, which lie beside this file.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+FILE = HERE.with_suffix(".html")
+PORT = ROOT / "ports" / "javascript"
+EARCUT = PORT / "node_modules" / "earcut"
+SIZE = 64
+
+sys.path.insert(0, str(ROOT))
+
+STYLES = (ROOT / "harness/report/static/report.css", HERE / "page.css")
+GEOMETRY = (
+    EARCUT / "dist/earcut.min.js",
+    PORT / "flip-triangles.cjs",
+    ROOT / "harness/page/static/grid.js",
+    HERE / "polygon.js",
+    HERE / "triangles.js",
+)
+"""What needs no page, in this order."""
+
+EXAMPLES = (
+    ("A footprint", "city", 438),
+    ("A letter", "glyphs:text=S", 0),
+    ("A county", "counties", 5),
+    ("The paper's polygon", "paper", 0),
+)
+"""Each with its scene, and its number there."""
+
+GRID = 2**20
+"""As in polygon.js."""
+
+
+def page() -> str:
+    """Return the text of docs/try.html."""
+    version = json.loads((EARCUT / "package.json").read_text())["version"]
+    scripts = [*GEOMETRY, ROOT / "harness/report/static/elements.js"]
+    parts = {
+        "style": "\n".join(file.read_text().strip() for file in STYLES),
+        "earcut": version,
+        "script": "\n".join(
+            [
+                *(file.read_text().strip() for file in scripts),
+                f"const EXAMPLES = {json.dumps(examples(), ensure_ascii=False)};",
+                (HERE / "main.js").read_text().strip(),
+            ]
+        ),
+    }
+    text = (HERE / "page.html").read_text()
+    for name, part in parts.items():
+        text = text.replace(f"{{{{ {name} }}}}", part.replace("</script", "<\\/script"))
+    return text
+
+
+def examples() -> list[tuple[str, str]]:
+    """Return names and links of the examples."""
+    from scenes import load
+
+    return [
+        (name, link(load(scene, attributes=False).polygons[number]))
+        for name, scene, number in EXAMPLES
+    ]
+
+
+def link(polygon: shapely.Polygon, size: int = SIZE, rotation: int = 0) -> str:
+    """Return the end of a link to a polygon, as polygon.js reads it."""
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    low, high = (np.concatenate(rings).min(axis=0), np.concatenate(rings).max(axis=0))
+    scale = GRID / (high - low).max()
+    middle = (low + high) / 2
+    at, written = np.zeros(2, np.int64), []
+    for ring in rings:
+        whole = np.rint((ring - middle) * scale + GRID / 2).clip(0, GRID).astype(np.int64)
+        steps = np.diff(whole, axis=0, prepend=at[None])
+        at = whole[-1]
+        written.append("-".join(_digits(int(step)) for step in steps.ravel()))
+    return f"{size}/{rotation}/{'.'.join(written)}"
+
+
+def _digits(step: int) -> str:
+    return np.base_repr(-2 * step - 1 if step < 0 else 2 * step, 36).lower()
+
+
+if __name__ == "__main__":
+    FILE.write_text(page())
+    print(f"{FILE}: {FILE.stat().st_size:,} bytes")
