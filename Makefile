@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz kills bench proven study compare-demo docs try docs-full lock clean
+.PHONY: help setup setup-test city helsinki test examples check endurance format fuzz bench proven study compare-demo docs try docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -55,11 +55,6 @@ format: setup-test  ## let ruff format the code
 
 compare-demo: setup-test  ## what CI does: a baseline, an equal run, a regression; writes the reports
 	@scripts/compare-demo.sh
-
-KILLS ?= 100
-
-kills: setup-test  ## kill workers, scheduler and command KILLS times over 1,000,000 footprints
-	PYTHONPATH=. $(PY) scripts/kills.py --kills $(KILLS)
 
 bench: setup-test  ## the benchmarks and long sweeps; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s

@@ -4,13 +4,12 @@
     .venv/bin/python scripts/mutate.py --only harness/compare/html.py:50-64
 
 Each change is one token of code within a function: a comparison, a sign, a number, `and`, `not`,
-`min`. It is made in a copy of the checkout, whose own files stay as they are. The tests of a module
-are those that `TESTS` names for its folder. They are run once unchanged, and it is noted which
-functions each test and its fixtures call. A change is then tried with the tests that call the
-function it lies in, quick ones first, and in compiled code, whose calls are not seen, with all of
-the folder: as many of them as take a minute. Tests run in a process that is forked off one that has
-loaded all libraries. A change that a test fails on, or that makes one compute far longer than
-unchanged, is noticed. What `EQUIVALENT` names is not tried.
+`min`. It is made in a copy of the checkout. The tests of a module are the files that `TESTS` names
+for its folder. They run once unchanged, and it is noted which functions each file calls. A change
+is tried with the files that call its function, quick ones first; calls in compiled code are not
+seen, so there with all. A change that makes tests compute far longer is noticed, too. What
+`equivalent_changes.csv` names is not tried. (mutmut passes over decorated functions, so over all
+compiled ones: mutmut/mutation/file_mutation.py of 3.8.)
 """
 
 from __future__ import annotations
@@ -27,18 +26,16 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import tokenize
 from collections import Counter, defaultdict
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
 import pytest
-from platformdirs import user_cache_path
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -62,48 +59,18 @@ TESTS = {
     " tests/triangulators/test_hunted.py",
 }
 
-OTHER = {
-    "<": "<=",
-    "<=": "<",
-    ">": ">=",
-    ">=": ">",
-    "==": "!=",
-    "!=": "==",
-    "+": "-",
-    "-": "+",
-    "*": "/",
-    "/": "*",
-    "//": "*",
-    "+=": "-=",
-    "-=": "+=",
-    "and": "or",
-    "or": "and",
-    "not": "",
-    "True": "False",
-    "False": "True",
-    "min": "max",
-    "max": "min",
-    "any": "all",
-    "all": "any",
-    "break": "continue",
-}
-
-NOTICED, SURVIVED, SAME = "noticed", "SURVIVED", "equivalent"
+_OTHERS = "< <=|<= <|> >=|>= >|== !=|!= ==|+ -|- +|* /|/ *|// *|+= -=|and or|or and|not |True False"
+_OTHERS += "|False True|min max|max min|any all|all any|break continue"
+OTHER = dict(pair.split(" ") for pair in _OTHERS.split("|"))
 
 with (ROOT / "scripts" / "equivalent_changes.csv").open(encoding="utf-8", newline="") as _rows:
     EQUIVALENT = {(r["file"], r["piece"], r["tokens"]): r["why"] for r in csv.DictReader(_rows)}
 """Changes of which no result can tell: where a file's name begins so, of these tokens in a piece of
-its code, and why. They are not tried."""
+its code, and why."""
 
-LIBRARIES = (
-    *("highspy", "hypothesis", "jinja2", "matplotlib.pyplot", "moderngl", "numba", "pandas"),
-    *("pydantic", "pyogrio", "pyproj", "rich.console", "rich.progress", "scipy.sparse"),
-    *("scipy.stats", "scipy.optimize", "shapely", "trimesh", "typer"),
-)
-"""What is loaded once, before anything of ours."""
-
-MOST_S = 60.0
-"""Seconds of computing that the tests of a change may take unchanged."""
+LIBRARIES = "highspy hypothesis jinja2 matplotlib.pyplot moderngl numba pandas pydantic pyogrio"
+LIBRARIES += " pyproj rich.console rich.progress scipy.sparse scipy.stats shapely trimesh typer"
+"""Loaded once, before anything of ours."""
 
 Function = tuple[str, int]
 """A file and the first line of a function in it."""
@@ -180,94 +147,36 @@ def tests_of(file: str) -> str:
 
 def files() -> list[str]:
     """Return the files that are changed."""
-    found = []
-    for place in TESTS:
-        path = ROOT / place
-        found += sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    found = chain.from_iterable(
+        sorted((ROOT / place).rglob("*.py")) if (ROOT / place).is_dir() else [ROOT / place]
+        for place in TESTS
+    )
     return [str(path.relative_to(ROOT)) for path in found if path.name != "__init__.py"]
 
 
-def function_at(file: str, text: str, line: int) -> Function:
-    """Return the innermost function that a line lies in, by its first line, its decorators' too."""
-    starts = [
-        min([node.lineno, *(each.lineno for each in node.decorator_list)])
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0)
-    ]
-    return file, max(starts)
-
-
 class Recorder:
-    """Notes which functions each test and its fixtures call, and the seconds it takes."""
+    """A plugin that notes which functions each file of tests calls, and the seconds it takes."""
 
-    def __init__(self, folder: Path, wanted: list[str]) -> None:
-        self._files = {str(folder / name): name for name in wanted}
-        self._called: set[Function] = set()
-        self._by_fixture: dict[Any, set[Function]] = defaultdict(set)
-        self.tests: dict[str, tuple[float, set[Function]]] = {}
-
-    def _trace(self, frame: FrameType, _event: str, _argument: Any) -> None:
-        name = self._files.get(frame.f_code.co_filename)
-        if name is not None:
-            self._called.add((name, frame.f_code.co_firstlineno))
-
-    @staticmethod
-    def _watch(trace: Any) -> None:
-        sys.settrace(trace)
-        threading.settrace(trace)
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, Any, Any]:
-        """Note what a fixture calls for all tests that ask for it."""
-        outer, self._called = self._called, self._by_fixture[fixturedef]
-        self._watch(self._trace)
-        try:
-            return (yield)
-        finally:
-            self._called = outer
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_call(self, item: Any) -> Generator[None, Any, Any]:
-        """Note what a test calls."""
-        self._called = set()
-        self._watch(self._trace)
-        start = time.process_time()
-        try:
-            return (yield)
-        finally:
-            took = time.process_time() - start
-            self._watch(None)
-            for definitions in item._fixtureinfo.name2fixturedefs.values():
-                for definition in definitions:
-                    self._called |= self._by_fixture[definition]
-            self.tests[item.nodeid] = took, self._called
-
-
-def _quick(seconds: dict[str, float]) -> list[str]:
-    """Return the tests that take least, as many as take `MOST_S`, at least one."""
-    found: list[str] = []
-    left = MOST_S
-    for name in sorted(seconds, key=seconds.__getitem__):
-        left -= seconds[name]
-        if left < 0.0 and found:
-            break
-        found.append(name)
-    return found
-
-
-class Limit:
-    """Ends the process where a test computes far longer than it is known to."""
-
-    def __init__(self, seconds: dict[str, float], more_s: float) -> None:
-        self._seconds = seconds
-        self._more_s = more_s
+    def __init__(self, folder: Path) -> None:
+        self._names = {str(folder / name): name for name in files()}
+        self.called: dict[str, set[Function]] = defaultdict(set)
+        self.seconds: Counter[str] = Counter()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: Any) -> Generator[None, Any, Any]:
-        """Give a test its time, and that of what it sets up and compiles."""
-        known = self._seconds.get(item.nodeid, 0.0)
-        signal.setitimer(signal.ITIMER_PROF, self._more_s + 3.0 * known)
-        return (yield)
+        """Note what a test, and what is set up for it, calls."""
+        file, start = item.nodeid.partition("::")[0], time.process_time()
+
+        def trace(frame: FrameType, _event: str, _argument: Any) -> None:
+            if name := self._names.get(frame.f_code.co_filename):
+                self.called[file].add((name, frame.f_code.co_firstlineno))
+
+        sys.settrace(trace)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            self.seconds[file] += time.process_time() - start
 
 
 class Copy:
@@ -275,38 +184,43 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        names = subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines()
-        for name in names:
+        for name in subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines():
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         (folder / ".venv").symlink_to(ROOT / ".venv")
-        self._tests: dict[str, dict[str, tuple[float, set[Function]]]] = {}
+        self._known: dict[str, tuple[dict[str, set[Function]], dict[str, float]]] = {}
 
     def record(self, tests: str) -> None:
         """Run tests unchanged; end the program where one fails."""
-        recorder = Recorder(self.folder, files())
-        result = self.folder.with_name("recorded")
+        if not self._passes(tests.split(), 1800.0, Recorder(self.folder)):
+            sys.exit(f"{self._log().read_text()}\nfails without any change: {tests}")
+        self._known[tests] = ast.literal_eval(self._log("recorded").read_text())
 
-        def write() -> None:
-            result.write_text(repr(recorder.tests))
+    def _log(self, name: str = "log.txt") -> Path:
+        return self.folder.with_name(name)
 
-        if not self._passes(tests.split(), 1800.0, [recorder], write):
-            log = self.folder.with_name("log.txt").read_text(encoding="utf-8")
-            sys.exit(f"{log}\nfails without any change: {tests}")
-        self._tests[tests] = ast.literal_eval(result.read_text())
-
-    def _passes(
-        self,
-        tests: list[str],
-        limit_s: float,
-        plugins: list[Any] | None = None,
-        after: Callable[[], None] = lambda: None,
-    ) -> bool:
+    def _passes(self, tests: list[str], limit_s: float, recorder: Recorder | None = None) -> bool:
         """Whether the tests pass in time, in a process that is forked off."""
         child = os.fork()
         if not child:
-            self._run(tests, plugins, after)
+            code = 1
+            try:
+                os.setsid()
+                log = os.open(self._log(), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+                for number in (1, 2):
+                    os.dup2(log, number)
+                os.chdir(self.folder)
+                sys.path.insert(0, str(self.folder))
+                sys.dont_write_bytecode = True
+                os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
+                options = ["-x", "-n0", "-p", "no:cacheprovider", *tests]
+                code = int(pytest.main(options, [recorder] if recorder else []))
+                if recorder:
+                    found = (dict(recorder.called), dict(recorder.seconds))
+                    self._log("recorded").write_text(repr(found))
+            finally:
+                os._exit(code)
         end = time.monotonic() + limit_s
         while time.monotonic() < end:
             done, status = os.waitpid(child, os.WNOHANG)
@@ -317,39 +231,23 @@ class Copy:
         os.waitpid(child, 0)
         return False
 
-    def _run(self, tests: list[str], plugins: list[Any] | None, after: Callable[[], None]) -> None:
-        """Run the tests and end this process."""
-        code = 1
-        try:
-            os.setsid()
-            nowhere = os.open(
-                self.folder.with_name("log.txt"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-            )
-            for number in (1, 2):
-                os.dup2(nowhere, number)
-            os.chdir(self.folder)
-            sys.path.insert(0, str(self.folder))
-            sys.dont_write_bytecode = True
-            os.environ |= {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
-            options = ["-x", "-n0", "-p", "no:cacheprovider"]
-            code = pytest.main([*options, *tests], plugins)
-            after()
-        finally:
-            os._exit(code)
-
     def notices(self, change: Change) -> bool:
-        """Whether a test fails where the change is made."""
+        """Whether a test fails, or takes far longer, where the change is made."""
         file = self.folder / change.file
         before = file.read_text(encoding="utf-8")
-        known = self._tests[tests_of(change.file)]
-        function = function_at(change.file, before, change.line)
-        own = {name: took for name, (took, called) in known.items() if function in called}
-        own = own or {name: took for name, (took, _) in known.items()}
+        called, seconds = self._known[tests_of(change.file)]
+        starts = [
+            min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            for node in ast.walk(ast.parse(before))
+            if isinstance(node, ast.FunctionDef) and node.lineno <= change.line <= node.end_lineno
+        ]
+        own = [name for name in seconds if (change.file, max(starts)) in called.get(name, set())]
+        own = sorted(own or seconds, key=seconds.__getitem__)
         try:
             after = before[: change.start] + change.after + before[change.end :]
             file.write_text(after, encoding="utf-8")
-            limit = Limit(own, 90.0 if "njit" in before else 30.0)
-            return not self._passes(_quick(own), 300.0, [limit])
+            limit_s = 90.0 if "njit" in before else 30.0
+            return not self._passes(own, limit_s + 3.0 * sum(seconds[name] for name in own))
         finally:
             file.write_text(before, encoding="utf-8")
 
@@ -357,29 +255,17 @@ class Copy:
 def drawn(seed: int) -> Iterator[Change]:
     """Yield changes at random, a file as often as another of its folder, without end."""
     generator = random.Random(seed)
-    known = {
-        name: list(changes(name, (ROOT / name).read_text(encoding="utf-8"))) for name in files()
-    }
+    known = {name: changes_in(name) for name in files()}
     places = [[name for name in known if name.startswith(place)] for place in TESTS]
-    tried: set[Change] = set()
+    tried: set[Change | None] = {None}
     while True:
         change = generator.choice(known[generator.choice(generator.choice(places))] or [None])
-        if change is not None and change not in tried:
+        if change not in tried:
             tried.add(change)
             yield change
 
 
-def chosen_changes(again: Path) -> Iterator[Change]:
-    """Yield the changes that survived in an earlier output."""
-    for line in again.read_text(encoding="utf-8").splitlines():
-        if line.startswith(SURVIVED):
-            place, number, rest = line.removeprefix(SURVIVED).strip().split(":", 2)
-            text = (ROOT / place).read_text(encoding="utf-8")
-            same = [each for each in changes(place, text) if each.line == int(number)]
-            yield from (each for each in same if str(each).endswith(f":{rest}"))
-
-
-def changes_in(only: str) -> list[Change]:
+def changes_in(only: str) -> list[Any]:
     """Return every change of a file, or of its lines FIRST-LAST: FILE or FILE:FIRST-LAST."""
     file, _, lines = only.partition(":")
     first, _, last = lines.partition("-")
@@ -392,46 +278,30 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--minutes", type=float, default=60.0)
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--again", type=Path, help="try what survived in this output, once each")
-    options.add_argument(
-        "--only", nargs="+", metavar="FILE[:FIRST-LAST]", help="try every change there once"
-    )
+    options.add_argument("--only", nargs="+", default=(), metavar="FILE[:FIRST-LAST]")
     options.add_argument("--out", type=Path)
     chosen = options.parse_args()
-    wanted: Iterable[Change] = drawn(chosen.seed)
-    tests = list(TESTS.values())
-    if chosen.again or chosen.only:
-        found = map(changes_in, chosen.only or ())
-        wanted = list(chosen_changes(chosen.again) if chosen.again else chain(*found))
-        tests = [tests_of(change.file) for change in wanted]
+    wanted = [change for each in chosen.only for change in changes_in(each)]
+    counts: Counter[str] = Counter()
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as place:
         os.environ["NUMBA_CACHE_DIR"] = place  # what changed kernels are compiled to goes with it
-        compiled = user_cache_path("raster-harness", appauthor=False) / "compiled"
-        if compiled.is_dir():
-            shutil.copytree(compiled, Path(place) / "compiled")
-        for name in LIBRARIES:
+        for name in LIBRARIES.split():
             importlib.import_module(name)
         copy = Copy(Path(place) / "checkout")
-        for each in dict.fromkeys(tests):
-            copy.record(each)
+        for tests in {tests_of(each.file) for each in wanted} or TESTS.values():
+            copy.record(tests)
         end = time.monotonic() + 60.0 * chosen.minutes
-        for change in wanted:
+        for change in wanted or drawn(chosen.seed):
             if time.monotonic() > end:
                 break
-            if why := equivalent(change, (copy.folder / change.file).read_text(encoding="utf-8")):
-                lines.append(f"{SAME:10} {change}: {why}")
-                print(lines[-1], flush=True)
+            if equivalent(change, (copy.folder / change.file).read_text(encoding="utf-8")):
                 continue
-            start = time.monotonic()
-            outcome = NOTICED if copy.notices(change) else SURVIVED
+            outcome = "noticed" if copy.notices(change) else "SURVIVED"
+            counts[outcome] += 1
             lines.append(f"{outcome:10} {change}")
-            print(f"{lines[-1]} ({time.monotonic() - start:.0f} s)", flush=True)
-    counts = Counter(line.split()[0] for line in lines)
-    lines.append(
-        f"{counts[NOTICED] + counts[SURVIVED]} changes, {counts[SURVIVED]} survivors "
-        f"(seed {chosen.seed}); {counts[SAME]} more of which no result can tell"
-    )
+            print(lines[-1], flush=True)
+    lines.append(f"{counts.total()} changes, {counts['SURVIVED']} survivors (seed {chosen.seed})")
     print(lines[-1])
     if chosen.out:
         chosen.out.write_text("\n".join(lines) + "\n", encoding="utf-8")

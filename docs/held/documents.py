@@ -1,6 +1,6 @@
 """Which document cites which figures."""
 
-from docs.held import Held, claims, findings, flips, others, readme, tiles
+from docs.held import Held, claims, findings, flips, others, readme
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "README.md": (readme.HELD, readme.DEFINITIONS),
@@ -9,10 +9,8 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),
-    "docs/theory.md": (others.THEORY, others.THEOREMS),
-    "docs/studies/map-tiles.md": (tiles.STUDY, tiles.STUDY_PLAN),
+    "docs/theory.md": ([], others.THEOREMS),
     "harness/study/our_figures.py": (claims.HELD, claims.DEFINITIONS),
-    "docs/studies/models.md": (others.STUDY_OF_MODELS, others.MODELS_PLAN),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""
 

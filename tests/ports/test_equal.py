@@ -60,7 +60,7 @@ def javascript(cases, node, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cpp(cases, tmp_path_factory):
-    """What C++ made of the cases; scripts/flips_equal.py tries other compilers.
+    """What C++ made of the cases; tests/endurance tries many more.
 
     The wheel's is the last: the first time it compiles its own library, which takes a minute.
     """

@@ -370,7 +370,7 @@ def test_a_damaged_font_costs_its_letters_or_is_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_files_are_read_and_cut_ones_hide_nothing(kind):
-    """Three cuts of each format; tests/fuzz and scripts/damaged_files.py try many more."""
+    """Three cuts of each format; tests/fuzz tries many more."""
     data = whole(kind)[f"a.{kind}"]
     assert outcome(kind, data) == "read"
     for length in (len(data) // 3, 2 * len(data) // 3, len(data) - 3):

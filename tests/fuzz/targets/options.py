@@ -37,6 +37,7 @@ LEAST: dict[str, tuple[str, ...]] = {
     "history": ("RUN",),
     "report": ("RUN",),
     "inspect": ("block.geojson",),
+    "check-evidence": ("block.geojson",),
     "triangulate": ("block.geojson", "-o", "out.obj", "--no-cache"),
     "study gains": ("RUN", "--out", "gains"),
     "study all": ("none.geojson", "--out", "study", "--quick"),
