@@ -27,6 +27,8 @@ from harness.rasterisers.agreement import disagreements
 from harness.rasterisers.opengl import egl, osmesa
 from harness.rasterisers.opengl.gl import GLRasteriser
 from harness.rasterisers.reference import Reference, predict
+from harness.rasterisers.simulated.building import INSTALL
+from harness.rasterisers.simulated.simulated import DESIGNS, design
 from harness.rasterisers.webgpu import adapters
 
 Status = Literal["ok", "warning", "missing"]
@@ -72,6 +74,7 @@ def examine() -> list[Finding]:
         _osmesa(),
         _pyrender(),
         _reference(),
+        *map(_simulated, DESIGNS),
     ]
 
 
@@ -157,6 +160,24 @@ def _reference() -> Finding:
     tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
     detail = f"{tests / seconds / 1e6:,.0f} million bounding-box pixels a second, on one core"
     return Finding("reference", "ok", detail)
+
+
+def _simulated(name: str) -> Finding:
+    """A published design: what it is built with, and whether it counts as the reference does."""
+    title = f"simulated on {name}"
+    if problem := design(name).problem():
+        return Finding(title, "warning", *problem)
+    frame, triangles = _scattered(128, 100, grid=SUBPIXEL // 2)
+    try:
+        opened = rasterisers.get("simulated")(Device(name, software=True))
+        drawn = opened.count(frame, triangles, Options())
+    except HarnessError as error:
+        return Finding(title, "warning", str(error), f"run {INSTALL}")
+    expected = Reference().count(frame, triangles, Options())
+    detail = f"{opened.device.details['version']}; its time is a count of cycles"
+    if found := disagreements(frame, drawn, expected):
+        return Finding(title, "warning", f"{detail}; differs from the reference: {found[0]}")
+    return Finding(title, "ok", f"{detail}; counts equal the reference's")
 
 
 def _opened(name: str, rasteriser: str, device: Device) -> Finding:

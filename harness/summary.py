@@ -162,7 +162,9 @@ def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> lis
         return [Text("-" if is_base else ""), *[Text("")] * paid]
     colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
     words = each.pays.short if each.pays else WORDS[ratio.verdict]
-    shown = f"{ratio.value:.3f} ({ratio.low:.3f}-{ratio.high:.3f})"
+    shown = f"{ratio.value:.3f}"
+    if not ratio.exact:
+        shown += f" ({ratio.low:.3f}-{ratio.high:.3f})"
     if paid:
         return [Text(shown, style=colour), Text(words, style=colour)]
     return [Text(f"{shown} {words}", style=colour)]

@@ -6,6 +6,7 @@ A value that cannot be is refused here, before anything is imported or made: one
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -226,8 +227,9 @@ Precision = Annotated[
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """Split a text at its commas."""
-    return tuple(part for part in (piece.strip() for piece in str(text).split(",")) if part)
+    """Split a text at its commas, but for those within a name's parameters (`name:a=1,b=2`)."""
+    pieces = re.split(r",(?![a-z_]+=)", str(text))
+    return tuple(part for part in (piece.strip() for piece in pieces) if part)
 
 
 def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ from harness.compare.gate_settings import Settings
 from harness.compare.model import Against, Drift, TimeChange
 from harness.compare.quantiles import Samples, log_ratio, margins, positive
 from harness.compare.rounds import decide
+from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
 MIN_ROUNDS = 8
@@ -82,6 +83,8 @@ def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChan
     before, after = base.get("time") or {}, head.get("time") or {}
     if not before and not after:
         return None
+    if CYCLES in before and CYCLES in after:
+        return None  # a counter like any other
     first, second = (positive(times.get("samples_s") or []) for times in (before, after))
     reason = ""
     if not len(first) or not len(second):

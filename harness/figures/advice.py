@@ -26,6 +26,8 @@ def _advice(decision: Decision, scene: str) -> str:
     take = f"triangulate {scene} by {choice.name}"
     if decision.ground == SHOWN and choice.ratio:
         ratio = choice.ratio
+        if ratio.exact:
+            return f"{take}: it takes {_share(1 - ratio.value)} fewer cycles than {base.name}"
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
         words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
         if choice.pays is not None and choice.pays.kind in (AT_ONCE, AFTER):

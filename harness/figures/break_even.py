@@ -87,12 +87,13 @@ class _Estimate:
 def break_even(record: Record, base: Record | None) -> BreakEven | None:
     """Return it for two records timed in the same rounds; None where it is not defined.
 
-    It is not for the base itself, and where drawing or triangulating of either was not timed. A
+    It is not for the base itself, nor where drawing or triangulating of either was not timed, or
+    drawing in cycles. A
     draw saves (1 - ratio) times the base's draw. Both triangulate in the same rounds, too: what one
     takes longer is the mean of the rounds' differences, with Student's interval.
     """
     ratio = time_ratio(record, base)
-    if ratio is None or base is None or record is base:
+    if ratio is None or ratio.exact or base is None or record is base:
         return None
     longer = _longer(record, base)
     if longer is None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from harness.errors import unknown
 from harness.figures.ratios import Ratio, of_any_run, paired_ratio
+from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record, Run
 
 USUAL_BASE = "ear-clipping"
@@ -77,6 +78,8 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
     if base is None or record.get("polygons") != base.get("polygons"):
         return None
     times, base_times = record.get("time") or {}, base.get("time") or {}
+    if CYCLES in times and CYCLES in base_times:
+        return Ratio.of_counts(times[CYCLES], base_times[CYCLES])
     # Without the rounds of both, which damage can take away, nothing is paired.
     if not (_has_rounds(times) and _has_rounds(base_times)):
         return None

@@ -17,6 +17,7 @@ from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.rasterisers.base import Counters
+from harness.rasterisers.counters import CYCLES
 from harness.rasterisers.submission_order import submission
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
@@ -87,6 +88,7 @@ def measured(
         "triangulate_s": triangulation.seconds,
         **_rounds_of(triangulation.samples_s),
         "polygons_cached": triangulation.cached,
+        **_cycles_of(counters),
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),
@@ -100,6 +102,13 @@ def measured(
         drawn = drawn_polygons(triangulation.parts)
         record["coverage_error"] = coverage.error(counters["fragments"], drawn)
     return record
+
+
+def _cycles_of(counters: Counters) -> Record:
+    """Return the time of a device whose time is a count: one sample, without noise."""
+    if CYCLES not in counters:
+        return {}
+    return {"time": {"timer": CYCLES, CYCLES: int(counters[CYCLES].sum())}}
 
 
 def _rounds_of(samples_s: Sequence[float]) -> Record:

@@ -28,6 +28,7 @@ from harness.measuring.scene import Columns, SceneRun
 from harness.measuring.two_versions import Beside, Halves, head_records
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
+from harness.rasterisers.counters import CYCLES
 from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted, read_run
 from harness.triangulating.recipes import ORIGINAL, Recipe
@@ -301,7 +302,10 @@ def _in_short(record: Record) -> str:
     view = f"{record['resolution']} px, {record['rotation']:g} degrees"
     where = f"{record['scene']}, {view}: {record['triangulator']}, {record['rasteriser']}"
     time = record.get("time")
-    result = f"{time['median_s'] * 1e3:.4g} ms" if time else record["reason"] or "counted"
+    result = record["reason"] or "counted"
+    if time:
+        seconds = time.get("median_s")
+        result = f"{time[CYCLES]:,} cycles" if seconds is None else f"{seconds * 1e3:.4g} ms"
     return f"{where} on {record['device']}: {record['status']}, {result}"
 
 

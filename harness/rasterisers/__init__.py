@@ -47,6 +47,7 @@ BUILT_IN = {
     "webgpu": "harness.rasterisers.webgpu.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
+    "simulated": "harness.rasterisers.simulated.simulated:Simulated",
 }
 
 
@@ -107,14 +108,12 @@ def find_device(rasteriser: str, name: str | None = None) -> Device:
         if the device exists by name but does not work on this machine
     """
     kind = get(rasteriser)
-    devices = kind.devices()
     if name is None:
-        if devices:
+        if devices := kind.devices():
             return devices[0]
         raise NoRasteriser(f"{rasteriser}: no device works here; {kind.remedy()}")
-    for device in devices:
-        if device.name == name:
-            return device
+    if device := kind.find(name):
+        return device
     if kind.knows(name):
         raise NoRasteriser(f"{rasteriser}: device '{name}' does not work here; {kind.remedy(name)}")
-    raise unknown("device", name, [device.name for device in devices] or kind.known)
+    raise unknown("device", name, [device.name for device in kind.devices()] or kind.known)

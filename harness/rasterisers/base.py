@@ -150,6 +150,11 @@ class Rasteriser(ABC):
         return name in cls.known or (numbered and "gpu0" in cls.known)
 
     @classmethod
+    def find(cls, name: str) -> Device | None:
+        """Return the device called `name`, or None where it does not work here."""
+        return next((device for device in cls.devices() if device.name == name), None)
+
+    @classmethod
     def supports(cls, options: Options) -> bool:
         """Whether it can draw with `options`."""
         return cls.shades or (options.samples == 1 and options.work == 0)

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+CYCLES = "cycles"
+"""The counter that is a device's time, where it has it."""
+
 
 @dataclass(frozen=True)
 class Counter:
@@ -33,6 +36,10 @@ COUNTERS = {
     counter.name: counter
     for counter in (
         Counter(
+            *(CYCLES, "cycles", "cycles", "lower", None, "cycles"),
+            description="cycles that a simulated design takes, which are its time",
+        ),
+        Counter(
             *("helper_lanes", "helper lanes", "lanes", "lower", 0.0, "helpers"),
             description="lanes of shaded 2x2 quads that cover nothing",
         ),
@@ -54,6 +61,10 @@ COUNTERS = {
             )
             for size in (16, 32, 64)
         ),
+        Counter("tiles", "tiles", "tiles", description="tiles that triangles are put into"),
+        Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
+        Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
+        Counter("beats", "beats", "beats", description="cycles in which quads leave"),
         Counter("quads", "quads", "quads", description="2x2 quads shaded"),
         Counter(
             *("partial_quads", "partial quads", "quads", "lower", 0.0),

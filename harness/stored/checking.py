@@ -59,7 +59,7 @@ def completed(record: dict[str, Any]) -> dict[str, Any]:
     if record["status"] == "ok":
         usual |= {name: record.get(name) or {} for name in TABLES}
     time = record.get("time")
-    if time and "median_s" not in time:
+    if time and "samples_s" in time and "median_s" not in time:
         usual["time"] = {**time, "median_s": statistics.median(time["samples_s"])}
     return {**record, **usual}
 
@@ -100,6 +100,8 @@ def _is_options(value: Any) -> bool:
 def _is_time(value: Any) -> bool:
     if not isinstance(value, dict):
         return False
+    if value.get("timer") == "cycles":
+        return isinstance(value.get("cycles"), int) and _is_number(value["cycles"])
     # What is absent is an older run's; null is damage.
     if not value.get("samples_s"):
         return False

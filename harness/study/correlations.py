@@ -139,7 +139,7 @@ def measure_table(records: Sequence[Record]) -> pd.DataFrame:
         row = rows.setdefault(key, _predictions(record))
         counted = record["counters"]
         row |= {name: counted[name] for name in measures(counted)}
-        if record.get("time"):
+        if "median_s" in (record.get("time") or {}):
             row[f"{TIME}{options['work']}"] = record["time"]["median_s"]
     table = pd.DataFrame(
         [{**dict(zip(KEYS, key, strict=True)), **row} for key, row in rows.items()]

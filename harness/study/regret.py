@@ -106,7 +106,7 @@ def regret_table(records: Sequence[Record]) -> pd.DataFrame:
             for measure in measures(first["counters"]):
                 if all(r["counters"].get(measure) is not None for r in good):
                     rows += _of_counter(good, chosen, {**where, "measure": measure})
-        timed = [r for r in good if r.get("time")]
+        timed = [r for r in good if "samples_s" in (r.get("time") or {})]
         if len(timed) == len(good):
             measure = f"{TIME}{first['options']['work']}"
             rows += _of_time(good, chosen, {**where, "measure": measure})

@@ -1,0 +1,53 @@
+"""Where a design's sources lie, and whether they are those that the counts are known for.
+
+They are their authors'. Nothing of them is in this package: a user gets them, names their folder
+by a variable of the environment, and each file is held against a digest before it is used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.errors import NoRasteriser
+from harness.rasterisers.simulated.building import Lacking
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The sources of one design.
+
+    variable : names their folder
+    digests : a file as sha256sum writes it, of all files that are used
+    get : how to get them, as an order
+    """
+
+    variable: str
+    digests: Path
+    get: str
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256 of each file that is used, by its name in the folder."""
+        lines = self.digests.read_text().splitlines()
+        return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines)}
+
+    def problem(self) -> Lacking | None:
+        """Say what is wrong with them, or None."""
+        given = os.environ.get(self.variable)
+        if not given:
+            return Lacking(f"{self.variable} is not set", self.get)
+        for name, digest in self.files().items():
+            file = Path(given) / name
+            if not file.is_file():
+                return Lacking(f"{self.variable}: there is no {file}", self.get)
+            if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+                return Lacking(f"{self.variable}: {file} is not as it was published", self.get)
+        return None
+
+    def folder(self) -> Path:
+        """Return the folder; raises NoRasteriser where `problem` says something."""
+        if problem := self.problem():
+            raise NoRasteriser(str(problem))
+        return Path(os.environ[self.variable])

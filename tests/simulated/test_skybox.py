@@ -1,0 +1,121 @@
+"""Skybox's raster slice against the CPU reference: every count of every triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.errors import UsageError
+from harness.frame import View, bare_frame, frame_of
+from harness.rasterisers import Options, get
+from harness.rasterisers.binning import predict as binned
+from harness.rasterisers.reference import predict
+from harness.rasterisers.simulated.skybox.edges import edge_functions
+from scenes import load
+from tests.simulated.conftest import KINDS, triangles_of
+from triangulators import triangulate
+
+BUILDS = ("skybox", "skybox:output_quads=1,tile=64", "skybox:output_quads=2,tile=16,block=8")
+"""Each value of each parameter that is built in, once at least; `make endurance` has all."""
+
+DRAWN = ("", "bins=exact", "shader=3", "shader=0.5,fetch=40")
+"""Parameters of a run, for a build."""
+
+EXACT = ("fragments", "quads", "helper_lanes", "partial_quads")
+
+
+def with_parameters(device: str, more: str) -> str:
+    return f"{device}{',' if ':' in device else ':'}{more}" if more else device
+
+
+def assert_exact(drawn, frame, triangles, device):
+    expected = predict(frame.points, triangles, frame.window)
+    tile = next((size for size in ("16", "64") if f"tile={size}" in device), "32")
+    tiles = binned(frame.points, triangles, frame.window)
+    expected["tiles"] = tiles[f"tiles_{tile}{'_exact' if 'exact' in device else ''}"]
+    for name in (*EXACT, "tiles"):
+        np.testing.assert_array_equal(drawn[name], expected[name], f"{device}: {name}")
+
+
+@pytest.mark.parametrize("size", [64, 256, 1024])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_count_of_every_kind_of_triangle_is_the_references(opened, kind, size):
+    frame, triangles = triangles_of(kind, size, 1000 if size == 256 else 200, seed=1)
+    assert_exact(opened("skybox").count(frame, triangles, Options()), frame, triangles, "skybox")
+
+
+@pytest.mark.parametrize("build", BUILDS)
+@pytest.mark.parametrize("more", DRAWN)
+def test_no_parameter_changes_what_is_covered(opened, build, more):
+    device = with_parameters(build, more)
+    for kind in KINDS:
+        frame, triangles = triangles_of(kind, 128, 100, seed=2)
+        assert_exact(opened(device).count(frame, triangles, Options()), frame, triangles, device)
+
+
+@pytest.mark.parametrize("scene", ["city", "glyphs", "stress"])
+def test_every_polygon_of_a_scene_is_counted_as_by_the_reference(opened, scene):
+    frame = frame_of(load(scene), View(256))
+    parts = [triangulate(polygon, "ear-clipping") for polygon in frame.polygons]
+    triangles = frame.join(parts)
+    drawn = opened("skybox").count(frame, triangles, Options())
+    expected = get("reference")().count(frame, triangles, Options())
+    for name in EXACT:
+        np.testing.assert_array_equal(drawn[name], expected[name])
+
+
+def test_the_picture_is_the_references(opened):
+    frame, triangles = triangles_of("any", 64, 50, seed=3)
+    for device in ("skybox", "skybox:output_quads=1,shader=3"):
+        picture = opened(device).image(frame, triangles, Options())
+        np.testing.assert_array_equal(
+            picture, get("reference")().image(frame, triangles, Options())
+        )
+
+
+def test_a_triangle_that_32_bits_do_not_hold_is_refused_in_a_line(opened):
+    largest = np.array([[0, 0], [1024, 0], [1024, 1024], [0, 1024]], np.int32) * 256
+    both = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    drawn = opened("skybox").count(bare_frame(1024, largest), both, Options())
+    assert drawn["fragments"].sum() == 1024**2
+    with pytest.raises(UsageError, match=r"32 bits, too few for a triangle of 4096 px: choose"):
+        opened("skybox").count(bare_frame(4096, largest * 4), both, Options())
+
+
+def test_an_edge_function_is_the_same_test_with_eight_bits_less():
+    frame, triangles = triangles_of("on pixels' centres", 64, 50, seed=4)
+    edges = edge_functions(frame.points, triangles)
+    x, y = np.meshgrid(np.arange(64), np.arange(64))
+    values = edges[..., 0, None, None] * x + edges[..., 1, None, None] * y
+    inside = (values + edges[..., 2, None, None] >= 0).all(axis=1)
+    expected = predict(frame.points, triangles)["fragments"]
+    corners = frame.points[triangles].astype(np.int64)
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) == 0
+    np.testing.assert_array_equal(inside.sum(axis=(1, 2))[~flat], expected[~flat])
+
+
+def test_cycles_are_the_same_at_every_run_and_grow_with_the_shader(opened):
+    frame, triangles = triangles_of("any", 128, 30, seed=5)
+
+    def cycles(device):
+        return int(opened(device).count(frame, triangles, Options())["cycles"])
+
+    assert cycles("skybox") == cycles("skybox")
+    quads = int(predict(frame.points, triangles)["quads"].sum())
+    slow = cycles("skybox:shader=16")
+    assert 16 * quads <= slow < 16 * quads * 1.02 + 100
+    assert cycles("skybox") <= cycles("skybox:output_quads=1") < slow
+    tiles = int(binned(frame.points, triangles)["tiles_32"].sum())
+    assert 500 * (tiles - 1) < cycles("skybox:fetch=500") < 500 * tiles + 200
+
+
+def test_a_draw_lasts_until_its_last_quad_is_shaded(opened):
+    """One pixel: up to its quad's coming out nothing depends on the shader."""
+    points = np.array([[10, 10], [200, 10], [10, 500]], np.int32)
+    one = np.array([[0, 1, 2]], np.int32)
+
+    def cycles(device):
+        return int(opened(device).count(bare_frame(8, points), one, Options())["cycles"])
+
+    assert cycles("skybox:shader=100") - cycles("skybox:shader=50") == 50
+    assert cycles("skybox") < 40
