@@ -45,11 +45,15 @@ KINDS = (
 )
 
 
-def triangles_of(kind: str, size: int, number: int, seed: int) -> tuple[Frame, np.ndarray]:
-    """Return so many triangles of a kind, each a polygon of its own, in a viewport of `size` px."""
+def triangles_of(size: int, number: int, seed: int, kinds=KINDS) -> tuple[Frame, np.ndarray]:
+    """Return so many triangles of each kind, each a polygon of its own, in `size` px."""
+    points = [_corners(kind, size, number, seed) for kind in kinds]
+    return loose_triangles(np.clip(np.concatenate(points), 0, size * 256), size)
+
+
+def _corners(kind: str, size: int, number: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, KINDS.index(kind), size])
-    most = size * 256
-    points = rng.integers(0, most + 1, (number, 3, 2))
+    points = rng.integers(0, size * 256 + 1, (number, 3, 2))
     if kind in ("small", "below a pixel"):
         reach = 16 * 256 if kind == "small" else 256
         points = points[:, :1] + rng.integers(-reach, reach + 1, (number, 3, 2))
@@ -66,4 +70,4 @@ def triangles_of(kind: str, size: int, number: int, seed: int) -> tuple[Frame, n
         points[:, 2, 0] = points[:, rng.integers(0, 2), 0]
     elif kind == "flat":
         points[:, 2] = points[:, 0] + (points[:, 1] - points[:, 0]) // 2
-    return loose_triangles(np.clip(points, 0, most), size)
+    return points
