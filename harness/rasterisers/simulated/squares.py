@@ -67,8 +67,9 @@ def descended(
             counts[pairs[pair, 0], 0] += 1
             passes = True
             for k in range(3):
-                a, b = np.int64(edge[k, 0]), np.int64(edge[k, 1])
-                if a * x + b * y + edge[k, 2] + (max(a, 0) + max(b, 0)) * side < 0:
+                a, b, c = np.int64(edge[k, 0]), np.int64(edge[k, 1]), np.int64(edge[k, 2])
+                grows = (a if a > 0 else 0) + (b if b > 0 else 0)
+                if a * x + b * y + c + grows * side < 0:
                     passes = False
             if not passes:
                 continue
