@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,11 +118,11 @@ def read_chunks(
     source = Source(existing(path), layer, where, rows, attributes)
     placing = Placing(path, project)
     for raw in _raws(source, size):
-        geometries, notes = placing.place(raw)
-        cleaned = clean(geometries, raw.labels, placing.back)
-        cleaned.dropped[:0] = raw.dropped
-        cleaned.repaired[:0] = raw.repaired
-        table = raw.attributes
+        placed, notes = placing.place(raw)
+        cleaned = clean(placed.geometries, placed.labels, placing.back)
+        cleaned.dropped[:0] = placed.dropped
+        cleaned.repaired[:0] = placed.repaired
+        table = placed.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
         yield Chunk(cleaned, table, placing.units, placing.crs, placing.projection, notes)
@@ -132,17 +132,10 @@ def _raws(source: Source, size: int) -> Iterator[Raw]:
     """What the file's reader yields, filtered by `where` if the reader cannot do that itself."""
     reader = reader_of(source.path)
     for raw in reader(source, size):
-        yield raw if source.where is None or reader is GDAL else _filtered(raw, source)
-
-
-def _filtered(raw: Raw, source: Source) -> Raw:
-    rows = matching(raw.attributes, source.where or "", str(source.path))
-    return replace(
-        raw,
-        geometries=[raw.geometries[i] for i in rows],
-        labels=[raw.labels[i] for i in rows],
-        attributes=None if raw.attributes is None else raw.attributes.iloc[rows],
-    )
+        if source.where is None or reader is GDAL:
+            yield raw
+        else:
+            yield raw.rows(matching(raw.attributes, source.where, str(source.path)))
 
 
 def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from scenes.tiles.wire import packed, unzigzag, varints, zigzag
 
 GZIP, ZSTD = 9, 19
 """Levels of packing; Brotli's is its best, 11, too: a tile is packed once and sent often."""
@@ -90,3 +89,58 @@ def index_sizes(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
         for name, function in pack.items():
             sizes[f"index_bytes_{name}"] += len(function(data))
     return sizes
+
+
+def packed(values: NDArray[np.int64]) -> bytes:
+    """Numbers from 0 to 2^32 - 1 as a packed field.
+
+    >>> list(packed(np.array([9, 300])))
+    [9, 172, 2]
+    """
+    lengths = 1 + sum((values >= 1 << bits).astype(np.int64) for bits in (7, 14, 21, 28))
+    ends = np.cumsum(lengths)
+    place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)
+    parts = (np.repeat(values, lengths) >> (7 * place)) & 0x7F
+    more = place < np.repeat(lengths, lengths) - 1
+    return (parts | np.where(more, 0x80, 0)).astype(np.uint8).tobytes()
+
+
+def zigzag(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers of both signs as numbers that are not negative: 0, -1, 1, -2 as 0, 1, 2, 3."""
+    return (values << 1) ^ (values >> 63)
+
+
+def unzigzag(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Undo `zigzag`.
+
+    >>> unzigzag(zigzag(np.array([0, -1, 1, -70]))).tolist()
+    [0, -1, 1, -70]
+    """
+    return (values >> 1) ^ -(values & 1)
+
+
+def varints(data: bytes) -> NDArray[np.int64]:
+    """All numbers of a packed field at once, as uint32 in int64.
+
+    Raises ValueError if the last one is cut off, or one has more than ten bytes.
+
+    >>> varints(b"\\x09\\xac\\x02").tolist()
+    [9, 300]
+    """
+    content = np.frombuffer(data, np.uint8)
+    if data.isascii():  # each is one byte, as most tags are
+        return content.astype(np.int64)
+    ends = np.flatnonzero(content < 0x80)
+    if len(content) and (not len(ends) or ends[-1] != len(content) - 1):
+        raise ValueError("a number is cut off")
+    starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
+    lengths = ends - starts + 1
+    longest = int(lengths.max(initial=0))
+    if longest > 10:
+        raise ValueError("a number has more than ten bytes")
+    values = np.zeros(len(ends), np.int64)
+    for byte in range(min(longest, 5)):
+        more = byte < lengths
+        part = content[starts[more] + byte].astype(np.int64) & 0x7F
+        values[more] |= part << (7 * byte)
+    return values & 0xFFFFFFFF

@@ -55,23 +55,26 @@ def system(crs: str | None) -> CRS | None:
     return found.to_2d() if found.is_geographic else found
 
 
-def is_geographic(crs: str | None, coordinates: NDArray[np.float64]) -> bool:
-    """Whether these (n, 2) coordinates are longitude and latitude, by their reference system.
+def is_geographic(crs: str | None) -> bool:
+    """Whether a reference system has longitude and latitude, in degrees; PROJ has to know it.
 
-    They are not if PROJ does not know the system. GDAL gives EPSG:4326 to every GeoJSON without a
-    `crs` member, so coordinates out of the range of longitude and latitude are planar.
-
-    >>> is_geographic("EPSG:6318", np.array([[-96.0, 38.0]]))
-    True
-    >>> is_geographic("EPSG:4326", np.array([[386_000.0, 6_672_000.0]]))
-    False
+    >>> is_geographic("EPSG:6318"), is_geographic("EPSG:3067"), is_geographic(None)
+    (True, False, False)
     """
     known = system(crs)
-    if known is None or not known.is_geographic or len(coordinates) == 0:
+    if known is None or not known.is_geographic:
         return False
-    finite = coordinates[np.isfinite(coordinates).all(axis=1)] * _degrees_per_unit(known)
-    lon, lat = np.abs(finite).max(axis=0, initial=0.0)
-    return bool(lon <= 360.0 and lat <= 90.0 + 1e-9)
+    # some, most of them French, count in grads, 400 to the turn
+    return bool(abs(known.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
+
+
+def off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) which coordinates (n, 2) are no longitude (to 360) and latitude; NaN may be any.
+
+    >>> off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
+    [False, True, True]
+    """
+    return np.asarray((np.abs(coordinates) > [360.0, 90.0 + 1e-9]).any(axis=1))
 
 
 def units(crs: str | None) -> str | None:
@@ -107,15 +110,13 @@ class Projection:
         It is azimuthal unless they reach further than `REACH` from their centre, or have edges
         longer than `LONG_EDGE`, such as a box from -180 to 180 has.
         """
-        known = system(crs)
-        scale = _degrees_per_unit(known) if known is not None else 1.0
-        degrees = shapely.get_coordinates(geometries) * scale
+        degrees = shapely.get_coordinates(geometries)
         centre = mean_direction(degrees)
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
         near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(REACH))
-        return cls(crs, centre if near and not _has_long_edges(geometries, scale) else None)
+        return cls(crs, centre if near and not _has_long_edges(geometries) else None)
 
     def __str__(self) -> str:
         if self.centre is None:
@@ -150,12 +151,12 @@ class Projection:
             # the two sides of the 180th meridian, and all longitudes of a pole, are one place: with
             # the same numbers for it, the seam of a ring round a pole vanishes
             lon, lat = coordinates.T
-            lon = np.where(lon == -self._turn / 2, self._turn / 2, lon)
-            lon = np.where(np.abs(lat) == self._turn / 4, 0.0, lon)
+            lon = np.where(lon == -180.0, 180.0, lon)
+            lon = np.where(np.abs(lat) == 90.0, 0.0, lon)
             return np.column_stack(self._to_metres.transform(lon, lat))
-        # longitudes beyond 180 are of rings that cross it: they go on, where PROJ would wrap them
-        turns = np.round(coordinates[:, 0] / self._turn)
-        lon = coordinates[:, 0] - turns * self._turn
+        # longitudes beyond 180 go on, where PROJ would wrap them
+        turns = np.round(coordinates[:, 0] / 360.0)
+        lon = coordinates[:, 0] - turns * 360.0
         x, y = self._to_metres.transform(lon, coordinates[:, 1])
         return np.column_stack([x + turns * self._width, y])
 
@@ -179,28 +180,27 @@ class Projection:
         return np.column_stack([lon + steps[0], lat + steps[1]])
 
     @cached_property
-    def _turn(self) -> float:
-        """A turn in the source's unit: 360 degrees, or 400 gon."""
-        known = system(self.crs)
-        return 360.0 if known is None else 360.0 / _degrees_per_unit(known)
-
-    @cached_property
     def _width(self) -> float:
         """The cylindrical map's, in metres."""
-        east, _ = self._to_metres.transform(np.array([self._turn / 2]), np.zeros(1))
+        east, _ = self._to_metres.transform(np.array([180.0]), np.zeros(1))
         return 2.0 * float(east[0])
 
     def project(self, geometries: Any) -> NDArray[Any]:
-        """Geometries (shapely's, or None) in metres, two-dimensional.
-
-        An edge of more than 180 degrees crosses the 180th meridian, one of just 360 does not.
-        """
+        """Geometries (shapely's, or None) in metres, two-dimensional."""
         given = np.array(geometries, dtype=object)
-        if self.centre is None:
-            for i in np.flatnonzero(_crosses(given, self._turn)):
-                given[i] = _unwrapped(given[i], self._turn)
         projected: NDArray[Any] = shapely.transform(given, self.forward)
         return projected
+
+    def torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which geometries cross the 180th meridian, where the map of the whole globe ends.
+
+        An edge of more than 180 degrees does; one of just 360, along a parallel, does not.
+        """
+        found = np.zeros(len(geometries), dtype=bool)
+        if self.centre is None:
+            step, _, owner = _steps(geometries)
+            found[owner[(np.abs(step) > 180.0) & (np.abs(step) < 360.0 * (1 - 1e-12))]] = True
+        return found
 
 
 def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
@@ -223,11 +223,6 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return product
 
 
-def _degrees_per_unit(geographic: CRS) -> float:
-    """Some systems, most of them French, count in grads, 400 to the turn."""
-    return float(np.degrees(geographic.axis_info[0].unit_conversion_factor))
-
-
 def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Each edge of each ring: its step in longitude, the latitude of its middle, its geometry."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
@@ -240,44 +235,8 @@ def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], N
     return np.diff(xy[:, 0])[same], middle[same], owner[inner][polygonal][part][ring[1:]][same]
 
 
-def _has_long_edges(geometries: Any, scale: float) -> bool:
+def _has_long_edges(geometries: Any) -> bool:
     step, lat, _ = _steps(geometries)
-    step, lat = np.abs(step * scale), np.abs(lat * scale)
+    step, lat = np.abs(step), np.abs(lat)
     long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
     return bool((long & (lat < _POLE)).any())
-
-
-def _across(step: NDArray[np.float64], turn: float) -> NDArray[np.bool_]:
-    size = np.abs(step)
-    return (size > turn / 2) & (size < turn * (1 - 1e-12))
-
-
-def _crosses(geometries: NDArray[Any], turn: float) -> NDArray[np.bool_]:
-    """Which geometries have a ring that crosses the 180th meridian."""
-    step, _, owner = _steps(geometries)
-    found = np.zeros(len(geometries), dtype=bool)
-    found[owner[_across(step, turn)]] = True
-    return found
-
-
-def _unwrapped(geometry: Any, turn: float) -> Any:
-    """The geometry with each ring in one piece, beyond 180 degrees if need be."""
-    if not isinstance(geometry, shapely.Polygon):
-        parts = [_unwrapped(part, turn) for part in shapely.get_parts(geometry)]
-        return shapely.GeometryCollection(parts)
-    rings = [_ring(ring, turn) for ring in (geometry.exterior, *geometry.interiors)]
-    middle = rings[0][:, 0].mean()
-    shifts = [np.round((middle - ring[:, 0].mean()) / turn) * turn for ring in rings]
-    moved = [ring + [shift, 0.0] for ring, shift in zip(rings, shifts, strict=True)]
-    return shapely.Polygon(moved[0], moved[1:])
-
-
-def _ring(ring: Any, turn: float) -> NDArray[np.float64]:
-    xy = shapely.get_coordinates(ring)
-    step = np.diff(xy[:, 0])
-    xy[1:, 0] += turn * np.cumsum(np.where(_across(step, turn), -np.sign(step), 0.0))
-    if xy[0, 0] == xy[-1, 0]:
-        return xy
-    # it runs round a pole, which is a line on this map: close it along that
-    pole = np.copysign(turn / 4, xy[:, 1].mean())
-    return np.vstack([xy, [xy[-1, 0], pole], [xy[0, 0], pole]])

@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import shapely
 
 from scenes.cleaning.clean import clean
 from scenes.cleaning.layout import in_rows
-from scenes.files import read
 from scenes.generated import cad
 from scenes.readers import models
 from scenes.scene import Scene
 
 
-def build(*, seed: int = 0, model: str = "", limit: int | None = None) -> Scene:
-    """Faces of the model file `model` (OBJ, PLY, glTF, GLB, STL, OFF, ...), laid out in rows.
-
-    Without one, faces of ten generated sheet metal parts, 20 mm thick. Raises SceneError for a
-    model that cannot be read.
-    """
-    if model:
-        scene = read(model, limit=limit)
-        return replace(scene, name="meshes", parameters={"model": model})
+def build(*, seed: int = 0) -> Scene:
+    """Faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
     polygons = []
     for part in cad.build(seed=seed, parts=10, segments=16).polygons:
         polygons += models.facets(*_extruded(part, 20.0))[0]
     cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",
-        polygons=list(cleaned.polygons)[:limit],
+        polygons=list(cleaned.polygons),
         units="mm",
         description="faces of sheet metal parts, each in its plane",
         licence="generated, no rights reserved",

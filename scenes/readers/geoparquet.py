@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from scenes.readers.arrow_tables import to_pandas
 from scenes.readers.nesting import too_deep
@@ -17,20 +16,16 @@ from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 from scenes.suggestions import suggestion
 
-_NATIVE = {"polygon": 2, "multipolygon": 3}
-"""Native encodings that hold polygons, and how many lists lie about their coordinates."""
-
 
 def read(source: Source, size: int) -> Iterator[Raw]:
     """Geometries of the file's primary column, `size` rows at a time.
 
-    `layer` names another geometry column. Geometries are encoded as WKB, which is what nearly all
-    writers do, or natively, as lists of lists of coordinates.
+    `layer` names another geometry column. Geometries are encoded as WKB, as nearly all writers do.
     """
     with pyarrow_parquet(source).ParquetFile(source.path) as file:
-        column, encoding, crs, notes = geometry_column(source, file.schema_arrow)
+        column, crs, notes = geometry_column(source, file.schema_arrow)
         for start, batch in _batches(file, source.rows, size):
-            raw = _raw(batch, column, encoding, crs, start, exact=source.rows is not None)
+            raw = _raw(batch, column, crs, start, exact=source.rows is not None)
             yield replace(raw, notes=notes + raw.notes)
 
 
@@ -62,8 +57,8 @@ def _batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tup
             return
 
 
-def geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, tuple[str, ...]]:
-    """Name, encoding and reference system of the column to read, and a note on other ones.
+def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
+    """Name and reference system of the column to read, and a note on other ones.
 
     Raises SceneError if the file has none, or none that can be read.
     """
@@ -84,40 +79,12 @@ def geometry_column(source: Source, schema: Any) -> tuple[str, str, str | None, 
     encoding = about["encoding"]
     others = [name for name in columns if name != column]
     notes = (f"geometry column {column} (others: {', '.join(others)})",) if others else ()
-    there = column in schema.names
-    if not there or encoding not in ("WKB", _nesting(schema.field(column).type)):
+    if column not in schema.names or encoding != "WKB":
         raise SceneError(
             f"{source.path}: column {column} has the encoding {encoding}, which cannot be read: "
             "write it as WKB"
         )
-    return column, encoding, _code(about.get("crs", "OGC:CRS84")), notes
-
-
-def _nesting(kind: Any) -> str:
-    """The native encoding that an Arrow type is for: lists about a struct of x and y."""
-    import pyarrow as pa
-
-    depth = 0
-    while pa.types.is_list(kind) or pa.types.is_large_list(kind):
-        kind, depth = kind.value_type, depth + 1
-    names = {kind.field(i).name for i in range(kind.num_fields)} if pa.types.is_struct(kind) else {}
-    return next((n for n, d in _NATIVE.items() if d == depth and {"x", "y"} <= set(names)), "")
-
-
-def _decoded(values: Any, encoding: str) -> NDArray[Any]:
-    """(n,) polygons of a natively encoded column; None where it has none."""
-    none = values.is_null().to_numpy(zero_copy_only=False)
-    # rows cut out of a longer column still point into the whole: copy them out
-    values = values.take(np.flatnonzero(~none))
-    offsets = []
-    for _ in range(_NATIVE[encoding]):
-        offsets.append(np.asarray(values.offsets, dtype=np.int64))
-        values = values.values
-    xy = np.column_stack([np.asarray(values.field(axis)) for axis in ("x", "y")])
-    kind = shapely.GeometryType[encoding.upper()]
-    geometries = np.full(len(none), None, dtype=object)
-    geometries[~none] = shapely.from_ragged_array(kind, xy, tuple(reversed(offsets)))
-    return geometries
+    return column, _code(about.get("crs", "OGC:CRS84")), notes
 
 
 def _code(crs: Any) -> str | None:
@@ -130,14 +97,10 @@ def _code(crs: Any) -> str | None:
     return json.dumps(crs)
 
 
-def _raw(
-    batch: Any, column: str, encoding: str, crs: str | None, start: int, *, exact: bool
-) -> Raw:
+def _raw(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> Raw:
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
     table, notes = to_pandas(batch.remove_column(index), exact=exact)
-    if encoding != "WKB":
-        return Raw(_decoded(batch.column(index), encoding), labels, table, crs, notes=notes)
     values = batch.column(index).to_pylist()
     flat = [None if value and too_deep(value) else value for value in values]
     geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")[:-1]
@@ -148,11 +111,4 @@ def _raw(
     ]
     dropped: list[Note] = [(labels[i], "geometry cannot be parsed as WKB") for i in broken]
     keep = np.setdiff1d(np.arange(batch.num_rows), broken)
-    return Raw(
-        geometries[keep],
-        [labels[i] for i in keep],
-        table.iloc[keep].reset_index(drop=True),
-        crs,
-        dropped=dropped,
-        notes=notes,
-    )
+    return replace(Raw(geometries, labels, table, crs, notes=notes).rows(keep), dropped=dropped)

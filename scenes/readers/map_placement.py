@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.clean import Locate
-from scenes.cleaning.projection import Projection, is_geographic, system, units
+from scenes.cleaning.projection import Projection, is_geographic, off_globe, system, units
 from scenes.readers.reader import Raw
 from scenes.scene import SceneError
 
 _DEGREES = "OGC:CRS84"
+_OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
+_TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
 
 
 class Placing:
@@ -41,36 +44,48 @@ class Placing:
         """From the map to the file's coordinates; None if nothing was projected."""
         return None if self.projection is None else self.projection.inverse
 
-    def place(self, raw: Raw) -> tuple[NDArray[Any], tuple[str, ...]]:
-        """The chunk's geometries, and notes on the file that no earlier chunk had.
+    def place(self, raw: Raw) -> tuple[Raw, tuple[str, ...]]:
+        """The chunk with its geometries placed, and notes on the file that no earlier chunk had.
 
-        Raises SceneError if the user wants a projection that is not possible.
+        Geometries that cannot be on the map are named and left out. Raises SceneError if the user
+        wants a projection that is not possible.
         """
         given = np.empty(len(raw.geometries), dtype=object)
         given[:] = raw.geometries
         notes = list(raw.notes)
         if shapely.has_z(given).any():
             notes.append("heights (Z) dropped")
-        coordinates = shapely.get_coordinates(given)
+        coordinates, owner = shapely.get_coordinates(given, return_index=True)
+        off = np.zeros(len(given), dtype=bool)
+        off[owner[off_globe(coordinates)]] = True
         if not self._decided:
             self.crs = raw.crs
         if not self._decided and len(coordinates):
             self._decided = True
-            notes += self._decide(raw, given, coordinates)
-        if self.projection is not None:
-            given = self.projection.project(given)
+            # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
+            # GeoJSON without `crs`, so where most features are off the globe, it is a plane
+            most = 2 * off.sum() <= len(np.unique(owner))
+            notes += self._decide(raw, given[~off], on_globe=bool(most))
         fresh = tuple(note for note in notes if note not in self._said)
         self._said.update(fresh)
-        return given, fresh
+        if self.projection is None:
+            return replace(raw, geometries=given), fresh
+        torn = self.projection.torn(given) & ~off
+        dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
+        dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
+        kept = raw.rows(np.flatnonzero(~off & ~torn))
+        projected = self.projection.project(kept.geometries)
+        return replace(kept, geometries=projected, dropped=raw.dropped + dropped), fresh
 
-    def _decide(self, raw: Raw, given: NDArray[Any], coordinates: NDArray[Any]) -> list[str]:
+    def _decide(self, raw: Raw, given: NDArray[Any], *, on_globe: bool) -> list[str]:
+        """Choose the map, by the geometries that are on the globe; returns notes."""
         known = system(raw.crs)
-        geographic = is_geographic(raw.crs, coordinates)
+        geographic = is_geographic(raw.crs) and on_globe
         off = known is not None and known.is_geographic and not geographic
         self.crs = None if off else raw.crs
         self.units = units(self.crs) or raw.units if raw.units == "units" else raw.units
         if self._project or (geographic and self._project is None):
-            self.crs = raw.crs if geographic and raw.crs else self._assumed(raw.crs, coordinates)
+            self.crs = raw.crs if geographic and raw.crs else self._assumed(raw.crs, on_globe)
             self.projection = Projection.of(self.crs, given)
             self.units = "m"
             name = known.name if geographic and known is not None else "taken as WGS 84"
@@ -84,12 +99,12 @@ class Placing:
             return [f"coordinates are not degrees as in {known.name}, used as they are"]
         return [f"coordinates in {known.name}, {self.units}"]
 
-    def _assumed(self, crs: str | None, coordinates: NDArray[Any]) -> str:
+    def _assumed(self, crs: str | None, on_globe: bool) -> str:
         """The system to take for coordinates that are projected because the user says so."""
         known = system(crs)
         if known is not None and not known.is_geographic:
             raise SceneError(f"{self._name} is in {known.name} already: leave project=True out")
-        if not is_geographic(_DEGREES, coordinates):
+        if not on_globe:
             raise SceneError(
                 f"the coordinates of {self._name} are not longitude and latitude: "
                 "leave project=True out"

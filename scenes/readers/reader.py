@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from scenes.readers import cut_off, damage, file_size
@@ -53,6 +54,18 @@ class Raw:
     repaired: list[Note] = field(default_factory=list)
     notes: tuple[str, ...] = ()
 
+    def rows(self, numbers: NDArray[np.int64]) -> Raw:
+        """These geometries alone, with their labels and attributes."""
+        if len(numbers) == len(self.labels):
+            return self
+        table = self.attributes
+        return replace(
+            self,
+            geometries=[self.geometries[i] for i in numbers],
+            labels=[self.labels[i] for i in numbers],
+            attributes=None if table is None else table.iloc[numbers].reset_index(drop=True),
+        )
+
 
 @dataclass(frozen=True)
 class Reader:
@@ -96,7 +109,7 @@ _CITY = Reader("scenes.readers.cityjson:read", "CityJSON")
 _SEQUENCE = Reader("scenes.readers.cityjson:read_sequence", "a CityJSON sequence", whole=False)
 _MESH = Reader("scenes.readers.models:read", "a 3D model")
 _READERS = {
-    **dict.fromkeys((".gltf", ".glb", ".stl", ".off", ".3mf", ".dae"), _MESH),
+    **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),
     ".obj": Reader("scenes.readers.models:read", "OBJ"),
     ".ply": Reader("scenes.readers.models:read", "PLY"),
     **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),

@@ -172,12 +172,9 @@ def _raw(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: st
     """A chunk, its geometries parsed; what cannot be parsed is noted and left out."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = _geometries(wkb, labels)
-    if dropped:
-        gone = {which for which, _ in dropped}
-        keep = [i for i, label in enumerate(labels) if label not in gone]
-        geometries, labels = geometries[keep], [labels[i] for i in keep]
-        table = None if table is None else table.iloc[keep].reset_index(drop=True)
-    return Raw(geometries, labels, table, crs, "units", dropped, repaired)
+    gone = {which for which, _ in dropped}
+    keep = np.flatnonzero([label not in gone for label in labels])
+    return Raw(geometries, labels, table, crs, "units", dropped, repaired).rows(keep)
 
 
 def _geometries(

@@ -26,6 +26,7 @@ _FILE = re.compile(
 )
 """A tile's file, and its zoom, column and row if its path tells them; no date with zeros does."""
 
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _EXTRA = '.venv/bin/python -m pip install "raster-harness[tiles]"'
 
 
@@ -111,41 +112,19 @@ class Archive(ABC):
 
 
 def unpacked(data: bytes) -> bytes:
-    """A tile as the format defines it; its first bytes say how it is packed.
+    """A tile as the format defines it; its first bytes say whether gzip has packed it.
 
-    All members of gzip and all frames of zstd are read. Raises ValueError if one cannot be
-    unpacked, or all have `MOST_BYTES` or more then.
+    All members of gzip are read. Raises ValueError if one cannot be unpacked, or all have
+    `MOST_BYTES` or more then.
     """
-    if data[:2] == b"\x1f\x8b":
-        with suppress(EOFError):
-            return _whole(gzip.GzipFile(fileobj=io.BytesIO(data)).read(MOST_BYTES), ended=True)
-        return _whole(b"", ended=False)
-    if data[:4] == b"\x28\xb5\x2f\xfd":
-        return _unpacked_zstd(data)
-    return data
-
-
-def _unpacked_zstd(data: bytes) -> bytes:
-    """A stream is bounded, but does not say where a frame is cut off; `decompressobj` does."""
-    zstd = needed("zstandard").ZstdDecompressor()
-    whole = zstd.stream_reader(data, read_across_frames=True).read(MOST_BYTES)
-    ended = True
-    while data and ended and len(whole) < MOST_BYTES:
-        frame = zstd.decompressobj()
-        frame.decompress(data)
-        ended, data = frame.eof, frame.unused_data
-    return _whole(whole, ended=ended)
-
-
-def unpacked_brotli(data: bytes) -> bytes:
-    """The same for Brotli, whose bytes do not say that they are."""
-    stream = needed("brotli").Decompressor()
-    return _whole(stream.process(data, output_buffer_limit=MOST_BYTES), ended=stream.is_finished())
-
-
-def _whole(data: bytes, *, ended: bool) -> bytes:
-    if ended and len(data) < MOST_BYTES:
+    if data[:4] == _ZSTD:
+        raise ValueError("it is packed by zstd, which is not read: pack it by gzip")
+    if data[:2] != b"\x1f\x8b":
         return data
+    with suppress(EOFError):
+        whole = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MOST_BYTES)
+        if len(whole) < MOST_BYTES:
+            return whole
     raise ValueError("its packed bytes are cut off, or unpack to more than 64 MiB")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from scenes.tiles.archive import (
     first_of,
     needed,
     unpacked,
-    unpacked_brotli,
 )
 
 _DEEPEST = 30
@@ -45,20 +44,21 @@ class PMTiles(Archive):
         if header["tile_type"] not in (kinds.MVT, kinds.UNKNOWN):
             kind = header["tile_type"].name
             raise SceneError(f"{path} holds {kind} tiles: give one of Mapbox vector tiles (MVT)")
-        self._unpack: Callable[[bytes], bytes] = unpacked
-        if header["tile_compression"] == self._format.Compression.BROTLI:
-            self._unpack = unpacked_brotli
+        packings = self._format.Compression
+        read = (packings.NONE, packings.GZIP, packings.UNKNOWN)
+        for part in ("tile", "internal"):
+            if header[f"{part}_compression"] not in read:
+                name = header[f"{part}_compression"].name
+                raise SceneError(f"{path} is packed by {name}, which is not read: pack it by gzip")
         self.zooms = tuple(range(header["min_zoom"], min(header["max_zoom"], _DEEPEST) + 1))
         metadata = self._inner(header["metadata_offset"], header["metadata_length"])
         self.attribution = attribution_of(metadata)
 
     def _inner(self, start: int, count: int) -> bytes:
         """A directory or the metadata, unpacked as the header says of these."""
-        kinds = self._format.Compression
-        known: dict[Any, Callable[[bytes], bytes]]
-        known = {kinds.NONE: bytes, kinds.BROTLI: unpacked_brotli}
-        unpack = known.get(self.header["internal_compression"], unpacked)
-        return unpack(self._bytes(start, count))
+        data = self._bytes(start, count)
+        plain = self.header["internal_compression"] == self._format.Compression.NONE
+        return data if plain else unpacked(data)
 
     def _bytes(self, start: int, count: int) -> bytes:
         with self._path.open("rb") as stream:
@@ -122,11 +122,6 @@ class PMTiles(Archive):
         if entry is None:
             return None
         return self._bytes(self.header["tile_data_offset"] + entry.offset, entry.length)
-
-    def read(self, name: Any) -> bytes | None:
-        """A tile's bytes, unpacked as the header says."""
-        data = self.packed(name)
-        return None if data is None else self._unpack(data)
 
 
 def _within(entries: Iterable[Any], first: int, last: int) -> Iterator[tuple[Any, int, int]]:

@@ -1,7 +1,8 @@
 """The Mapbox Vector Tile format, version 2.1: layers, and the polygons in them, as they are.
 
 Libraries that read tiles mend rings or drop them, clip them at the tile or project them. A
-measurement must count what is lost, and needs whole coordinates: so this reads the format itself.
+measurement must count what is lost, and needs whole coordinates: so protobuf decodes the messages,
+and this makes polygons of them.
 
 Source: the Mapbox Vector Tile Specification 2.1. Which ring is a hole is decided as its readers do
 it (`classifyRings` of npm's @mapbox/vector-tile): a ring is outer if it winds as the first one with
@@ -10,10 +11,10 @@ area of its feature does, so that tiles of version 1 are read, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from scenes.readers.damage import noted
 from scenes.scene import Note
-from scenes.tiles.wire import BYTES, FIXED32, FIXED64, VARINT, fields, unzigzag, varints
+from scenes.tiles.archive import needed
 
 POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""
@@ -30,14 +31,68 @@ _MOVE, _TO, _CLOSE = 1, 2, 7
 _FURTHEST = 2**24
 """Largest coordinate: areas are exact in 64 bits then."""
 
-_LAYERS = 3
-_NAME, _FEATURES, _KEYS, _VALUES, _EXTENT, _VERSION = 1, 2, 3, 4, 5, 15
-_TAGS, _TYPE, _GEOMETRY = 2, 3, 4
-_OF_LAYER = {
-    **dict.fromkeys((_NAME, _FEATURES, _KEYS, _VALUES), BYTES),
-    **dict.fromkeys((_EXTENT, _VERSION), VARINT),
-}
-_OF_VALUE = {1: BYTES, 2: FIXED32, 3: FIXED64, 4: VARINT, 5: VARINT, 6: VARINT, 7: VARINT}
+
+class _Messages(NamedTuple):
+    tile: Any
+    layer: Any
+    feature: Any
+    unknown: Any
+
+
+@cache
+def _messages() -> _Messages:
+    """The classes of protobuf's messages.
+
+    What is within a message is bytes here, and decoded by itself: one bad layer or feature then
+    costs itself alone. A name is bytes, too, which need not be UTF-8.
+    """
+    descriptor = needed("google.protobuf.descriptor_pb2")
+    file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
+    kinds = descriptor.FieldDescriptorProto
+    bytes_, number = kinds.TYPE_BYTES, kinds.TYPE_UINT32
+    one, many = kinds.LABEL_OPTIONAL, kinds.LABEL_REPEATED
+    for name, fields in {
+        "Tile": (("layers", 3, many, bytes_),),
+        "Layer": (
+            ("name", 1, one, bytes_),
+            ("features", 2, many, bytes_),
+            ("keys", 3, many, bytes_),
+            ("values", 4, many, bytes_),
+            ("extent", 5, one, number),
+            ("version", 15, one, number),
+        ),
+        "Feature": (
+            ("tags", 2, many, number),
+            ("type", 3, one, number),
+            ("geometry", 4, many, number),
+        ),
+    }.items():
+        message = file.message_type.add(name=name)
+        for field, place, label, kind in fields:
+            message.field.add(name=field, number=place, label=label, type=kind)
+    pool = needed("google.protobuf.descriptor_pool").DescriptorPool()
+    pool.Add(file)
+    made = needed("google.protobuf.message_factory").GetMessageClass
+    kinds_of = (pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type)
+    unknown = needed("google.protobuf.unknown_fields").UnknownFieldSet
+    tile, layer, feature = map(made, kinds_of)
+    return _Messages(tile, layer, feature, unknown)
+
+
+def _decoded(kind: Any, data: bytes) -> Any:
+    """A message; ValueError where it is none, or has a known field of another wire type.
+
+    Protobuf leaves such a field out without a word, and polygons might be in it.
+    """
+    try:
+        message = kind.FromString(data)
+    except Exception as error:  # what protobuf raises differs from version to version
+        raise ValueError("it is not as protobuf encodes a message, or cut off") from error
+    known = kind.DESCRIPTOR.fields_by_number
+    for field in _messages().unknown(message):
+        if field.field_number in known:
+            raise ValueError(f"field {field.field_number} has wire type {field.wire_type}")
+    return message
 
 
 @dataclass(frozen=True)
@@ -56,32 +111,32 @@ class Layer:
     dropped: list[Note]
 
 
-def layers_of(tile: bytes) -> dict[str, list[memoryview]]:
-    """The layers of a tile that is not compressed, unread, by name; "" for any without.
+def layers_of(tile: bytes) -> dict[str, list[Any]]:
+    """The layers of a tile that is not compressed, as messages, by name; "" for any without.
 
-    Each name should have one. Raises ValueError, in one line, where the tile is not as the format
-    says.
+    Each name should have one. A layer that cannot be decoded has no name, and is the ValueError
+    that says why. Raises ValueError, in one line, where the tile is not as the format says.
     """
-    found: dict[str, list[memoryview]] = {}
-    for _, value in _known(fields(memoryview(tile)), {_LAYERS: BYTES}):
-        found.setdefault(_name(value), []).append(value)
+    messages = _messages()
+    found: dict[str, list[Any]] = {}
+    for data in _decoded(messages.tile, tile).layers:
+        try:
+            layer = _decoded(messages.layer, data)
+            name = layer.name.decode()
+        except ValueError as error:
+            layer, name = error, ""
+        found.setdefault(name, []).append(layer)
     return found
 
 
-def _name(layer: memoryview) -> str:
-    with suppress(ValueError):
-        for number, kind, value in fields(layer):
-            if (number, kind) == (_NAME, BYTES):
-                return bytes(value).decode()
-    return ""
-
-
-def layer_of(name: str, found: list[memoryview]) -> Layer:
+def layer_of(name: str, found: list[Any]) -> Layer:
     """Read a layer that `layers_of` found.
 
     Raises ValueError, in one line, where it is not as the format says. What is wrong with one
     feature alone is noted, and that feature left out.
     """
+    if isinstance(found[0], ValueError):
+        raise found[0]
     if not name:
         raise ValueError("a layer has no name")
     if len(found) > 1:
@@ -94,72 +149,46 @@ def decode(tile: bytes) -> list[Layer]:
     return [layer_of(*each) for each in layers_of(tile).items()]
 
 
-def _known(
-    found: Iterable[tuple[int, int, Any]], kinds: dict[int, int]
-) -> Iterable[tuple[int, Any]]:
-    """The fields that are in `kinds`; ValueError if one has another wire type than there."""
-    for number, kind, value in found:
-        if number in kinds:
-            if kind != kinds[number]:
-                raise ValueError(f"field {number} has wire type {kind}, not {kinds[number]}")
-            yield number, value
-
-
-def _layer(name: str, data: memoryview) -> Layer:
-    single: dict[int, Any] = {_EXTENT: 4096}
-    features: list[memoryview] = []
-    counts = {_KEYS: 0, _VALUES: 0}
-    for number, value in _known(fields(data), _OF_LAYER):
-        if number in (_EXTENT, _VERSION):
-            single[number] = value
-        elif number == _FEATURES:
-            features.append(value)
-        elif number in counts:
-            counts[number] += 1
-            if number == _VALUES and len(list(_known(fields(value), _OF_VALUE))) != 1:
-                raise ValueError("a value is of no known type, or of several")
-    if single.get(_VERSION) not in (1, 2):
-        raise ValueError(f"layer {name} is of version {single.get(_VERSION)}, not 1 or 2")
-    extent = single[_EXTENT]
+def _layer(name: str, layer: Any) -> Layer:
+    version = layer.version if layer.HasField("version") else None
+    if version not in (1, 2):
+        raise ValueError(f"layer {name} is of version {version}, not 1 or 2")
+    extent = layer.extent if layer.HasField("extent") else 4096
     if not 0 < extent < 2**31:
         raise ValueError(f"layer {name} has an extent of {extent}")
     dropped: list[Note] = []
-    numbers, blobs = [], []
-    for number, feature in enumerate(features):
+    steps: list[int] = []
+    sizes: list[int] = []
+    owners: list[int] = []
+    for number, feature in enumerate(layer.features):
         with noted(dropped, f"feature {number}", "cannot be read"):
-            kind, geometry = _feature(feature, counts[_KEYS], counts[_VALUES])
-            if kind == POLYGON:
-                numbers.append(number)
-                blobs.append(geometry)
-            else:
-                _strokes(varints(geometry).tolist(), kind)
-    return Layer(name, extent, *_polygons(numbers, blobs, dropped), dropped)
+            kind, geometry = _feature(feature, len(layer.keys), len(layer.values))
+            if kind != POLYGON:
+                _check_strokes(geometry, kind)
+                continue
+            own, rings = _rings(geometry)
+            steps += own
+            sizes += rings
+            owners += [number] * len(rings)
+    found = np.array(steps, np.int64), np.array(sizes, np.int64), np.array(owners, np.int64)
+    return Layer(name, extent, *_grouped(*found, dropped), dropped)
 
 
-def _feature(data: memoryview, keys: int, values: int) -> tuple[int, bytes]:
-    """A feature's type and its geometry's bytes; ValueError where it is not as the format says."""
-    kind, geometry, tags = None, None, b""
-    for number, value in _known(fields(data), {_TAGS: BYTES, _TYPE: VARINT, _GEOMETRY: BYTES}):
-        if number == _TYPE:
-            kind = value
-        elif number == _TAGS:
-            tags = bytes(value)
-        elif geometry is not None:
-            raise ValueError("it has two geometries")
-        else:
-            geometry = bytes(value)
-    if kind is None or geometry is None:
-        raise ValueError(f"it has no {'type' if kind is None else 'geometry'}")
-    if kind > POLYGON:
-        raise ValueError(f"its type is {kind}, not 0 to 3")
-    named = varints(tags).tolist()
-    most = max(named[::2], default=-1), max(named[1::2], default=-1)
-    if len(named) % 2 or most[0] >= keys or most[1] >= values:
+def _feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
+    """A feature's type and the numbers of its geometry; ValueError where it is not sound."""
+    feature = _decoded(_messages().feature, data)
+    if not feature.HasField("type") or not feature.geometry:
+        raise ValueError(f"it has no {'geometry' if feature.HasField('type') else 'type'}")
+    if feature.type > POLYGON:
+        raise ValueError(f"its type is {feature.type}, not 0 to 3")
+    tags = list(feature.tags)
+    most = max(tags[::2], default=-1), max(tags[1::2], default=-1)
+    if len(tags) % 2 or most[0] >= keys or most[1] >= values:
         raise ValueError("its tags name a key or a value that the layer has not")
-    return kind, geometry
+    return feature.type, list(feature.geometry)
 
 
-def _strokes(geometry: Sequence[int], kind: int) -> None:
+def _check_strokes(geometry: Sequence[int], kind: int) -> None:
     """Raise ValueError if the commands of points or lines are not as the format says."""
     place = 0
     while kind and place < len(geometry):
@@ -170,26 +199,10 @@ def _strokes(geometry: Sequence[int], kind: int) -> None:
         place += 1 + 2 * count
 
 
-def _polygons(
-    numbers: list[int], blobs: list[bytes], dropped: list[Note]
-) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """The polygons of a layer's features, and the feature of each."""
-    points, sizes, owners = [np.empty((0, 2), np.int64)], [], []
-    for number, blob in zip(numbers, blobs, strict=True):
-        with noted(dropped, f"feature {number}", "cannot be read"):
-            own, rings = _rings(varints(blob))
-            points.append(own)
-            sizes += rings
-            owners += [number] * len(rings)
-    return _grouped(
-        np.concatenate(points), np.array(sizes, np.int64), np.array(owners, np.int64), dropped
-    )
-
-
-def _rings(geometry: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
-    """The (n, 2) points of a feature's rings, not closed, and how many each ring has."""
-    commands = geometry.tolist()
-    kept, sizes, place = [np.empty(0, np.int64)], [], 0
+def _rings(commands: list[int]) -> tuple[list[int], list[int]]:
+    """The steps from point to point of a feature's rings, and how many points each ring has."""
+    kept: list[int] = []
+    sizes, place = [], 0
     while place < len(commands):
         if commands[place] != (1 << 3 | _MOVE):
             raise ValueError("a ring does not begin with one MoveTo")
@@ -200,26 +213,36 @@ def _rings(geometry: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
             raise ValueError("a ring has no LineTo, or not as many points as it says")
         if commands[end] != (1 << 3 | _CLOSE):
             raise ValueError("a ring does not end with one ClosePath")
-        kept += [geometry[place + 1 : line], geometry[line + 1 : end]]
+        kept += commands[place + 1 : line] + commands[line + 1 : end]
         sizes.append(count + 1)
         place = end + 1
-    steps = np.concatenate(kept).reshape(-1, 2)
-    points = unzigzag(steps).cumsum(axis=0)
-    if np.abs(points).max(initial=0) > _FURTHEST:
-        raise ValueError(f"it has a coordinate beyond {_FURTHEST}")
-    return points, sizes
+    return kept, sizes
 
 
 def _grouped(
-    points: NDArray[np.int64],
+    steps: NDArray[np.int64],
     sizes: NDArray[np.int64],
     owners: NDArray[np.int64],
     dropped: list[Note],
 ) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """Polygons of rings: `points` of all, how many each has, and the feature that each is of."""
+    """Polygons of rings: the steps of all, how many points each has, and the feature it is of.
+
+    A feature's steps go on from ring to ring, and begin at (0, 0).
+    """
     if not len(sizes):
         return np.empty(0, object), owners
     starts = np.cumsum(sizes) - sizes
+    zigzag = steps.reshape(-1, 2)  # 0, -1, 1, -2 as 0, 1, 2, 3
+    points = ((zigzag >> 1) ^ -(zigzag & 1)).cumsum(axis=0)
+    begins = starts[np.searchsorted(owners, owners)]  # of each ring's feature
+    points -= np.repeat(np.vstack([[[0, 0]], points])[begins], sizes, axis=0)
+    beyond = np.maximum.reduceat(np.abs(points).max(axis=1), starts) > _FURTHEST
+    if beyond.any():
+        far = np.isin(owners, owners[beyond])
+        why = f"cannot be read: it has a coordinate beyond {_FURTHEST}"
+        dropped += [(f"feature {owner}", why) for owner in np.unique(owners[far])]
+        kept = np.repeat(~far, sizes)
+        return _grouped(steps.reshape(-1, 2)[kept].ravel(), sizes[~far], owners[~far], dropped)
     following = np.arange(1, len(points) + 1)
     following[starts + sizes - 1] = starts
     x, y = points.T

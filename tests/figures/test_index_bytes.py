@@ -12,7 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.figures import index_bytes
-from harness.figures.index_bytes import index_data, index_sizes, packers, triangles_of
+from harness.figures.index_bytes import (
+    index_data,
+    index_sizes,
+    packed,
+    packers,
+    triangles_of,
+    varints,
+)
 from harness.figures.registry import INDEX, INDEX_BYTES, METRICS
 from harness.frame import frame_of, view_of
 from harness.rasterisers import Options
@@ -20,7 +27,6 @@ from harness.rasterisers.submission_order import submission
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import load
-from scenes.tiles.wire import packed, varints
 
 
 def test_two_squares_are_the_bytes_that_the_specification_says():

@@ -220,7 +220,7 @@ def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
         groups, (damaged, known), summary = census(path, tmp_path / f"bad-{kind}")
         ((name, why),) = damaged
         assert name == "5/2/7"
-        assert why.startswith("cannot be read: a field of")
+        assert why.startswith("cannot be read: it is not as protobuf encodes")
         assert known == ["land"]
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
         assert groups[5, "land"].tiles == 3

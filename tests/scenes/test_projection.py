@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.projection import Projection, is_geographic, mean_direction, units
+from scenes.cleaning.projection import (
+    Projection,
+    is_geographic,
+    mean_direction,
+    off_globe,
+    units,
+)
 from scenes.files import read_chunks
 from tests.scenes.conftest import assert_sound
 
@@ -63,30 +69,16 @@ def test_lengths_and_areas_at_the_centre_are_those_of_the_ellipsoid(lon, lat):
 
 @FEW
 @given(
-    st.sampled_from(["EPSG:4326", "EPSG:7844", "EPSG:4807", "EPSG:4979"]),
+    st.sampled_from(["EPSG:4326", "EPSG:7844", "EPSG:4979"]),
     st.tuples(st.floats(-180, 180), st.floats(-85, 85)),
     st.lists(st.tuples(st.floats(-8, 8), st.floats(-4, 4)), min_size=1, max_size=6),
 )
 def test_there_and_back_again(crs, centre, offsets):
-    """EPSG:4807 counts in grads, from Paris."""
-    turn = 400 if crs == "EPSG:4807" else 360
-    given_ = (np.array(offsets) + centre) * turn / 360
+    given_ = np.array(offsets) + centre
     for projection in (Projection(crs, centre), Projection(crs, None)):
         error = projection.inverse(projection.forward(given_)) - given_
-        error[:, 0] -= np.round(error[:, 0] / turn) * turn
+        error[:, 0] -= np.round(error[:, 0] / 360) * 360
         assert np.abs(error).max() < 1e-10
-
-
-def test_grads_from_paris_are_projected(tmp_path):
-    path = tmp_path / "paris.gpkg"
-    square = shapely.box(0, 54, 0.01, 54.01)
-    pyogrio.raw.write(
-        path, shapely.to_wkb(np.array([square])), [], [], geometry_type="Polygon", crs="EPSG:4807"
-    )
-    (polygon,) = load(path).polygons
-    assert np.abs(shapely.get_coordinates(polygon)).max() < 700
-    # a hundredth of a grad is 1000 m northwards: so the metre was made
-    assert polygon.bounds[3] - polygon.bounds[1] == pytest.approx(1000, rel=2e-3)
 
 
 def test_the_mean_direction_is_right_across_the_date_line():
@@ -113,6 +105,7 @@ def test_the_whole_globe_stays_finite(points):
         (pyproj.CRS("EPSG:4258").to_wkt(), True),
         (pyproj.CRS("EPSG:4258").to_json(), True),
         ("EPSG:4326+5773", True),
+        ("EPSG:4807", False),  # in grads, from Paris
         ("EPSG:3067", False),
         ("EPSG:4037", False),  # projected, among the numbers of geographic ones
         ("EPSG:4978", False),  # geocentric
@@ -125,11 +118,58 @@ def test_the_whole_globe_stays_finite(points):
     ],
 )
 def test_geographic_systems(crs, expected):
-    assert is_geographic(crs, np.array([[25.0, 60.0]])) is expected
+    assert is_geographic(crs) is expected
 
 
-def test_coordinates_off_the_globe_are_planar():
-    assert not is_geographic("EPSG:4326", np.array([[386_000.0, 6_672_000.0]]))
+def test_grads_are_used_as_they_are(tmp_path):
+    path = tmp_path / "paris.gpkg"
+    square = shapely.box(0, 54, 0.01, 54.01)
+    pyogrio.raw.write(
+        path, shapely.to_wkb(np.array([square])), [], [], geometry_type="Polygon", crs="EPSG:4807"
+    )
+    scene = load(path)
+    assert scene.units == "units"
+    assert "are not degrees as in NTF (Paris), used as they are" in scene.notes[0]
+
+
+def test_features_off_the_globe_are_a_plane_where_they_are_most(tmp_path):
+    town = [box(x, 6_672_000, x + 10, 6_672_010) for x in (386_000, 386_020)]
+    scene = load(geojson(tmp_path, *town, FINLAND))
+    assert scene.units == "units"
+    assert "are not degrees as in WGS 84, used as they are" in scene.notes[0]
+    assert scene.dropped == []
+
+
+@pytest.mark.parametrize("bad", [[25, 91], [25, -90.1], [361, 60], [-7e5, 60]])
+def test_a_feature_with_a_vertex_off_the_globe_is_named_and_left_out(tmp_path, bad):
+    """One such vertex made a plane of a whole town, in which everything shrank to nothing."""
+    spoilt = [*FINLAND[:2], bad, *FINLAND[3:]]
+    path = geojson(tmp_path, FINLAND, spoilt, [[x + 0.1, y] for x, y in FINLAND])
+    scene = load(path)
+    assert scene.units == "m"
+    assert scene.dropped == [
+        (
+            "feature 1",
+            "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude",
+        )
+    ]
+    alone = load(geojson(tmp_path, FINLAND)).polygons[0]
+    assert scene.polygons[0].area == pytest.approx(alone.area, rel=1e-6)
+
+
+def test_a_feature_off_the_globe_in_a_later_chunk_is_named_too(tmp_path):
+    path = geojson(tmp_path, FINLAND, FINLAND, box(0, 0, 999, 10))
+    chunks = list(read_chunks(str(path), size=1))
+    assert [len(chunk.cleaned.polygons) for chunk in chunks] == [1, 1, 0]
+    assert [which for which, _ in chunks[2].cleaned.dropped] == ["feature 2"]
+
+
+def test_nan_is_not_off_the_globe():
+    assert off_globe(np.array([[np.nan, 60.0], [25.0, np.nan], [np.inf, 3]])).tolist() == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_units():
@@ -250,24 +290,20 @@ def test_a_box_from_180_to_180_keeps_its_area(tmp_path, bounds):
     assert "Lambert cylindrical equal-area" in scene.notes[0]
 
 
-def test_a_world_with_shapes_across_the_date_line(tmp_path):
+def test_what_crosses_the_edge_of_a_map_of_the_world_is_named(tmp_path):
     fiji, finland = box(177, -20, -178, -15), FINLAND
     far = [box(lon, 0, lon + 1, 1) for lon in (-120, 0, 120)]
     scene = load(geojson(tmp_path, fiji, finland, *far))
     assert_sound(scene.polygons)
     assert "cylindrical" in scene.notes[0]
-    assert scene.polygons[0].area == pytest.approx(area_on_globe(fiji), rel=0.01)
-    # in one piece, beyond the map's right edge
-    assert np.ptp(shapely.get_coordinates(scene.polygons[0])[:, 0]) == pytest.approx(
-        5 / 360 * 2 * np.pi * 6378137, rel=1e-6
-    )
-    back = np.vstack(
-        [
-            chunk.projection.inverse(shapely.get_coordinates(chunk.cleaned.polygons))
-            for chunk in read_chunks(str(tmp_path / "a.geojson"))
-        ]
-    )
-    assert np.abs(back[:4] - np.array(fiji)[[0, 1, 2, 3]]).max() < 400
+    assert scene.dropped == [
+        (
+            "feature 0",
+            "crosses the 180th meridian, where a map of the whole globe ends: cut it there",
+        )
+    ]
+    assert len(scene.polygons) == 4
+    assert scene.polygons[0].area == pytest.approx(area_on_globe(finland), rel=1e-6)
 
 
 def test_a_shape_across_the_date_line_alone(tmp_path):

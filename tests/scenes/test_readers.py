@@ -194,52 +194,6 @@ def cityjson_sequence(houses: int) -> list[str]:
     return lines
 
 
-def native(path: Path, geometries: list) -> Path:
-    """Write polygons or multipolygons as GeoParquet's native encoding has them."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    kind, xy, offsets = shapely.to_ragged_array([g for g in geometries if g is not None])
-    encoding = kind.name.lower()
-    column = pa.StructArray.from_arrays([pa.array(xy[:, 0]), pa.array(xy[:, 1])], ["x", "y"])
-    for ends in offsets:
-        column = pa.ListArray.from_arrays(pa.array(ends, pa.int32()), column)
-    places = np.cumsum([g is not None for g in geometries]) - 1
-    rows = [None if g is None else int(k) for g, k in zip(geometries, places, strict=True)]
-    column = column.take(pa.array(rows, pa.int64()))
-    about = {"encoding": encoding, "geometry_types": [encoding]} | PLANAR
-    geo = {"version": "1.1.0", "primary_column": "geom", "columns": {"geom": about}}
-    table = pa.table({"h": list(range(len(geometries))), "geom": column})
-    parquet.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
-    return path
-
-
-class TestNativeGeoParquet:
-    @pytest.mark.parametrize("size", [1, 2, 100])
-    @pytest.mark.parametrize("several", [False, True])
-    def test_polygons_are_those_written(self, tmp_path, size, several):
-        given = [SQUARE, None, HOLED, shapely.box(30, 0, 33, 2)]
-        if several:
-            pair = shapely.MultiPolygon([HOLED, shapely.box(50, 0, 51, 1)])
-            given = [shapely.MultiPolygon([SQUARE]), None, pair]
-        path = native(tmp_path / "a.parquet", given)
-        chunks = list(read_chunks(str(path), size=size))
-        found = [polygon for chunk in chunks for polygon in chunk.cleaned.polygons]
-        parts = shapely.get_parts([g for g in given if g is not None])
-        assert [shapely.normalize(p) for p in found] == [shapely.normalize(p) for p in parts]
-        rows = [row for chunk in chunks for row in chunk.attributes["h"]]
-        assert rows == ([0, 2, 2] if several else [0, 2, 3])
-        assert load(path).dropped == [("row 1", "empty geometry")]
-
-    def test_a_ring_that_is_none_is_one_clear_line(self, tmp_path, monkeypatch):
-        kind, xy, (_, polygons) = shapely.to_ragged_array([SQUARE, SQUARE])
-        short = kind, xy, (np.array([0, 2, 10]), polygons)
-        monkeypatch.setattr(shapely, "to_ragged_array", lambda _: short)
-        path = native(tmp_path / "a.parquet", [SQUARE, SQUARE])
-        with pytest.raises(SceneError, match="cannot be read as GeoParquet"):
-            load(path)
-
-
 class TestCityJsonSequence:
     @pytest.mark.parametrize("size", [1, 2, 100])
     def test_features_are_read_in_chunks(self, tmp_path, size):
@@ -399,11 +353,6 @@ class TestModels:
         assert_sound(scene.polygons)
         assert sorted(round(p.area, 3) for p in scene.polygons) == [30, 30, 36.056]
         assert [len(p.exterior.coords) for p in scene.polygons] == [5, 5, 5]
-
-    def test_scene_meshes_takes_a_model(self, tmp_path):
-        path = write(tmp_path / "house.obj", GABLE + "f 1 2 3 4\nf 1 2 6 5\n")
-        scene = load("meshes", model=str(path))
-        assert (scene.name, len(scene.polygons)) == ("meshes", 2)
 
     @pytest.mark.parametrize(
         ("name", "content", "message"),
