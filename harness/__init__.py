@@ -1,3 +1,3 @@
 """Measures what a triangulation costs to rasterise, and how well each criterion predicts it."""
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"

@@ -66,6 +66,15 @@ def test_links_of_the_pages_outside_docs_lead_somewhere():
             assert (page.parent / target).exists(), (page.name, target)
 
 
+def test_workflows_use_actions_by_their_commit():
+    for file in (ROOT / ".github" / "workflows").glob("*.yml"):
+        jobs = yaml.safe_load(file.read_text())["jobs"].values()
+        used = [step["uses"] for job in jobs for step in job["steps"] if "uses" in step]
+        assert used
+        for action in used:
+            assert action == "./" or re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", action), action
+
+
 def test_files_that_others_parse_are_sound():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["cff-version"] == "1.2.0"

@@ -13,6 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from harness import __version__
 from harness.errors import UsageError
 from harness.history.change_points import changes_of_noisy
 from scenes import SceneError
@@ -73,7 +74,6 @@ def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
     extras = {
         "ruptures",
         "plyfile",
-        "scikit-learn",
         "pyarrow",
         "dask",
         "bokeh",
@@ -83,6 +83,18 @@ def test_measuring_needs_none_of_the_packages_of_tests_and_documents():
     development = {"pytest", "hypothesis", "mypy", "ruff", "setuptools", "lxml"}
     assert not pinned[""] & (extras | development | {"mkdocs", "mkdocs-material"})
     assert not pinned["-docs"] & (extras | development)
+
+
+def test_all_files_name_one_version():
+    places = {
+        "pyproject.toml": r'(?m)^version = "(.*)"',
+        "CITATION.cff": r"(?m)^version: (.*)",
+        "ports/javascript/package.json": r'"version": "(.*?)"',
+        "ports/cpp/CMakeLists.txt": r"flip_triangles VERSION (\S+)",
+        "CHANGELOG.md": r"(?m)^## (\S+)",
+    }
+    found = {file: re.findall(what, (ROOT / file).read_text())[0] for file, what in places.items()}
+    assert set(found.values()) == {__version__}, found
 
 
 def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
