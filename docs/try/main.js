@@ -92,7 +92,7 @@ function showWays(found) {
     const way = found.ways[name], parts = panels[name];
     parts.canvas.hidden = !way;
     parts.none.hidden = Boolean(way);
-    parts.saved.textContent = "";
+    [parts.saved.textContent, parts.saved.className] = name === "ears" ? ["100 %", "base"] : ["", ""];
     if (!way) {
       parts.none.textContent = whyNone(found);
       parts.caption.textContent = "";

@@ -58,13 +58,15 @@ function readGeoJson(value) {
   return [value.geometry, ...(value.geometries ?? []), ...(value.features ?? [])].flatMap(readGeoJson);
 }
 
-/* Longitude and latitude are drawn as wide as they are at their middle. */
+/* Polygons in longitude and latitude, each as wide as it is at its middle. */
 function flattened(polygons) {
-  const points = polygons.flat(2);
-  if (!points.every(([x, y]) => Math.abs(x) <= 180 && Math.abs(y) <= 90)) return polygons;
-  const [low, high] = points.reduce(([p, q], [, y]) => [Math.min(p, y), Math.max(q, y)], [90, -90]);
-  const narrower = Math.cos((low + high) / 2 * Math.PI / 180);
-  return polygons.map((rings) => rings.map((ring) => ring.map(([x, y]) => [x * narrower, y])));
+  if (!polygons.flat(2).every(([x, y]) => Math.abs(x) <= 180 && Math.abs(y) <= 90)) return polygons;
+  return polygons.map((rings) => {
+    const latitudes = rings.flat().map(([, y]) => y);
+    const middle = (latitudes.reduce((p, q) => Math.min(p, q)) + latitudes.reduce((p, q) => Math.max(p, q))) / 2;
+    const narrower = Math.cos(middle * Math.PI / 180);
+    return rings.map((ring) => ring.map(([x, y]) => [x * narrower, y]));
+  });
 }
 
 const PIECES = 8; // straight ones of a curve

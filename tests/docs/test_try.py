@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import subprocess
 from functools import cache
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from shapely import Polygon
+from shapely import Polygon, box
 
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
@@ -182,6 +183,21 @@ def test_texts_are_read(text, expected):
     assert found.symmetric_difference(moved).area < 1e-5 * moved.area
 
 
+def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
+    """At 60 degrees north two degrees of longitude are as long as one of latitude."""
+    collection = {
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "geometry": shapely.geometry.mapping(box(*bounds))}
+            for bounds in ((0, 0, 0.1, 0.1), (20, 59.5, 22, 60.5))
+        ],
+    }
+    found = in_node("return readPolygon(given);", json.dumps(collection))
+    low_x, low_y, high_x, high_y = Polygon(found["rings"][0]).bounds
+    assert high_x - low_x == pytest.approx(high_y - low_y, rel=1e-5)
+    assert found["note"] == "The largest of 2 polygons."
+
+
 def test_curves_and_arcs_are_followed():
     circles = [
         "M0 5A5 5 0 0 1 10 5A5 5 0 0 1 0 5Z",
@@ -235,16 +251,19 @@ def paste(browser: Chromium, text: str) -> None:
 
 
 def test_a_new_user_pastes_a_polygon_and_reads_the_number(browser):
+    """Three quarters of a disc, and what each way shades of it."""
     opened(browser)
-    paste(browser, "POLYGON ((0 0, 8 0, 8 1, 1 1, 1 8, 0 8, 0 0))")
-    ways = browser.evaluate("Object.entries(state.found.ways).map(([n, w]) => [n, w.saved])")
-    for name, saved in ways[1:]:
-        if any(abs(each) >= 0.01 for _, each in ways):
-            assert f"{abs(100 * saved):.1f} %" in told(browser, "answer"), name
-    assert told(browser, "corners") == "6 corners"
+    arc = shapely.get_coordinates(shapely.Point(0, 0).buffer(9, quad_segs=14))[:42]
+    paste(browser, Polygon([(0, 0), *arc[:41]]).wkt)
+    counted = "Object.entries(state.found.ways).map(([name, way]) => [name, way.counts.quads])"
+    quads = dict(browser.evaluate(counted))
+    saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal")]
+    assert max(saved) > 0.01
+    shares = [f"{100 * abs(each):.1f} %{' more' if each < 0 else ''}" for each in saved]
+    assert re.findall(r"[\d.]+ %(?: more)?", told(browser, "answer")) == shares
+    assert told(browser, "corners") == "42 corners"
     caption = browser.evaluate("panels.ears.caption.textContent")
-    lanes = browser.evaluate("4 * state.found.ways.ears.counts.quads")
-    assert caption.startswith(f"{lanes:,} lanes for ")
+    assert caption.startswith(f"{4 * quads['ears']:,} lanes for ")
     assert browser.requests == [PAGE.as_uri()]
     assert not browser.errors
 
