@@ -95,7 +95,7 @@ def compare(
     if repeat:
         _compare_repeated(base, head)
     from harness.compare import compare_runs, no_baseline
-    from harness.compare.gate_settings import from_project, parse_gates, parse_threshold
+    from harness.compare.settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
 
     settings = from_project(Path.cwd())
@@ -144,7 +144,7 @@ def _show(found: Comparison, output: Format) -> None:
 
 
 def _shown(found: Comparison, output: Format) -> str:
-    from harness.compare.terminal import print_comparison
+    from harness.compare.outputs import print_comparison
 
     if output is Format.table:
         console = Console()
@@ -168,21 +168,15 @@ def _write_files(found: Comparison, files: dict[str, Path | None]) -> None:
 
 
 def _text(found: Comparison, kind: str) -> str:
-    if kind == "markdown":
-        from harness.compare.markdown import to_markdown
+    from harness.compare import outputs
 
-        return to_markdown(found)
-    if kind == "junit":
-        from harness.compare.junit import to_junit
-
-        return to_junit(found)
     if kind == "html":
         from harness.compare.html import to_html
 
         return to_html(found)
-    from harness.compare.json import to_json
-
-    return _json(to_json(found))
+    if kind == "json":
+        return _json(outputs.to_json(found))
+    return outputs.to_markdown(found) if kind == "markdown" else outputs.to_junit(found)
 
 
 def _write(file: Path, text: str, *, append: bool = False) -> None:

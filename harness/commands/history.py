@@ -55,8 +55,8 @@ def history(
     shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
     --all. Studies are left out: they measure each case once.
     """
-    from harness.compare.wording import count
     from harness.figures import processors
+    from harness.figures.words import count
     from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.plots import plot_history
     from harness.stored import atomic
@@ -93,7 +93,7 @@ def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return one line for each change: when, of what, from which level to which."""
     import numpy as np
 
-    from harness.compare.wording import figure, percent
+    from harness.figures.words import figure, percent
     from harness.history.plots import run_label
 
     lines = []

@@ -2,114 +2,130 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
 
-from markupsafe import Markup
-
-from harness.compare.gate_settings import is_cost
-from harness.compare.model import CaseChange, Comparison
-from harness.compare.rows import (
+from harness.compare.model import CaseChange, Comparison, Outcome
+from harness.compare.wording import (
+    NOT_GATED,
     ORDER,
     TOTALS_HEADING,
     affected_totals,
     groups,
+    headline,
+    in_order,
     kind,
     run_lines,
     total_cells,
 )
-from harness.compare.wording import NOT_GATED, headline, in_order
-from harness.pictures.style import COLOURS, MARKERS, STYLE
+from harness.figures.registry import find
 from harness.webpages.templates import template
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MOST = 60
 """Cases in a plot; those that regressed come first."""
 
-OUTCOMES = {
-    "regressed": (COLOURS[1], "s"),
-    "improved": (COLOURS[2], "^"),
-    "unchanged": (COLOURS[0], "o"),
-    "inconclusive": (COLOURS[7], "D"),
-}
+SIGNS = ("●", "■", "▲", "◆", "▼", "★", "✚", "○")
+"""What stands for a counter, or an outcome, at the place of its value."""
 
-UNGATED = {
+OUTCOMES: dict[Outcome, str] = {
     "regressed": f"slower, {NOT_GATED}",
     "improved": f"faster, {NOT_GATED}",
     "unchanged": "unchanged",
     "inconclusive": "too noisy to say",
 }
-"""The same where times do not decide the exit code."""
+"""What a time did, in words where times do not decide the exit code."""
+
+TOTALS = (
+    ("Counters over all compared cases", True),
+    ("Predictions and a driver's own counts", False),
+)
 
 
-def time_figure(comparison: Comparison) -> Figure | None:
-    """Draw each case's ratio of times with its interval; None where nothing was timed."""
-    timed: list[Any] = [c for c in _chosen(comparison) if c.time and c.time.ratio is not None]
+@dataclass(frozen=True)
+class Mark:
+    """A value with its interval in row `row` of a plot, of the series at place `series`."""
+
+    row: int
+    series: int
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A panel with a row for each case.
+
+    axis : what values are; nothing : the value of no change; band : what is let pass
+    """
+
+    title: str
+    axis: str
+    rows: tuple[str, ...]
+    series: tuple[str, ...]
+    marks: tuple[Mark, ...]
+    nothing: float
+    band: tuple[float, float] | None = None
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest value shown, with some room."""
+        shown = [end for mark in self.marks for end in (mark.low, mark.high)]
+        shown += [self.nothing, *(self.band or ())]
+        room = 0.05 * (max(shown) - min(shown)) or 1.0
+        return min(shown) - room, max(shown) + room
+
+    @property
+    def shown(self) -> list[int]:
+        """The places of the series that have marks."""
+        return sorted({mark.series for mark in self.marks})
+
+    @property
+    def ticks(self) -> list[float]:
+        """Five values along the axis."""
+        low, high = self.ends
+        return [low + (high - low) * step / 4 for step in range(5)]
+
+
+def time_plot(comparison: Comparison) -> Plot | None:
+    """Return each case's ratio of times with its interval; None where nothing was timed."""
+    timed = [(case, case.time) for case in _chosen(comparison) if case.time and case.time.ratio]
     if not timed:
         return None
-    figure, axes = _axes(len(timed))
-    threshold = max(case.time.threshold or 0.0 for case in timed)
-    axes.axvspan(1 / (1 + threshold), 1 + threshold, color=COLOURS[5], alpha=0.15, linewidth=0)
-    axes.axvline(1, color="black", linewidth=0.8)
-    for outcome, (colour, marker) in OUTCOMES.items():
-        places = [n for n, case in enumerate(timed) if case.time.outcome == outcome]
-        times = [timed[n].time for n in places]
-        if not places:
-            continue
-        ratios = [time.ratio for time in times]
-        below = [time.ratio - time.low for time in times]
-        above = [time.high - time.ratio for time in times]
-        axes.errorbar(
-            ratios,
-            places,
-            xerr=[below, above],
-            fmt=marker,
-            markersize=4,
-            color=colour,
-            elinewidth=1.2,
-            label=outcome if comparison.settings.gates_time else UNGATED[outcome],
-        )
-    _finish(axes, timed, f"time, HEAD over BASE; the band is the threshold, ±{threshold:.3g}")
-    return figure
+    threshold = max(time.threshold or 0.0 for _, time in timed)
+    ends = [[float(end or 0.0) for end in (t.ratio, t.low, t.high)] for _, t in timed]
+    gated = comparison.settings.gates_time
+    return Plot(
+        "Times",
+        f"time, HEAD over BASE; the band is the threshold, ±{threshold:.3g}",
+        _labels([case for case, _ in timed]),
+        tuple(outcome if gated else words for outcome, words in OUTCOMES.items()),
+        tuple(
+            Mark(row, list(OUTCOMES).index(time.outcome), *ends[row])
+            for row, (_, time) in enumerate(timed)
+        ),
+        1.0,
+        (1 / (1 + threshold), 1 + threshold),
+    )
 
 
-def counter_figure(comparison: Comparison) -> Figure | None:
-    """Draw how much each case's main counters grew; None where none differs."""
+def counter_plot(comparison: Comparison) -> Plot | None:
+    """Return how much each case's main counters grew, in per cent; None where none differs."""
     cases = [c for c in _chosen(comparison) if any(x.exact != "equal" for x in c.counters)]
-    counted = (x.metric for c in cases for x in c.counters if is_cost(x.metric))
-    names = [n for n in in_order(counted) if any(_growth(c, n) for c in cases)][: len(MARKERS)]
+    growth = [{c.metric: c.change for c in case.counters} for case in cases]
+    counted = (c.metric for case in cases for c in case.counters if find(c.metric).is_cost)
+    names = [n for n in in_order(counted) if any(each.get(n) for each in growth)][: len(SIGNS)]
     if not names:
         return None
-    figure, axes = _axes(len(cases))
-    axes.axvline(0, color="black", linewidth=0.8)
-    for number, name in enumerate(names):
-        growths = [_growth(case, name) for case in cases]
-        known = [(n, 100 * growth) for n, growth in enumerate(growths) if growth is not None]
-        axes.plot(
-            [growth for _, growth in known],
-            [n for n, _ in known],
-            marker=MARKERS[number],
-            color=COLOURS[number],
-            linestyle="none",
-            markersize=4,
-            label=name.replace("_", " "),
-        )
-    _finish(axes, cases, "growth of counters from BASE to HEAD, %")
-    return figure
-
-
-def to_svg(figure: Figure, name: str) -> str:
-    """Return the figure as an `<svg>` element, the same at every call; `name` keeps ids apart."""
-    import matplotlib
-
-    with io.StringIO() as text, matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-        content = text.getvalue()
-    return content[content.index("<svg") :]
+    marks = [
+        Mark(row, names.index(name), *[100 * change] * 3)
+        for row, each in enumerate(growth)
+        for name, change in each.items()
+        if name in names and change is not None
+    ]
+    words = tuple(name.replace("_", " ") for name in names)
+    axis = "growth of counters from BASE to HEAD, %"
+    return Plot("Counters that differ", axis, _labels(cases), words, tuple(marks), 0.0)
 
 
 def _chosen(comparison: Comparison) -> list[CaseChange]:
@@ -118,54 +134,19 @@ def _chosen(comparison: Comparison) -> list[CaseChange]:
     return sorted(cases, key=lambda case: ORDER.index(kind(comparison, case)))[:MOST]
 
 
-def _growth(case: CaseChange, metric: str) -> float | None:
-    return next((c.change for c in case.counters if c.metric == metric), None)
-
-
-def _axes(rows: int) -> tuple[Figure, Axes]:
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.0, 1.2 + 0.2 * rows))
-        return figure, figure.subplots()
-
-
-def _finish(axes: Axes, cases: Sequence[CaseChange], label: str) -> None:
+def _labels(cases: Sequence[CaseChange]) -> tuple[str, ...]:
     several = len({case.name.where for case in cases}) > 1
-    labels = [
-        f"{case.name.triangulator}, {case.name.where}" if several else case.name.triangulator
-        for case in cases
-    ]
-    axes.set_yticks(range(len(cases)), labels)
-    axes.set_ylim(len(cases) - 0.5, -0.5)
-    axes.set_xlabel(label)
-    axes.figure.legend(loc="outside upper center", ncols=4, frameon=False)
-
-
-PLOTS = (
-    ("time", "Times", time_figure),
-    ("counters", "Counters that differ", counter_figure),
-)
-
-TOTALS = (
-    ("Counters over all compared cases", True),
-    ("Predictions and a driver's own counts", False),
-)
+    names = (case.name for case in cases)
+    return tuple(f"{n.triangulator}, {n.where}" if several else n.triangulator for n in names)
 
 
 def to_html(comparison: Comparison) -> str:
     """Return a page with verdict, plots and tables; no script, no font, no address."""
-    plots = []
-    for name, title, draw in PLOTS:
-        figure = draw(comparison)
-        if figure is not None:
-            # Matplotlib escapes what it writes, so its SVG may stand as it is.
-            plots.append((title, Markup(to_svg(figure, name))))
     return template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
         headline=headline(comparison),
-        plots=plots,
+        plots=[plot for make in (time_plot, counter_plot) if (plot := make(comparison))],
+        signs=SIGNS,
         runs=run_lines(comparison),
         groups=groups(comparison),
         totals_heading=TOTALS_HEADING,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from harness import errors
-from harness.compare.gate_settings import Settings
+from harness.compare.settings import Settings
 from harness.stored.checking import USUAL_OPTIONS
 
 Exact = Literal["equal", "better", "worse", "changed"]
@@ -32,19 +32,20 @@ Status = Literal[
 ]
 """Whether a case could be compared, and if not, why; see `STATUS_TEXT`."""
 
-STATUS_TEXT: dict[Status, str] = {
-    "compared": "measured in both runs",
-    "content-changed": "the scene's content changed",
-    "fewer-polygons": "HEAD did fewer polygons than BASE",
-    "more-polygons": "HEAD did more polygons than BASE",
-    "now-failing": "measured in BASE, failed in HEAD",
-    "now-skipped": "measured in BASE, skipped in HEAD",
-    "now-measured": "not measured in BASE, measured in HEAD",
-    "not-measured": "measured in neither run",
-    "not-done": "measured in BASE, missing from HEAD",
-    "only-base": "not in HEAD's plan",
-    "only-head": "new in HEAD",
+STATUS_TEXT: dict[Status, tuple[str, str]] = {
+    "compared": ("measured in both runs", ""),
+    "not-done": ("measured in BASE, missing from HEAD", "missing from HEAD"),
+    "only-base": ("not in HEAD's plan", "not in HEAD's plan"),
+    "now-skipped": ("measured in BASE, skipped in HEAD", "now skipped"),
+    "content-changed": ("the scene's content changed", "of changed content"),
+    "only-head": ("new in HEAD", "new"),
+    "now-measured": ("not measured in BASE, measured in HEAD", "newly measured"),
+    "more-polygons": ("HEAD did more polygons than BASE", "with more polygons"),
+    "not-measured": ("measured in neither run", "measured in neither run"),
+    "fewer-polygons": ("HEAD did fewer polygons than BASE", ""),
+    "now-failing": ("measured in BASE, failed in HEAD", ""),
 }
+"""What is said of a case, and of several where a headline counts those that are left out."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
 """What BASE did and HEAD was to do and did not: a regression, whatever the gates."""

@@ -9,7 +9,9 @@ together, and other programs lengthen some samples but shorten none. Three thing
   two runs of the same code lie apart: the interval is widened by it.
 - The drift itself is told and never gated: it is the machine's as often as the code's.
 
-None of it is needed where both were timed in the same rounds; see `harness.compare.rounds`.
+None of it is needed where both were timed in the same rounds. Whatever the machine did in a round,
+it did to both, so each round's ratio tells the code alone, and what all cases did together is a
+finding like any other.
 
 docs/ci/README.md has the measurements behind this. The tests are Mann & Whitney's (1947), corrected
 for many cases by Benjamini & Hochberg (1995), with a percentile bootstrap of the ratio; `unchanged`
@@ -19,20 +21,34 @@ is shown, as in an equivalence test, by an interval inside the threshold.
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
-from harness.compare import rounds
-from harness.compare.gate_settings import Settings
-from harness.compare.model import Against, Drift, TimeChange
-from harness.compare.quantiles import Samples, log_ratio, margins, positive
-from harness.compare.rounds import decide
+from harness.compare.model import Against, Drift, Outcome, TimeChange
+from harness.compare.settings import Settings
+from harness.figures.ratios import paired_ratio
 from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
+
+QUANTILE = 0.1
+"""Of the samples: low enough to be clear of other programs, not as fickle as the fastest one."""
+
+RESAMPLES = 2000
+
+Q_VALUE = 1e-3
+"""An alarm by rounds needs this much evidence: one in a thousand such findings may be chance."""
+
+Samples = NDArray[np.float64]
+
+Parts = tuple[Sequence[int] | None, Sequence[int] | None]
+"""Rounds of each epoch, and of each process."""
 
 MIN_ROUNDS = 8
 """Fewer samples than this in either run say nothing."""
@@ -65,7 +81,7 @@ class Pair:
     reference: tuple[Samples, Samples] | None
     same_work: bool
     same_rounds: bool = False
-    parts: rounds.Parts = (None, None)
+    parts: Parts = (None, None)
 
     @cached_property
     def log_ratio(self) -> float:
@@ -114,11 +130,9 @@ def judge_group(
     q-values are still to be corrected, for which the cases of all groups are needed.
     """
     if all(pair.same_rounds for pair in pairs):
-        changes = [
-            rounds.judge_rounds(pair.base, pair.head, settings, pair.parts) for pair in pairs
-        ]
+        changes = [judge_rounds(pair.base, pair.head, settings, pair.parts) for pair in pairs]
         together = [(pair.base, pair.head) for pair in pairs]
-        return changes, rounds.drift_of_rounds(where, together, settings, pairs[0].parts)
+        return changes, drift_of_rounds(where, together, settings, pairs[0].parts)
     ratios = np.array([pair.log_ratio for pair in pairs])
     known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
     same = np.array([pair.same_work for pair in pairs])
@@ -149,7 +163,7 @@ def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChang
 
 def _settle(change: TimeChange, q_value: float, settings: Settings) -> TimeChange:
     decided = change.outcome in ("regressed", "improved")
-    allowed = rounds.Q_VALUE if change.against == "rounds" else 1 - settings.confidence
+    allowed = Q_VALUE if change.against == "rounds" else 1 - settings.confidence
     if decided and q_value > allowed:
         reason = f"may be chance among so many cases (q = {q_value:.2g})"
         return replace(change, q_value=q_value, outcome="inconclusive", reason=reason)
@@ -216,7 +230,7 @@ def _judge(
         threshold=threshold,
         p_value=p_value,
         q_value=q_value,
-        **rounds.in_short(pair.base, pair.head),
+        **in_short(pair.base, pair.head),
     )
 
 
@@ -280,4 +294,129 @@ def _p_of_interval(least: float, most: float, low: float, high: float, confidenc
 
 
 def _undecided(base: Samples, head: Samples, reason: str) -> TimeChange:
-    return TimeChange("inconclusive", reason, **rounds.in_short(base, head))
+    return TimeChange("inconclusive", reason, **in_short(base, head))
+
+
+def decide(
+    least: float, most: float, low: float, high: float, threshold: float
+) -> tuple[Outcome, str]:
+    """Return the outcome for a log ratio in `least`..`most` with interval `low`..`high`.
+
+    A growth is shown only if it exceeds the threshold and its interval excludes 1; no growth is
+    shown only if the interval is inside the threshold. All else is inconclusive, with the reason.
+    """
+    bound = math.log1p(threshold)
+    if least > bound and low > 0:
+        return "regressed", ""
+    if most < -bound and high < 0:
+        return "improved", ""
+    if -bound <= low and high <= bound:
+        return "unchanged", ""
+    found = f"{math.expm1(low) * 100:+.1f} % to {math.expm1(high) * 100:+.1f} %"
+    return "inconclusive", f"somewhere in {found}, the threshold is ±{threshold * 100:g} %"
+
+
+def judge_rounds(
+    base: Samples, head: Samples, settings: Settings, parts: Parts = (None, None)
+) -> TimeChange:
+    """Judge one case by its rounds' ratios; element r of both is of round r.
+
+    parts : rounds of each epoch and of each process, in order, where the run had any. The
+    q-value is still to be corrected for the number of cases.
+    """
+    ratio = paired_ratio(head, base, *parts)
+    threshold = settings.time_threshold_of(paired=True)
+    value, low, high = (math.log(x) for x in (ratio.value, ratio.low, ratio.high))
+    outcome, reason = decide(value, value, low, high, threshold)
+    p_value = sign_test(np.log(head / base))
+    return TimeChange(
+        *(outcome, reason, ratio.value, ratio.low, ratio.high, ratio.value, "rounds", threshold),
+        p_value=p_value,
+        q_value=p_value,
+        **in_short(base, head),
+    )
+
+
+def in_short(base: Samples, head: Samples) -> dict[str, Any]:
+    """Return medians and numbers of rounds, as `TimeChange` has them; None for those of none."""
+    both = {"base": base, "head": head}
+    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in both.items()}
+    return medians | {f"{name}_rounds": len(samples) for name, samples in both.items()}
+
+
+def drift_of_rounds(
+    where: str,
+    pairs: Sequence[tuple[Samples, Samples]],
+    settings: Settings,
+    parts: Parts = (None, None),
+) -> Drift:
+    """Judge what all cases of a group did together: the median case of each round."""
+    logs = np.median([np.log(head / base) for base, head in pairs], axis=0)
+    together = paired_ratio(np.exp(logs), np.ones(len(logs)), *parts)
+    value, low, high = (math.log(x) for x in (together.value, together.low, together.high))
+    outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
+    if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:
+        outcome, reason = "inconclusive", "too few rounds"
+    ends = (together.value, together.low, together.high)
+    return Drift(where, len(pairs), outcome, reason, *ends, reference=1.0, gated=True)
+
+
+def sign_test(logs: Samples) -> float:
+    """Return the two-sided p-value of as many rounds being slower if either were as likely."""
+    slower, faster = int((logs > 0).sum()), int((logs < 0).sum())
+    if slower + faster == 0:
+        return 1.0
+    return float(stats.binomtest(slower, slower + faster).pvalue)
+
+
+def positive(values: Sequence[Any]) -> Samples:
+    """Return (n,) samples; what is no positive number is left out."""
+    numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
+    return numbers[np.isfinite(numbers) & (numbers > 0)]
+
+
+def low_quantile(samples_s: Sequence[Any]) -> float | None:
+    """Return the low quantile of a record's samples in seconds, None where there are none."""
+    samples = positive(samples_s)
+    return float(np.quantile(samples, QUANTILE)) if len(samples) else None
+
+
+def log_ratio(base: Samples, head: Samples) -> float:
+    """Return the log of HEAD's low quantile over BASE's."""
+    return float(np.log(np.quantile(head, QUANTILE) / np.quantile(base, QUANTILE)))
+
+
+def margins(base: Samples, head: Samples, confidence: float) -> Samples:
+    """Return how far below and above `log_ratio` its percentile bootstrap interval reaches.
+
+    (2,); the same at every call.
+    """
+    rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
+    ratios = np.log(_resampled(head, rng) / _resampled(base, rng))
+    low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
+    ratio = log_ratio(base, head)
+    return np.maximum(0.0, [ratio - low, high - ratio])
+
+
+def _resampled(samples: Samples, rng: np.random.Generator) -> Samples:
+    """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
+
+    No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
+    and above it the next is the smallest of n-k. Where they fall among the sorted samples is what
+    drawing n of them would have given, so a hundred thousand samples cost as little as thirty.
+    """
+    n = len(samples)
+    ordered = np.sort(samples)
+    place = QUANTILE * (n - 1)  # numpy's: between the order statistics k and k + 1
+    k = int(place) + 1
+    lower = rng.beta(k, n + 1 - k, RESAMPLES)
+    found = ordered[_index(lower, n)]
+    share = place - int(place)
+    if share > 0:
+        upper = 1 - (1 - lower) * rng.random(RESAMPLES) ** (1 / (n - k))
+        found = (1 - share) * found + share * ordered[_index(upper, n)]
+    return found
+
+
+def _index(uniform: Samples, n: int) -> NDArray[np.intp]:
+    return np.minimum((uniform * n).astype(np.intp), n - 1)

@@ -1,20 +1,24 @@
-"""The sentences of a comparison, the same in every output."""
+"""The sentences of a comparison and the cells of its tables, the same in every output."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
-from harness.compare.gate_settings import is_cost
 from harness.compare.model import (
     BROKEN,
+    MISSING,
     STATUS_TEXT,
     CaseChange,
     Comparison,
     CounterChange,
-    Status,
+    Drift,
     TimeChange,
+    Total,
 )
+from harness.figures.registry import find
+from harness.figures.words import count, figure, percent
 
 FIRST = ("quads", "bbox_tests", "helper_lanes")
 """Counters that stand for the cost best, the best first."""
@@ -38,30 +42,12 @@ def headline(comparison: Comparison) -> str:
     return f"{_calm(comparison)}{_loose_ends(comparison)}"
 
 
-def count(number: int, noun: str, several: str = "") -> str:
-    """Write `1 case`, `2 cases`."""
-    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
-
-
-def percent(change: float) -> str:
-    """Write a relative change with a sign and as many digits as matter: `+12.3 %`."""
-    size = abs(change) * 100
-    digits = 0 if size >= 100 else 1 if size >= 0.1 else 3
-    return f"{change * 100:+,.{digits}f} %"
-
-
 def counter_text(change: CounterChange) -> str:
     """Write `99,275 → 111,496 (+12.3 %)`, or only the value where nothing changed."""
     if change.exact == "equal":
         return figure(change.head)
     growth = "" if change.change is None else f" ({percent(change.change)})"
     return f"{figure(change.base)} → {figure(change.head)}{growth}"
-
-
-def figure(value: float) -> str:
-    """Write a number with as many digits as matter."""
-    whole = float(value).is_integer() or abs(value) >= 1000
-    return f"{value:,.0f}" if whole else f"{value:,.4g}"
 
 
 def time_text(change: TimeChange | None) -> str:
@@ -74,7 +60,7 @@ def time_text(change: TimeChange | None) -> str:
 def case_verdict(comparison: Comparison, case: CaseChange) -> str:
     """Say in a few words what became of a case."""
     if case.status != "compared":
-        return STATUS_TEXT[case.status]
+        return STATUS_TEXT[case.status][0]
     verdict = _gated_verdict(comparison, case)
     aside = ungated(comparison, case)
     return f"{verdict} ({NOT_GATED}: {', '.join(aside)})" if aside else verdict
@@ -109,7 +95,7 @@ def ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     """Say in a word or two each what differs and does not decide the exit code."""
     found = []
     if "counters" not in comparison.settings.gates:
-        kinds = {c.exact for c in case.counters if is_cost(c.metric)} - {"equal"}
+        kinds = {c.exact for c in case.counters if find(c.metric).is_cost} - {"equal"}
         found += [f"counters {'worse' if 'worse' in kinds else 'differ'}"] * bool(kinds)
     if case.time is not None and not comparison.settings.gates_time:
         words = {"regressed": "slower", "improved": "faster", "inconclusive": "time too noisy"}
@@ -161,7 +147,8 @@ def _regression(comparison: Comparison) -> str:
         )
     worst = regressed[0]
     detail = case_detail(comparison, worst) if worst.status == "compared" else ""
-    detail = detail or ": ".join(part for part in (STATUS_TEXT[worst.status], worst.reason) if part)
+    said = (STATUS_TEXT[worst.status][0], worst.reason)
+    detail = detail or ": ".join(filter(None, said))
     more = len(regressed) - 1
     rest = f"; {count(more, 'more case')} regressed" if more else ""
     return f"{worst.name.triangulator} on {worst.name.device}: {detail}, {_view(worst)}{rest}"
@@ -233,20 +220,10 @@ def within(comparison: Comparison) -> str:
 def _loose_ends(comparison: Comparison) -> str:
     """Count the cases that could not be compared, so that none is dropped silently."""
     numbers = Counter(case.status for case in comparison.cases)
-    wording: dict[Status, str] = {
-        "not-done": "missing from HEAD",
-        "only-base": "not in HEAD's plan",
-        "now-skipped": "now skipped",
-        "content-changed": "of changed content",
-        "only-head": "new",
-        "now-measured": "newly measured",
-        "more-polygons": "with more polygons",
-        "not-measured": "measured in neither run",
-    }
     parts = [
         f"{count(numbers[status], 'case')} {text}"
-        for status, text in wording.items()
-        if numbers[status]
+        for status, (_, text) in STATUS_TEXT.items()
+        if text and numbers[status]
     ]
     return f" ({', '.join(parts)})" if parts else ""
 
@@ -257,8 +234,164 @@ def _why_nothing(comparison: Comparison) -> str:
     if comparison.compared():
         return "only times are gated, and no case was timed"
     statuses = Counter(case.status for case in comparison.cases)
-    parts = [f"{count(number, 'case')} {_SHORT[status]}" for status, number in statuses.items()]
-    return ", ".join(parts)
+    text = {status: both[status == "content-changed"] for status, both in STATUS_TEXT.items()}
+    return ", ".join(f"{count(number, 'case')} {text[each]}" for each, number in statuses.items())
 
 
-_SHORT: dict[Status, str] = {**STATUS_TEXT, "content-changed": "of changed content"}
+Kind = str
+"""`bad`, `good`, `unsure` or `plain`: how a row is to stand out."""
+
+PLAIN = ("triangles", "fragments", "hits", "samples_passed", "t_junctions", "coverage_error")
+"""Counters that get a column only where they differ."""
+
+TOTALS_HEADING = ("counter", "affected", "better", "worse", "BASE", "HEAD", "change")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case of a table, its cells in the order of `Group.heading`."""
+
+    cells: tuple[str, ...]
+    kind: Kind
+    affected: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """The cases that differ in their triangulator alone.
+
+    drift : one line on what they did together; "" where nothing was timed
+    drifted : whether that makes the gate fail
+    """
+
+    title: str
+    heading: tuple[str, ...]
+    rows: tuple[Row, ...]
+    drift: str
+    drifted: bool
+
+
+def groups(comparison: Comparison, counters: int = len(FIRST)) -> list[Group]:
+    """Return the cases as one table for each scene, view, rasteriser and device.
+
+    counters : most counters to show, so that a narrow terminal can show the rest
+    """
+    titles = dict.fromkeys(case.name.where for case in comparison.cases)
+    drifts = {drift.where: drift for drift in comparison.drifts}
+    return [_group(comparison, title, drifts.get(title), counters) for title in titles]
+
+
+def _group(comparison: Comparison, title: str, drift: Drift | None, counters: int) -> Group:
+    cases = [case for case in comparison.cases if case.name.where == title]
+    shown = _shown(cases)[:counters]
+    timed = any(case.time is not None for case in cases)
+    heading = ("triangulator", *(name.replace("_", " ") for name in shown))
+    heading += ("time vs BASE",) * timed + ("verdict",)
+    ordered = sorted(cases, key=lambda case: ORDER.index(kind(comparison, case)))
+    return Group(
+        title,
+        heading,
+        tuple(_row(comparison, case, shown, timed) for case in ordered),
+        "" if drift is None else drift_text(comparison, drift),
+        drift in comparison.drifted(),
+    )
+
+
+def _shown(cases: Sequence[CaseChange]) -> list[str]:
+    """Return the counters worth a column, first those that regressed and those that differ."""
+    changes = [change for case in cases for change in case.counters]
+    counted = [c for c in changes if find(c.metric).is_cost]
+    known = in_order(c.metric for c in counted if c.metric in FIRST)
+    regressed = in_order(c.metric for c in counted if c.regressed)
+    differing = in_order(c.metric for c in counted if c.exact != "equal")
+    costs = (name for name in in_order(c.metric for c in counted) if name not in PLAIN)
+    first = [] if set(known) & set(regressed) else regressed[:1]
+    return list(dict.fromkeys([*first, *known, *differing, *costs]))
+
+
+def _row(comparison: Comparison, case: CaseChange, shown: list[str], timed: bool) -> Row:
+    counters = [_find(case, name) for name in shown]
+    cells = [case.name.triangulator, *(_counter_cell(change) for change in counters)]
+    cells += [time_text(case.time)] * timed
+    verdict = case_verdict(comparison, case)
+    reason = case.reason or (case.time.reason if case.time is not None else "")
+    cells.append(f"{verdict}: {reason}" if reason and verdict != "unchanged" else verdict)
+    found = kind(comparison, case)
+    return Row(tuple(cells), found, found != "plain" or _differs(case))
+
+
+def _counter_cell(change: CounterChange | None) -> str:
+    """Write HEAD's value and, where it differs from BASE's, the growth."""
+    if change is None:
+        return ""
+    growth = "" if change.change in (0, None) else f" ({percent(change.change or 0)})"
+    return f"{figure(change.head)}{growth}"
+
+
+ORDER = ("bad", "unsure", "good", "plain")
+
+
+def kind(comparison: Comparison, case: CaseChange) -> Kind:
+    """Return how a case is to stand out."""
+    if comparison.is_regressed(case):
+        return "bad"
+    verdict = case_verdict(comparison, case)
+    if verdict.startswith("improved"):
+        return "good"
+    unsure = verdict.startswith("inconclusive") or case.status in (*MISSING, "content-changed")
+    return "unsure" if unsure else "plain"
+
+
+def _differs(case: CaseChange) -> bool:
+    return case.status != "compared" or any(change.exact != "equal" for change in case.counters)
+
+
+def _find(case: CaseChange, metric: str) -> CounterChange | None:
+    return next((change for change in case.counters if change.metric == metric), None)
+
+
+def drift_text(comparison: Comparison, drift: Drift) -> str:
+    """Say what all cases of a group did together, and what the reference draw did."""
+    text = f"all cases together: time {drift.ratio:.3f}"
+    if drift.gated:
+        text += f" ({drift.low:.3f}-{drift.high:.3f}), in the same rounds"
+        words = drift.outcome if comparison.settings.gates_time else NOT_GATED
+        return f"{text}: {words}"
+    if drift.reference is not None:
+        text += f", reference draw {drift.reference:.3f}"
+    return f"{text} ({NOT_GATED}: runs made one after the other cannot tell code from machine)"
+
+
+def affected_totals(comparison: Comparison, *, counted: bool) -> list[Total]:
+    """Return the totals of figures that differ in some case.
+
+    counted : those that say what drawing costs; otherwise predictions and a driver's opinions
+    """
+    affected = (total for total in comparison.totals if total.affected)
+    return [total for total in affected if find(total.metric).is_cost == counted]
+
+
+def total_cells(total: Total) -> tuple[str, ...]:
+    """Return the cells under `TOTALS_HEADING`."""
+    return (
+        total.metric.replace("_", " "),
+        f"{total.affected} of {total.cases}",
+        str(total.better),
+        str(total.worse),
+        figure(total.base),
+        figure(total.head),
+        "" if total.change is None else percent(total.change),
+    )
+
+
+def run_lines(comparison: Comparison) -> list[str]:
+    """Return one line for each run: where it is, when it was made and of which commit."""
+    lines = []
+    for name, run in (("BASE", comparison.base), ("HEAD", comparison.head)):
+        harness = f"harness {run.harness}" if run.harness else ""
+        if run.harness_commit and run.harness_commit != run.commit:
+            harness += f" at {run.harness_commit}"
+        commit = run.commit and f"commit {run.commit}"
+        parts = (run.path, run.created, commit, harness, run.machine)
+        lines.append(f"{name}: {', '.join(part for part in parts if part)}")
+    return lines

@@ -90,6 +90,27 @@ class Figure:
         return self.kind != "time"
 
     @property
+    def is_shared(self) -> bool:
+        """Whether every triangulation of a polygon has the same, so that any change is a defect."""
+        own = not self.name.startswith(counters.DRIVER)
+        return self.kind == "counter" and self.better == "none" and own
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether a change for the worse is a regression without being asked for.
+
+        A counter that nobody declared, of a rasteriser of somebody else's, is one like any other.
+        Ratios of counters say nothing that the counters do not, predictions are not measurements,
+        and what a driver says of itself is its opinion.
+        """
+        return self.kind in ("counter", "count") and self.has_direction
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether growth beyond a threshold can be a regression."""
+        return self.better != "none" or self.is_shared
+
+    @property
     def adds_up(self) -> bool:
         """Whether the sum over cases means something: not that of ratios."""
         return self.unit != "x"

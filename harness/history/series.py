@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.compare.matching import case_name, latest
 from harness.compare.model import CaseName
-from harness.compare.quantiles import low_quantile
+from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures import processors
 from harness.figures.registry import figures, figures_of, find

@@ -10,15 +10,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
-from harness.frame import Frame
 from harness.rasterisers.counters import Counter
 from harness.rasterisers.submission_order import ORDERS, Order, submission
+
+if TYPE_CHECKING:
+    from harness.frame import Frame
 
 Triangles = NDArray[np.int32]
 Image = NDArray[np.uint8]

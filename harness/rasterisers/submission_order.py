@@ -5,13 +5,14 @@ Caches and early tests of a rasteriser depend on it, so it is a recorded factor 
 
 from __future__ import annotations
 
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame
-from scenes.scene import Viewing
+if TYPE_CHECKING:
+    from harness.frame import Frame
+    from scenes.scene import Viewing
 
 Triangles = NDArray[np.int32]
 

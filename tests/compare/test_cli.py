@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.compare.differences import environment_changes, machines_differ
+from harness.compare.matching import environment_changes, machines_differ
 from tests.compare.runs import costlier, failed, plan, slower, write_run
 from tests.harness.test_cli import assert_one_line
 from tests.paths import ROOT

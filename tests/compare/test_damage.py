@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.compare import compare_runs
-from harness.compare.json import to_json
-from harness.compare.markdown import to_markdown
+from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
 from harness.stored.checking import NUMBERS
 from tests.compare.runs import TRIANGULATORS, read_back, record, write_run

@@ -13,11 +13,9 @@ from lxml import etree
 from markdown_it import MarkdownIt
 
 from harness.compare import compare_runs, no_baseline
-from harness.compare.gate_settings import Settings
-from harness.compare.html import counter_figure, time_figure, to_html
-from harness.compare.json import to_json
-from harness.compare.junit import to_junit
-from harness.compare.markdown import LIMIT, MARKER, to_markdown
+from harness.compare.html import counter_plot, time_plot, to_html
+from harness.compare.outputs import LIMIT, MARKER, to_json, to_junit, to_markdown
+from harness.compare.settings import Settings
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
 from tests.compare.runs import TRIANGULATORS, costlier, failed, slower, write_run
@@ -194,18 +192,21 @@ def test_pictures_show_the_threshold_and_the_counters_that_differ(tmp_path):
     base = read_run(write_run(tmp_path / "base", seed=1))
     costly = read_run(write_run(tmp_path / "head", seed=2, edits={"delaunay": costlier(0.1)}))
     same = compare_runs(base, read_run(write_run(tmp_path / "same", seed=2)))
-    assert counter_figure(same) is None
+    assert counter_plot(same) is None
     grown = compare_runs(base, costly, Settings(thresholds={"time": 0.25}))
-    axes = counter_figure(grown).axes[0]
-    (row,) = [label.get_text() for label in axes.get_yticklabels()]
-    assert "delaunay" in row
-    assert list(axes.lines[0].get_xdata()) == [0, 0]
-    drawn = [line.get_xdata() for line in axes.lines if line.get_marker() != "None"]
-    assert any(list(x) == pytest.approx([10.0], rel=1e-3) for x in drawn)
-    axes = time_figure(grown).axes[0]
-    band = axes.patches[0]
-    assert (band.get_x(), band.get_width()) == pytest.approx((1 / 1.25, 1.25 - 1 / 1.25))
-    assert list(axes.lines[0].get_xdata()) == [1, 1]
+    plot = counter_plot(grown)
+    assert [row.split(",")[0] for row in plot.rows] == ["delaunay"]
+    assert plot.nothing == 0
+    assert any(mark.value == pytest.approx(10.0, rel=1e-3) for mark in plot.marks)
+    plot = time_plot(grown)
+    assert plot.band == pytest.approx((1 / 1.25, 1.25))
+    assert plot.nothing == 1
+    assert plot.ends[0] < plot.ticks[1] < plot.ends[1]
+    drawn = re.findall(r'<rect class="band" x="([0-9.]+)" width="([0-9.]+)"', to_html(grown))
+    (left, width) = map(float, drawn[0])
+    low, high = plot.ends
+    assert left == pytest.approx(260 + 620 * (1 / 1.25 - low) / (high - low), abs=0.1)
+    assert width == pytest.approx(620 * (1.25 - 1 / 1.25) / (high - low), abs=0.1)
 
 
 def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_path):
@@ -215,19 +216,12 @@ def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_pat
     edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
     runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
     found = compare_runs(*map(read_run, runs), Settings(gates=("counters", "time")))
-    axes = time_figure(found).axes[0]
-    rows = [label.get_text() for label in axes.get_yticklabels()]
-    assert rows[0].startswith("optimal:overdraw")
-    assert axes.get_ylim() == (len(rows) - 0.5, -0.5)
-    drawn = {}
-    for container in axes.containers:
-        points, _, (bars,) = container.lines
-        for x, y, bar in zip(*points.get_data(), bars.get_segments(), strict=True):
-            drawn[rows[y]] = (container.get_label(), x, *bar[:, 0])
+    plot = time_plot(found)
+    assert plot.rows[0].startswith("optimal:overdraw")
     times = {case.name.triangulator: case.time for case in found.compared()}
     times.pop("fan")  # it was not timed
-    assert len(drawn) == len(rows) == len(times)
-    for row, (outcome, *values) in drawn.items():
-        time = times[row.split(",")[0]]
-        assert outcome == time.outcome
-        assert values == pytest.approx([time.ratio, time.low, time.high])
+    assert len(plot.marks) == len(plot.rows) == len(times)
+    for mark in plot.marks:
+        time = times[plot.rows[mark.row].split(",")[0]]
+        assert plot.series[mark.series] == time.outcome
+        assert (mark.value, mark.low, mark.high) == (time.ratio, time.low, time.high)

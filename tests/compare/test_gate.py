@@ -12,15 +12,12 @@ import numpy as np
 import pytest
 
 from harness.compare import compare_runs
-from harness.compare.gate_settings import Settings
 from harness.compare.html import to_html
-from harness.compare.json import to_json
-from harness.compare.junit import to_junit
-from harness.compare.markdown import to_markdown
 from harness.compare.matching import case_name
-from harness.compare.rounds import decide
-from harness.compare.rows import groups
-from harness.compare.wording import headline
+from harness.compare.outputs import to_json, to_junit, to_markdown
+from harness.compare.settings import Settings
+from harness.compare.times import decide
+from harness.compare.wording import groups, headline
 from harness.rasterisers.binning import Binning
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import (

@@ -11,17 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.compare.gate_settings import Settings
 from harness.compare.model import TimeChange
-from harness.compare.quantiles import _index
-from harness.compare.rounds import Q_VALUE, drift_of_rounds
+from harness.compare.settings import Settings
 from harness.compare.times import (
     MIN_ROUNDS,
+    Q_VALUE,
     Pair,
     _faster_half,
+    _index,
     _p_of_interval,
     correct,
     decide,
+    drift_of_rounds,
     judge_group,
     read_pair,
 )

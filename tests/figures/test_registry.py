@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from harness.compare.comparison import compare_runs
-from harness.compare.gate_settings import Settings
+from harness.compare.settings import Settings
 from harness.figures import registry
 from harness.figures.registry import Figure, figures_of, find, measures, predictions
 from harness.pictures.style import looks

@@ -12,7 +12,6 @@ from typing import Any, Literal, get_args
 from harness.errors import UsageError, unknown
 from harness.figures.registry import figures as registered
 from harness.figures.registry import find
-from harness.rasterisers.counters import DRIVER
 
 GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
@@ -24,29 +23,6 @@ TIME_THRESHOLD = 0.05
 
 PAIRED_TIME_THRESHOLD = 0.015
 """The same where BASE and HEAD were timed in the same rounds."""
-
-
-def is_cost(name: str) -> bool:
-    """Whether a change of the figure `name` for the worse is a regression without being asked for.
-
-    A counter that nobody declared, of a rasteriser of somebody else's, is one like any other.
-    Ratios of counters say nothing that the counters do not, predictions are not measurements, and
-    what a driver says of itself is its opinion.
-    """
-    figure = find(name)
-    counted = figure.kind in ("counter", "count")
-    return counted and (figure.better != "none" or is_shared(name))
-
-
-def is_shared(name: str) -> bool:
-    """Whether every triangulation of a polygon has the same, so that any change is a defect."""
-    figure = find(name)
-    return figure.kind == "counter" and figure.better == "none" and not name.startswith(DRIVER)
-
-
-def has_direction(name: str) -> bool:
-    """Whether growth beyond a threshold can be a regression."""
-    return find(name).better != "none" or is_shared(name)
 
 
 @dataclass(frozen=True)
@@ -97,7 +73,8 @@ def is_gated(counter: str, thresholds: Mapping[str, float]) -> bool:
 
     A counter that every triangulation shares is gated in both directions.
     """
-    return is_cost(counter) or (counter in thresholds and has_direction(counter))
+    figure = find(counter)
+    return figure.is_cost or (counter in thresholds and figure.has_direction)
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
@@ -130,7 +107,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not has_direction(name):
+    if name not in ("time", "counters") and not find(name).has_direction:
         raise UsageError(f"threshold '{text}': neither more nor less {name} is better")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
