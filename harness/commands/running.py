@@ -15,6 +15,7 @@ import typer
 from rich.console import Console
 
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
+from harness.figures.decision import COVERED
 from harness.figures.groups import base_of, groups
 from harness.figures.processors import machine_words
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
@@ -209,7 +210,7 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
     Raises
     ------
     NothingMeasured
-        if no case was measured
+        if no case was measured, or no pixel is covered in any
     """
     where = os.path.relpath(outcome.path)
     again = f"raster-harness report {where}"
@@ -235,4 +236,11 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
         console.print(f"to look at: {where}/report.html", markup=False, soft_wrap=True)
     how = f"continue with: raster-harness run --resume {outcome.path}"
     require_finished(outcome, how, quiet=console.quiet)
+    covered = [(record.get("counters") or {}).get(COVERED) for record in measured]
+    if covered and not any(count is None or count > 0 for count in covered):
+        raise NothingMeasured(
+            "no pixel is covered in any case: every polygon is smaller than the pixels lie apart. "
+            "One may lie far away from the others, and the view holds all; leave it out by "
+            "--where or --limit, or give a larger --resolution"
+        )
     require_all(outcome)

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness.figures.break_even import AFTER, AT_ONCE
-from harness.figures.decision import ALONE, COUNTED, KEEP, SHOWN, Decision, decide
+from harness.figures.decision import (
+    ALONE,
+    COUNTED,
+    COVERED,
+    EQUAL,
+    FEW,
+    KEEP,
+    SHOWN,
+    Decision,
+    decide,
+)
 from harness.figures.registry import find
 from harness.stored.folder import Record
 
@@ -42,7 +52,13 @@ def _advice(decision: Decision, scene: str) -> str:
         return words + ("; times show none to be faster" if decision.timed else "")
     if decision.ground == ALONE:
         return f"{scene} was triangulated by {choice.name} alone, so there is nothing to compare"
-    return f"{take}: no other is shown to be faster, and none costs less by exact count"
+    if decision.ground == FEW:
+        covered = choice.record["counters"][COVERED]
+        return f"nothing is advised for {scene}: it covers {covered:,} pixels, too few to tell"
+    if decision.ground == EQUAL:
+        return f"nothing is advised for {scene}: all counters are equal, and no time differs"
+    counted = ", and none costs less by exact count" if choice.record.get("counters") else ""
+    return f"{take}: no other is shown to be faster{counted}"
 
 
 def _counted(decision: Decision) -> str:

@@ -17,14 +17,20 @@ from harness.figures.registry import measures, value_of
 from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
-Ground = Literal["faster", "base", "counters", "undecided", "alone"]
+Ground = Literal["faster", "base", "counters", "undecided", "equal", "few", "alone"]
 SHOWN: Final = "faster"
 KEEP: Final = "base"
 COUNTED: Final = "counters"
 OPEN: Final = "undecided"
+EQUAL: Final = "equal"
+FEW: Final = "few"
 ALONE: Final = "alone"
 
 TIME = "draw_ms"
+COVERED = "fragments"
+
+LEAST_PIXELS = 64
+"""Fewer covered pixels than these, all polygons together, say nothing of what is drawn larger."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,9 @@ class Decision:
     base : what they are compared with
     ground : SHOWN: times show that the choice is faster than the base; KEEP: that all others are
         slower; COUNTED: they show neither, and the choice has the least of an exact counter among
-        those that are not shown to be slower; OPEN: nothing tells them apart; ALONE: nothing to
-        choose from
+        those that are not shown to be slower; OPEN: nothing tells them apart; EQUAL: no counter
+        does, either; FEW: fewer than `LEAST_PIXELS` are covered; ALONE: nothing to choose from.
+        By the last three nothing is advised, and the choice is the base
     choice : what to take, the base where nothing speaks for another
     alike : names of others that are not shown to be slower than the choice, where it is shown
     measure : the main counter, None if nothing was counted
@@ -136,6 +143,10 @@ def _choose(
     others = [each for each in rivals if each is not base]
     if not others:
         return ALONE, rivals[0]
+    usual = base if base in rivals else rivals[0]
+    covered = (usual.record.get("counters") or {}).get(COVERED)
+    if covered is not None and covered < LEAST_PIXELS:
+        return FEW, usual
     shown = [each for each in others if each.verdict == FASTER]
     if shown:
         return SHOWN, shown[0]
@@ -148,6 +159,9 @@ def _choose(
     known.sort(key=lambda each: (counts[each.name], each is not base))
     if known and counts[known[0].name] != counts[known[-1].name]:
         return COUNTED, known[0]
+    every = [each.record.get("counters") or {} for each in rivals]
+    if known and all(counters == every[0] for counters in every):
+        return EQUAL, usual
     return OPEN, base if base in rivals else open_[0]
 
 

@@ -148,6 +148,31 @@ def test_what_left_polygons_out_is_not_taken():
     assert not decision.standings[-1].complete
 
 
+@pytest.mark.parametrize(("covered", "advised"), [(0, False), (63, False), (64, True)])
+def test_too_few_pixels_say_nothing(covered, advised):
+    records = [base(), made("delaunay", "faster")]
+    for each in records:
+        each["counters"] |= {"fragments": covered}
+    sentence = advice(records)
+    assert ("triangulate city by delaunay" in sentence) is advised
+    told = f"nothing is advised for city: it covers {covered:,} pixels, too few to tell."
+    assert sentence.endswith(told) is not advised
+
+
+@pytest.mark.parametrize(
+    ("draws", "advised"), [("level", False), ("untimed", False), ("faster", True)]
+)
+def test_equal_counters_and_times_say_nothing(draws, advised):
+    first, other = base(), made("delaunay", draws)
+    if draws == "untimed":
+        del first["time"]
+    sentence = advice([first, other])
+    assert ("triangulate city by" in sentence) is advised
+    told = "nothing is advised for city: all counters are equal, and no time differs."
+    assert sentence.endswith(told) is not advised
+    assert decide([first, other]).choice.name == ("delaunay" if advised else "ear-clipping")
+
+
 def test_nothing_and_one():
     assert decide([]) is None
     assert advice([]).startswith("Nothing was measured")

@@ -141,6 +141,21 @@ def test_one_bad_polygon_among_many_is_counted_and_named(harness):
     assert "1" in noted[0][0]
 
 
+L_SHAPE = ((0, 0), (90, 0), (90, 40), (40, 40), (40, 90), (0, 90), (0, 0))
+
+
+@pytest.mark.usefixtures("no_plots", "in_process")
+def test_where_no_pixel_is_covered_nothing_is_measured(harness):
+    """Two houses, a thousand kilometres apart: an answer came from counters that were all 0."""
+    places = (13_000, 1_013_000)
+    houses = [", ".join(f"{x + dx} {x + dy}" for dx, dy in L_SHAPE) for x in places]
+    write("far.wkt", "\n".join(f"POLYGON (({house}))" for house in houses))
+    code, out, err = harness("run", "--scene", "far.wkt", "--rasterisers", "reference", "--quick")
+    assert code == 4
+    assert_one_line(err, "no pixel is covered in any case", "leave it out by --where or --limit")
+    assert "nothing is advised for far.wkt: it covers 0 pixels, too few to tell" in out
+
+
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_nothing_measured_is_exit_code_4(harness):
     hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
