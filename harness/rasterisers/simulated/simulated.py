@@ -25,7 +25,7 @@ def design(name: str) -> type[Design]:
     return found
 
 
-def _read(name: str) -> tuple[type[Design], Any]:
+def read(name: str) -> tuple[type[Design], Any]:
     """Return the design that a device's name names, and its parameters."""
     base, given = parsed(name)
     found = design(base)
@@ -54,7 +54,7 @@ class Simulated(Rasteriser):
         """
         if parsed(name)[0] not in DESIGNS:
             return False
-        _read(name)
+        read(name)
         return True
 
     @classmethod
@@ -67,7 +67,7 @@ class Simulated(Rasteriser):
         """Return the device of that name, parameters in order and only those that differ."""
         if not cls.knows(name):
             return None
-        found, parameters = _read(name)
+        found, parameters = read(name)
         return None if found.problem() else Device(written(found, parameters), software=True)
 
     @classmethod
@@ -77,7 +77,7 @@ class Simulated(Rasteriser):
         return "; ".join(f"{each}: {design(each).problem()}" for each in wanted)
 
     def __init__(self, device: Device) -> None:
-        found, parameters = _read(device.name)
+        found, parameters = read(device.name)
         self._design = found(parameters)
         self.device = Device(device.name, software=True, details=self._design.details)
 

@@ -23,12 +23,13 @@ from harness.rasterisers.base import Triangles
 from harness.rasterisers.binning import count_tiles
 from triangulators.compute.kernels import njit
 
-DRAW, TILE, ENTERED, NODE = 3, 1, 3, 1
+DRAW, TILE, ENTERED, NODE = 3, 1, 2, 1
 """Cycles that Skybox's slice takes for a draw, a triangle in a tile, a tile that is gone down into,
 and a square tested, where nothing waits for its output. The tile evaluator tests a square a cycle;
-it takes a new tile when it has nothing left to test, a cycle that tests none; and when a tile
-passes, its quarters take three cycles to come back for testing. Later levels hide that: while they
-are on their way, others wait in the queues."""
+it takes a new tile when it has nothing left to test, in a cycle that tests none; and when a tile
+passes, its quarters take two cycles to come back for testing. Later levels hide that: while they
+are on their way, others wait in the queues. Rounded from a fit to random triangles, none of a
+scene's."""
 
 
 def met(

@@ -1,0 +1,243 @@
+"""Does H predict an open GPU's rasteriser? The study that docs/studies/skybox.md registered.
+
+    PYTHONPATH=. RASTER_HARNESS_SKYBOX=... python scripts/studies/skybox.py results/reference/skybox
+
+Writes measured.csv, a row a draw, and what the rules are applied to: ranks.csv, savings.csv,
+slopes.csv, thin.csv, border.csv and squares.csv. Counts only: the same at every run.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import spearmanr
+
+from harness.errors import HarnessError
+from harness.frame import Frame, View, bare_frame, frame_of
+from harness.rasterisers import Device, Options, get
+from harness.rasterisers.simulated.simulated import read
+from harness.rasterisers.simulated.skybox import program
+from harness.rasterisers.simulated.skybox.edges import work
+from harness.rasterisers.simulated.squares import cycles, descended
+from harness.study.subjects import Design, choose_polygons
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse_all
+from scenes import load
+
+SCENES = ("helsinki", "glyphs", "cad", "stress")
+SIZES = (64, 256, 1024)
+CHOICES = (
+    *("ear-clipping", "delaunay", "earcut-refine", "flips:l1", "optimal:half-perimeter"),
+    *("optimal:overdraw", "optimal:expected-quads", "worst:half-perimeter", "worst:overdraw"),
+)
+RANDOM = tuple(f"random#{seed}" for seed in range(4))
+SHADERS = (0.5, 1, 2, 4, 8)
+PARAMETERS = (
+    *("output_quads=1", "tile=16", "tile=64", "block=8", "bins=exact", "fetch=16", "fetch=64"),
+    *(f"shader={each:g}" for each in SHADERS),
+)
+TURNED_AT = 256
+"""The size at which parameters are turned."""
+
+DESIGN = Design(polygons=6, most_vertices=200)
+THIN_AREA, ASPECTS, ANGLES, PLACES = 64.0, (1, 2, 4, 8, 16, 32, 64, 128, 256), (0, 22, 45), 32
+CRITERIA = ("half_perimeter", "overdraw", "quads", "edge_length")
+
+
+def subjects() -> Iterator[tuple[str, str, Frame]]:
+    """Yield (scene, polygon, frame): each polygon alone, as large as the viewport."""
+    for name in SCENES:
+        for number, scene in choose_polygons(load(name), DESIGN):
+            for size in SIZES:
+                yield name, f"{name}#{number}", frame_of(scene, View(size))
+
+
+def draws(frame: Frame, device: str, triangles: dict[str, np.ndarray]) -> pd.DataFrame:
+    """Draw each triangulation alone, and count; a row each."""
+    opened = get("simulated")(Device(device, software=True))
+    rows = []
+    for name, part in triangles.items():
+        counted = opened.count(frame, part, Options())
+        rows.append({"triangulator": name} | {k: int(v.sum()) for k, v in counted.items()})
+    return pd.DataFrame(rows).assign(device=device)
+
+
+def predicted_cycles(frame: Frame, triangles: np.ndarray) -> int:
+    """Return what the count of squares predicts for the published design."""
+    whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
+    todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, 32, exact=False)
+    counts = descended(todo.edges, todo.pairs, 32, 4).sum(axis=0)
+    return cycles(1, len(todo.pairs), int(counts[1]), int(counts[0]))
+
+
+def measure() -> pd.DataFrame:
+    """Draw everything; a row a draw."""
+    parts = []
+    for scene, polygon, frame in subjects():
+        made, criteria = {}, {}
+        for recipe in parse_all((*CHOICES, *RANDOM)):
+            try:
+                found = triangulate_polygons(recipe, frame.polygons, None)
+            except HarnessError as error:
+                print(f"{polygon} {frame.width} px: {recipe}: {error}", file=sys.stderr)
+                continue
+            if any(part is None for part in found.parts):
+                continue
+            made[str(recipe)] = frame.join(found.parts)
+            criteria[str(recipe)] = found.predicted.totals
+        devices = ["skybox"]
+        if frame.width == TURNED_AT:
+            devices += [f"skybox:{each}" for each in PARAMETERS]
+        for device in devices:
+            chosen = {k: v for k, v in made.items() if device == "skybox" or k in CHOICES}
+            table = draws(frame, device, chosen)
+            for name in ("half_perimeter", "overdraw", "edge_length", "area", "triangles"):
+                table[name] = [criteria[each][name] for each in table["triangulator"]]
+            if device == "skybox":
+                table["by_squares"] = [predicted_cycles(frame, made[n]) for n in chosen]
+            parts.append(table.assign(scene=scene, polygon=polygon, resolution=frame.width))
+        print(f"{polygon} {frame.width} px", flush=True)
+    return pd.concat(parts, ignore_index=True)
+
+
+def without_twins(part: pd.DataFrame) -> pd.DataFrame:
+    """Leave out a triangulation that another name gave, too."""
+    same = ["polygon", "resolution", "device", "half_perimeter", "overdraw", "edge_length"]
+    return part[~part[same].round(6).duplicated()]
+
+
+def ranks(table: pd.DataFrame) -> pd.DataFrame:
+    """Return Spearman's correlation within a polygon, the median over a scene's polygons."""
+    rows = []
+    for key, part in without_twins(table).groupby(["device", "scene", "resolution"], sort=False):
+        views = [view for _, view in part.groupby("polygon", sort=False) if len(view) > 2]
+        for criterion in CRITERIA:
+            values = np.array(
+                [spearmanr(view[criterion], view["cycles"]).statistic for view in views]
+            )
+            known = values[np.isfinite(values)]
+            rows.append((*key, criterion, np.median(known), known.min(), len(known)))
+    names = ["device", "scene", "resolution", "criterion", "median", "least", "polygons"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def savings(table: pd.DataFrame) -> pd.DataFrame:
+    """Return cycles and quads over ear clipping's, geometric means over a scene's polygons."""
+    rows = []
+    for key, part in table.groupby(["device", "scene", "resolution"], sort=False):
+        values = {
+            n: part.pivot(index="polygon", columns="triangulator", values=n)
+            for n in ("cycles", "quads")
+        }
+        for name in (c for c in CHOICES if c in values["cycles"]):
+            over = [
+                np.exp(np.log(v[name] / v["ear-clipping"]).dropna().mean()) for v in values.values()
+            ]
+            rows.append((*key, name, *over, int(values["cycles"][name].notna().sum())))
+    names = ["device", "scene", "resolution", "triangulator", "cycles", "quads", "polygons"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def slopes(table: pd.DataFrame) -> pd.DataFrame:
+    """Return cycles a pixel of H within polygons, by least squares, and R^2."""
+    rows = []
+    for key, part in without_twins(table).groupby(["device", "resolution"], sort=False):
+        whole = part[part["triangles"] == part.groupby("polygon")["triangles"].transform("max")]
+        names = ["half_perimeter", "cycles"]
+        within = whole[names] - whole.groupby("polygon")[names].transform("mean")
+        x, y = (within[name].to_numpy(float) for name in names)
+        slope = (x @ y) / (x @ x)
+        rows.append((*key, slope, 1 - ((y - slope * x) ** 2).sum() / (y @ y), len(x)))
+    names = ["device", "resolution", "cycles_per_px", "r_squared", "draws"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def border(table: pd.DataFrame) -> pd.DataFrame:
+    """Return cycles over the larger of descent and shading, by cycles a quad."""
+    size = table[(table["resolution"] == TURNED_AT) & table["triangulator"].isin(CHOICES)]
+    keys = ["polygon", "triangulator"]
+    free = size[size["device"] == "skybox"].set_index(keys)["cycles"]
+    rows = []
+    for k in SHADERS:
+        part = size[size["device"] == f"skybox:shader={k:g}"].set_index(keys)
+        least = np.maximum(free.loc[part.index], k * part["quads"])
+        over = part["cycles"] / least
+        saved = savings(size[size["device"] == f"skybox:shader={k:g}"])
+        best = saved[saved["triangulator"] == "optimal:half-perimeter"]
+        means = [float(np.exp(np.log(best[name]).mean())) for name in ("cycles", "quads")]
+        rows.append((k, float((free / part["quads"]).median()), over.median(), over.max(), *means))
+    names = ["shader", "descent_per_quad", "over_larger", "most_over", "cycles", "quads"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def thin() -> pd.DataFrame:
+    """Return mean cycles of a triangle of one area alone, by aspect, angle and device."""
+    rng = np.random.default_rng(53)
+    frame_px, rows = 256, []
+    for device in ("skybox", "skybox:bins=exact", "skybox:shader=4"):
+        kind, parameters = read(device)
+        slice_ = kind(parameters)
+        for aspect in ASPECTS:
+            for angle in ANGLES:
+                # a right triangle's legs are in the ratio, and half their product is the area
+                short = np.sqrt(2 * THIN_AREA / aspect)
+                legs = np.array([[0.0, 0.0], [short * aspect, 0.0], [0.0, short]])
+                turn = np.deg2rad(angle)
+                turned = legs @ np.array(
+                    [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+                )
+                low = -turned.min(axis=0)
+                room = frame_px - np.ptp(turned, axis=0)
+                places = low + rng.random((PLACES, 1, 2)) * room
+                points = np.rint((turned + places).reshape(-1, 2) * 256).astype(np.int32)
+                total = quads = 0
+                for k in range(PLACES):
+                    frame = bare_frame(frame_px, points[3 * k : 3 * k + 3])
+                    found = slice_.count(frame, np.array([[0, 1, 2]], np.int32), Options())
+                    total += int(found["cycles"])
+                    quads += int(found["quads"].sum())
+                rows.append((device, aspect, angle, total / PLACES, quads / PLACES))
+    return pd.DataFrame(rows, columns=["device", "aspect", "angle", "cycles", "quads"])
+
+
+def squares(table: pd.DataFrame) -> pd.DataFrame:
+    """Return by how much the count of squares misses the published design's cycles."""
+    part = table[table["device"] == "skybox"]
+    error = (part["by_squares"] / part["cycles"] - 1).abs()
+    groups = error.groupby(part["resolution"])
+    return pd.DataFrame(
+        {"median": groups.median(), "most": groups.max(), "draws": groups.size()}
+    ).reset_index()
+
+
+def main(folder: Path) -> None:
+    """Measure, unless measured.csv is there, and apply the rules' statistics."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "measured.csv"
+    if not file.is_file():
+        table = measure()
+        kept = ["scene", "polygon", "resolution", "device", "triangulator", "triangles", "cycles"]
+        kept += [
+            "quads",
+            "nodes",
+            "tiles",
+            "by_squares",
+            "half_perimeter",
+            "overdraw",
+            "edge_length",
+            "area",
+        ]
+        table[kept].to_csv(file, index=False, float_format="%.10g")
+        thin().to_csv(folder / "thin.csv", index=False, float_format="%.6g")
+    table = pd.read_csv(file)
+    for make in (ranks, savings, slopes, border, squares):
+        make(table).to_csv(folder / f"{make.__name__}.csv", index=False, float_format="%.5g")
+
+
+if __name__ == "__main__":
+    assert program.problem() is None, program.problem()
+    main(Path(sys.argv[1]))
