@@ -22,7 +22,7 @@ from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated.simulated import read
 from harness.rasterisers.simulated.skybox import program
 from harness.rasterisers.simulated.skybox.edges import work
-from harness.rasterisers.simulated.squares import cycles, descended
+from harness.rasterisers.simulated.squares import descended
 from harness.study.subjects import Design, choose_polygons
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse_all
@@ -70,8 +70,7 @@ def predicted_cycles(frame: Frame, triangles: np.ndarray) -> int:
     """Return what the count of squares predicts for the published design."""
     whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
     todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, 32, exact=False)
-    counts = descended(todo.edges, todo.pairs, 32, 4).sum(axis=0)
-    return cycles(1, len(todo.pairs), int(counts[1]), int(counts[0]))
+    return int(descended(todo.edges, todo.pairs, 32, 4)[:, 2].sum())
 
 
 def measure() -> pd.DataFrame:

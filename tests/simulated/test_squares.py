@@ -8,7 +8,7 @@ import pytest
 from harness.frame import View, frame_of
 from harness.rasterisers import Options
 from harness.rasterisers.simulated.skybox.edges import work
-from harness.rasterisers.simulated.squares import cycles, descended, mean_met, met
+from harness.rasterisers.simulated.squares import DRAIN, descended, mean_met, met
 from scenes import load
 from tests.simulated.conftest import triangles_of
 from tests.simulated.test_skybox import BUILDS
@@ -18,7 +18,7 @@ from triangulators import triangulate
 def descent(frame, triangles, tile, block):
     whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
     todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, tile, exact=False)
-    return todo, descended(todo.edges, todo.pairs, tile, block)
+    return descended(todo.edges, todo.pairs, tile, block)
 
 
 @pytest.mark.parametrize(
@@ -27,23 +27,23 @@ def descent(frame, triangles, tile, block):
 def test_the_descent_tests_the_squares_that_the_slice_tests(opened, device, tile, block):
     frame, triangles = triangles_of(256, 100, seed=6)
     drawn = opened(device).count(frame, triangles, Options())
-    _, counts = descent(frame, triangles, tile, block)
+    counts = descent(frame, triangles, tile, block)
     np.testing.assert_array_equal(counts[:, 0], drawn["nodes"])
-    np.testing.assert_array_equal(counts[:, 2], drawn["tested_blocks"])
+    np.testing.assert_array_equal(counts[:, 1], drawn["tested_blocks"])
 
 
 @pytest.mark.parametrize("scene", ["city:buildings=60", "glyphs:limit=20"])
 @pytest.mark.parametrize("size", [256, 1024])
 @pytest.mark.parametrize("name", ["ear-clipping", "optimal:half-perimeter"])
-def test_squares_predict_the_cycles_of_a_scene_to_a_hundredth(opened, scene, size, name):
+def test_squares_predict_the_cycles_of_a_scene_but_for_what_follows_the_last(
+    opened, scene, size, name
+):
     frame = frame_of(load(scene), View(size))
     base, _, criterion = name.partition(":")
     chosen = {"criterion": criterion} if criterion else {}
     triangles = frame.join([triangulate(p, base, **chosen) for p in frame.polygons])
-    todo, counts = descent(frame, triangles, 32, 4)
-    expected = cycles(1, len(todo.pairs), int(counts[:, 1].sum()), int(counts[:, 0].sum()))
     drawn = opened("skybox").count(frame, triangles, Options())
-    assert expected == pytest.approx(int(drawn["cycles"]), rel=0.01)
+    assert 0 <= int(drawn["cycles"]) - descent(frame, triangles, 32, 4)[:, 2].sum() <= DRAIN
 
 
 @pytest.mark.parametrize("side", [2, 4, 8, 16, 32])
