@@ -45,7 +45,7 @@ def mean_met(
 
 
 @njit(error_model="numpy", inline="always")
-def _passes(edge: NDArray[np.int32], x: int, y: int, side: int) -> bool:
+def _passes(edge: NDArray[np.int32], x: np.int64, y: np.int64, side: np.int64) -> bool:
     """Whether no edge has the square wholly outside, at the corner that lies furthest inside."""
     for k in range(3):
         a, b, c = np.int64(edge[k, 0]), np.int64(edge[k, 1]), np.int64(edge[k, 2])
@@ -57,7 +57,7 @@ def _passes(edge: NDArray[np.int32], x: int, y: int, side: int) -> bool:
 
 @njit(error_model="numpy", inline="always")
 def _first_ready(
-    queues: NDArray[np.int64], first: NDArray[np.int64], end: NDArray[np.int64], cycle: int
+    queues: NDArray[np.int64], first: NDArray[np.int64], end: NDArray[np.int64], cycle: np.int64
 ) -> int:
     """First queue from which something can be taken in a cycle, or -1."""
     for k in range(4):
