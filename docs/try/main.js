@@ -61,12 +61,29 @@ function picture({ covered, helpers }, size, colours) {
 
 const coloursNow = () => ["--covered", "--one", "--two", "--many"].map((name) => [...numbersOf(styled(name)).slice(0, 3), 255]);
 
+/* Lines between quads, where these are large enough to be seen. */
+function drawQuads(pen, side, quad) {
+  if (quad < 6 * devicePixelRatio) return;
+  pen.strokeStyle = "#888";
+  pen.globalAlpha = 0.3;
+  pen.beginPath();
+  for (let at = quad; at < side - 1; at += quad) {
+    const line = Math.round(at) + 0.5;
+    pen.moveTo(line, 0);
+    pen.lineTo(line, side);
+    pen.moveTo(0, line);
+    pen.lineTo(side, line);
+  }
+  pen.stroke();
+}
+
 function drawWay(canvas, { rows, shaded }, points, size, colours, edge) {
   const side = Math.round(canvas.clientWidth * devicePixelRatio) || size;
   canvas.width = canvas.height = side;
   const pen = canvas.getContext("2d"), scale = side / size / UNIT;
   pen.imageSmoothingEnabled = side < size;
   pen.drawImage(picture(shaded, size, colours), 0, 0, side, side);
+  drawQuads(pen, side, 2 * side / size);
   pen.strokeStyle = edge;
   pen.lineWidth = devicePixelRatio;
   pen.globalAlpha = Math.min(0.8, 0.1 + side / 8 / rows.length); // many edges would hide what they cost
