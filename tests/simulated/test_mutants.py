@@ -61,7 +61,7 @@ def all_in_one(folder):
     return folder
 
 
-def test_five_mutants_are_seen_and_two_of_them_by_back_pressure_alone(buildable, tmp_path):
+def test_five_mutants_are_seen_and_three_of_them_by_back_pressure_alone(buildable, tmp_path):
     parameters = {"TILE_LOGSIZE": 5, "BLOCK_LOGSIZE": 2}
     rtl = all_in_one(tmp_path / "rtl")
     frame, triangles = triangles_of(128, 30, seed=8)
