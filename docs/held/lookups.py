@@ -103,11 +103,6 @@ def percent(value: object, digits: int | None = None) -> str:
     return shown.lstrip("-") if float(shown) == 0.0 else shown
 
 
-def interval(low: object, high: object, write: Any) -> str:
-    """Write an interval in brackets."""
-    return f"({write(low)} to {write(high)})"
-
-
 def bold(cells: list[str], marked: set[int]) -> list[str]:
     """Set the cells at some places in bold."""
     return [f"**{cell}**" if place in marked else cell for place, cell in enumerate(cells)]

@@ -14,6 +14,7 @@ from docs.held.lookups import (
 from harness.figures.ratios import NORMAL, RUN_SCATTER
 from scripts.studies import states as studied
 
+
 def alarms() -> list[str]:
     """Return pairs of equal code: how many, called a regression, inconclusive; then those found
     and all of code that was made slower.

@@ -145,15 +145,6 @@ def _regret(row: Row) -> str:
     return f"**{shown}**" if row["advice"] == "1" else shown
 
 
-def coverage() -> list[str]:
-    """Return how often intervals held the truth: goes, and the least shares of any term."""
-    rows = some("law-coverage.csv")
-    goes = one("law-coverage.csv", term="draw")["goes"]
-    within = min(float(row["within"]) for row in rows)
-    nothing = min(float(row["nothing_shown"]) for row in rows if row["nothing_shown"])
-    return [f"{int(goes):,}", percent(within, 1), percent(nothing, 1)]
-
-
 def doubled(name: str) -> list[str]:
     """Return from which aspects on thin triangles of either area take twice as long."""
     return [f"{each['doubled_at'][0]:.0f}" for each in profile(name)["aspects"]]
@@ -244,10 +235,5 @@ TABLES: list[Held] = [
     Sentence(
         "Without rows and covering triangles its law would explain {} and {}",
         lambda: otherwise(SWIFTSHADER, "no_rows"),
-    ),
-    Sentence(
-        "of {} synthetic devices with known costs, each cost is within its interval in {} % or"
-        " more, and what costs nothing is shown as nothing in {} % or more",
-        coverage,
     ),
 ]

@@ -22,7 +22,6 @@ from docs.held.lookups import (
 from docs.held.others import alarms
 from harness.figures.ratios import Ratio, of_any_run
 from harness.study.regret import why_no_interval
-from scripts.studies.interval_coverage import DECIDED
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 
@@ -180,20 +179,6 @@ def regrets(*scenes: str) -> Callable[[], list[str]]:
             for who in TRUSTED
         ]
 
-    return lines
-
-
-def regrets_of_times() -> list[str]:
-    """Return the table of times above the best."""
-    lines = []
-    for device in ("llvmpipe", "zink"):
-        for who in ("H", "`refined`", "Q", "E", "A", "D", "Delaunay", "ear clipping"):
-            cells = [
-                _regret_cell(regret(device, scene, px, who, "time_work_0"), signed=True)
-                for px in (256, 1024)
-                for scene in ("city", "helsinki", "glyphs")
-            ]
-            lines.append(table_row(f"{device}: {f'**{who}**' if who == 'H' else who}", *cells))
     return lines
 
 
@@ -382,12 +367,6 @@ def rotated(name: str, column: str, base: str = "ear-clipping") -> list[float]:
     ]
 
 
-def turned(name: str) -> list[float]:
-    """Return the times in ratio to ear clipping's, by angle."""
-    file = "llvmpipe/gains-rotation/summary.csv"
-    return [float(row["time_ratio"]) for row in some(file, triangulator=name)]
-
-
 def fronts(rasteriser: str) -> Counter[str]:
     """Count the verdicts on points of the city's fronts that are not their end."""
     rows = some("llvmpipe/pareto-city/pareto.csv", rasteriser=rasteriser, kind="front")
@@ -428,34 +407,9 @@ def called() -> list[str]:
     return [equal, wrongly, changed, found]
 
 
-def pair(who: str, px: int, scene: str = "counties") -> list[str]:
-    """Return a regret of times in per cent, on llvmpipe and on zink."""
-    return [percent(regret(d, scene, px, who, "time_work_0")["mean"]) for d in ("llvmpipe", "zink")]
-
-
 def worst(scene: str, who: str) -> str:
     """Return a regret in helper lanes at 1024 px in per cent."""
     return percent(regret("cpu", scene, 1024, who, "helper_lanes")["mean"])
-
-
-def break_even(name: str) -> list[str]:
-    """Return after how many draws a triangulator pays, on three scenes."""
-    files = [f"llvmpipe/orders-{scene}/summary.csv" for scene in ("city", "helsinki", "counties")]
-    # The first row is that of the triangulator's own order.
-    found = [some(file, triangulator=name)[0]["break_even_draws"] for file in files]
-    return [whole(round(float(value), 1 - len(str(int(float(value)))))) for value in found]
-
-
-def d_over_h(order: str) -> str:
-    """Return by how many per cent the best for D is drawn faster than the best for H."""
-    d, h = (gain("glyphs", 256, f"optimal:{c}", order=order) for c in ("shape", "half-perimeter"))
-    return f"{100.0 * (1.0 - float(d['time_ratio']) / float(h['time_ratio'])):.1f}"
-
-
-def faster(name: str, px: int) -> str:
-    """Return by how many per cent letters are drawn faster than by the best for H."""
-    one_, other = gain("glyphs", px, name), gain("glyphs", px, BEST_FOR_H)
-    return f"{100.0 * (1.0 - float(one_['time_ratio']) / float(other['time_ratio'])):.1f}"
 
 
 def own_order_costs() -> list[str]:
@@ -463,26 +417,6 @@ def own_order_costs() -> list[str]:
     rows = [ordered(scene, "delaunay") for scene in SCENES]
     base = [(float(row["own"]), float(row["walk"])) for row in rows]
     return [f"{100.0 * (own / walk - 1.0):.0f}" for own, walk in base]
-
-
-def on_two_processors() -> list[float]:
-    """Return by which shares ratios to ear clipping's differ between two processors, up to 1024 px.
-
-    Not those of `optimal:calibrated`, which is another triangulation on each.
-    """
-    plain = {"rasteriser": "opengl", "order": "native", "base": "ear-clipping", "fit": "box"}
-    where = {**plain, "rotation": 0, "work": 0, "samples": 1}
-    kept = ("scene", "resolution", "triangulator")
-    here, there = (
-        {
-            tuple(row[name] for name in kept): float(row["time_ratio"])
-            for row in some(f"llvmpipe/{file}", **where)
-            if int(row["resolution"]) <= 1024
-            and row["triangulator"] not in ("ear-clipping", "optimal:calibrated")
-        }
-        for file in ("gains/gains.csv", "gains-on-another.csv")
-    )
-    return [abs(here[key] / there[key] - 1.0) for key in here if key in there]
 
 
 def work(name: str, work: int, samples: int) -> str:
@@ -493,12 +427,6 @@ def work(name: str, work: int, samples: int) -> str:
 def boxes(name: str, px: int, rasteriser: str = "bounding-box") -> str:
     """Return the time in ratio to ear clipping's on a rasteriser of ours."""
     return ratio("city", px, name, rasteriser=rasteriser)
-
-
-def on(device: str, name: str, px: int) -> str:
-    """Return the time in ratio to ear clipping's on a device."""
-    file = f"{device}/gains-city/summary.csv"
-    return two(one(file, triangulator=name, resolution=px)["time_ratio"])
 
 
 def limit() -> list[str]:
@@ -527,15 +455,3 @@ SOFTWARE = {"zink": "opengl", "osmesa": "osmesa", "softpipe": "opengl"}
 def lanes_of(criterion: str) -> list[str]:
     """Return a criterion's rank correlations with helper lanes on the other devices."""
     return [city(d, criterion, "helper_lanes", r) for d, r in SOFTWARE.items()]
-
-
-def covering() -> list[str]:
-    """Return the least share of simulated studies whose interval of the city's regret holds it.
-
-    Of criteria of which no polygon has a quarter of the sum, and of those of which one has.
-    """
-    rows = [row for row in some("coverage.csv") if row["data"].startswith("city's regret")]
-    apart: dict[bool, list[float]] = {True: [], False: []}
-    for row in rows:
-        apart[DECIDED in row["data"]].append(float(row["covered"]))
-    return [percent(min(apart[decided]), 0) for decided in (False, True)]
