@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from triangulators import criteria
-    from triangulators.batch.device_times import measure_device
     from triangulators.batch.triangulate_many import Ragged, Triangulations, triangulate_many
     from triangulators.calling import triangulate, triangulate_with_gap
     from triangulators.certificate.certify import certify
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
     from triangulators.registry import find, full_name, names, parse
 
 _HOME = {
-    "triangulators.batch.device_times": ("measure_device",),
     "triangulators.batch.triangulate_many": (
         "Ragged",
         "Triangulations",
@@ -88,7 +86,6 @@ __all__ = [
     "find",
     "flip",
     "full_name",
-    "measure_device",
     "names",
     "parse",
     "triangulate",

@@ -68,8 +68,8 @@ def triangulate(
     device: Annotated[
         str | None,
         typer.Option(
-            help="Compute the optimum for the half-perimeter on gpu0, gpu1, ..., llvmpipe or cpu; "
-            "by default on what was measured to be the fastest here."
+            help="Compute the optimum for the half-perimeter on gpu0, gpu1, ... or llvmpipe, for "
+            "polygons of up to 64 vertices."
         ),
     ] = None,
     check: Annotated[
@@ -107,7 +107,6 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
-    from harness.triangulating.device import get_ready
 
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
@@ -128,7 +127,7 @@ def triangulate(
             file, out, Options(name, height, layer, where, certify), dask, reporter
         )
         return
-    device = None if device is None else get_ready(device, reporter)
+    device = _opened(device, reporter)
 
     def counted(polygons: int) -> None:
         needless()
@@ -165,6 +164,23 @@ def triangulate(
     if report.certified is not None:
         typer.echo(f"{file}: {report.certified}")
     refuse_failed(report.counts, out)
+
+
+def _opened(device: str | None, reporter: Reporter) -> str:
+    """Return the device that is named, opened; "cpu" where none is, or it fails."""
+    from triangulators.devices import CPU, check_name
+    from triangulators.gpu import engine
+    from triangulators.gpu.device_context import DeviceFailed
+
+    if device in (None, CPU):
+        return CPU
+    check_name(device)
+    try:
+        engine.describe(device)
+    except DeviceFailed as error:
+        reporter.warn(f"{error}; the CPU does all")
+        return CPU
+    return device
 
 
 def _stays_model(source: Path, out: Path | None, check: bool) -> bool:

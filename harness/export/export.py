@@ -30,6 +30,7 @@ from scenes.readers.reader import is_model
 from scenes.registry import split
 from triangulators import TriangulationError, UnknownName, full_name, parse
 from triangulators.batch.triangulate_many import ragged
+from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
 
 CHUNK = 20_000
@@ -111,7 +112,7 @@ def export_file(
     progress: Callable[[int], None] | None = None,
     certify: bool = False,
     evidence: Path | None = None,
-    device: str | None = None,
+    device: str = CPU,
     chunk: int = CHUNK,
     **parameters: Any,
 ) -> Report:
@@ -167,7 +168,7 @@ class Meshing:
     name: str
     parameters: Mapping[str, Any]
     extrude: str | float | None = None
-    device: str | None = None
+    device: str = CPU
 
 
 def _chunks(

@@ -70,13 +70,13 @@ class Chosen:
 def cost_named(criterion: str) -> Cost:
     """Return the cost that diagonals are to lessen.
 
-    Raises UsageError for a criterion that is unknown, or no sum over triangles of any number.
+    Raises UsageError for a criterion that is unknown, or whose weights depend on the polygon.
     """
     try:
         found = criteria.find(criterion)
     except UnknownName as error:
         raise UsageError(str(error)) from error
-    cost = None if found.maximum else plain_cost(found)
+    cost = plain_cost(found)
     if cost is None:
         raise UsageError(
             f"criterion {criterion}: for models give edge-length, half-perimeter or overdraw"

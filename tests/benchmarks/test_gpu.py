@@ -1,8 +1,8 @@
-"""Speed of the optimum for H in compute shaders: polygons a second and ns a triple.
+"""Speed of the optimum for H in compute shaders: polygons a second.
 
 Run with `DEVICE=gpu0 python -m pytest tests/benchmarks/test_gpu.py --benchmark-enable -s`; by
-default on llvmpipe, with fewer polygons. A triple is a pair of corners with an apex between them:
-a ring of n has about n^3 / 6. Transfers and all that is done around them are counted.
+default on llvmpipe, with fewer polygons. Transfers and all that is done around them
+are counted.
 """
 
 import os
@@ -14,24 +14,16 @@ import numpy as np
 import pytest
 
 from scenes import load
-from tests.triangulators.cases import convex, snapped, star
-from triangulators import Ragged, triangulate_many, vertices
+from triangulators import Ragged, triangulate_many
 from triangulators.batch.ragged import ragged
 from triangulators.devices import is_software
 from triangulators.gpu import engine
-from triangulators.gpu.found_triangles import place
-from triangulators.gpu.rings import MOST, Rings, prepare
+from triangulators.gpu.rings import MOST, Rings, place, prepare
+from triangulators.optimum.many_rings import Batch
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 
-PUBLISHED_NS = {
-    "Nishida 2012, n = 16,384, GTX 580": 0.094,
-    "Ito and Nakano 2013, GTX 680": 0.061,
-    "Yamashita 2018, 1,024 polygons of 1,024, TITAN X": 0.026,
-}
-"""ns a triple, computed from the times that were published for this recurrence."""
-
-WANTED = {"footprints_s_a_million": 0.1, "ring_of_2000_s": 0.03, "ns_a_triple": 0.02}
+WANTED = {"footprints_s_a_million": 0.1}
 """What a GPU is meant to reach; written beside what it does, not asserted."""
 
 
@@ -76,7 +68,7 @@ def both(benchmark: Any, arrays: Ragged, rounds: int) -> tuple[float, float]:
 
     assert np.array_equal(on(DEVICE).triangles, on("cpu").triangles)
     device_s, cpu_s = (least(lambda d=d: on(d), rounds) for d in (DEVICE, "cpu"))
-    assert DEVICE not in engine.given_up
+    assert not engine._said
     benchmark.extra_info.update(
         device=DEVICE, renderer=engine.describe(DEVICE)[0], device_s=device_s, cpu_s=cpu_s
     )
@@ -111,14 +103,15 @@ def test_what_the_host_does_of_footprints(benchmark, footprints):
     count = len(wanted)
 
     def prepared() -> None:
-        prepare(0, count, coordinates, wanted, MOST, *rings)
+        prepare(coordinates, wanted, MOST, rings)
 
     preparing_s = least(prepared, 5)
     which = np.flatnonzero(rings.kind >= 0)
     bases, starts = fans(rings, which)
     triangles, done = np.empty((starts[-1], 3), np.int32), np.zeros(count, bool)
-    given = (rings.begins, rings.corners, rings.longest, rings.turned, starts, triangles, done)
-    placing_s = least(lambda: place(which, bases, False, *given), 5)
+    bounds = (np.r_[0, ends] for ends in (footprints.ring_ends, footprints.polygon_ends))
+    work = Batch(coordinates, *bounds, begins, starts, triangles, done)
+    placing_s = least(lambda: place(which, bases, False, rings, work), 5)
     benchmark.extra_info.update(preparing_s=preparing_s, placing_s=placing_s, polygons=len(which))
     benchmark.pedantic(prepared, rounds=1)
     each = 1e9 / len(which)
@@ -142,38 +135,3 @@ def fans(rings: Rings, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lengths = np.abs(corners[own[:, 2]] - corners[own[:, 0]]).sum(axis=1)
         bases[begin] = lengths[inner].sum()
     return bases, np.r_[0, np.cumsum(np.maximum(sizes - 2, 0))]
-
-
-@pytest.mark.parametrize("make", [star, convex])
-def test_one_ring_of_2000(benchmark, software, make):
-    n = 500 if software else 2000
-    arrays = ragged([snapped(vertices(make(n)))])
-    device_s, cpu_s = both(benchmark, arrays, 5)
-    benchmark.extra_info.update(corners=n, wanted=WANTED["ring_of_2000_s"])
-    print(
-        f"\n{make.__name__} of {n:,}: {device_s * 1e3:.1f} ms on {DEVICE}, {cpu_s * 1e3:.1f} ms on "
-        f"the CPU; wanted on a GPU for 2,000 {WANTED['ring_of_2000_s'] * 1e3:.0f} ms"
-    )
-
-
-@pytest.mark.parametrize("make", [star, convex])
-def test_many_rings_of_1024(benchmark, software, make):
-    n, count = (256, 8) if software else (1024, 1024)
-    arrays = repeated(ragged([snapped(vertices(make(n)))]), count)
-    triples = count * n**3 / 6
-    device_s, cpu_s = both(benchmark, arrays, 2)
-    benchmark.extra_info.update(
-        corners=n,
-        polygons=count,
-        ns_a_triple=device_s * 1e9 / triples,
-        cpu_ns_a_triple=cpu_s * 1e9 / triples,
-        wanted=WANTED["ns_a_triple"],
-        published=PUBLISHED_NS,
-    )
-    print(
-        f"\n{count:,} {make.__name__}s of {n:,}, ns a triple: {device_s * 1e9 / triples:.4f} on "
-        f"{DEVICE}, {cpu_s * 1e9 / triples:.4f} on the CPU; wanted on a GPU "
-        f"{WANTED['ns_a_triple']}; published:"
-    )
-    for what, value in PUBLISHED_NS.items():
-        print(f"  {value:.3f}  {what}")

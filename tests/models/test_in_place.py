@@ -109,7 +109,7 @@ def test_on_the_command_line(tmp_path, harness):
     [
         (("-o", "out.obj"), "a model stays what it is, so give .glb"),
         (("-o", "out.glb", "--limit", "3"), "--limit is for polygons"),
-        (("-o", "out.glb", "--criterion", "minmax-shape"), "give edge-length"),
+        (("-o", "out.glb", "--criterion", "mixed=1/2/0"), "give edge-length"),
         (("-o", "out.glb", "--criterion", "lenght"), "unknown criterion 'lenght'"),
         ((), "say where to write: -o FILE"),
     ],

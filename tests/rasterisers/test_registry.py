@@ -14,7 +14,6 @@ from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Rasteriser, find_device, get, names, probing
 from harness.rasterisers.opengl import egl
 from triangulators.devices import matches
-from triangulators.gpu import known_devices
 
 
 def test_every_name_leads_to_a_rasteriser_of_that_name():
@@ -202,13 +201,3 @@ def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
     for _ in range(2):
         assert probing.ask([question])[0]["problems"] == ["the driver failed: no"]
     assert len(json.loads((tmp_path / "cache" / "drivers.json").read_text())) == 1
-
-
-def test_what_is_kept_of_drivers_leaves_the_chosen_device_alone(program, tmp_path):
-    chosen = tmp_path / "cache" / known_devices.path().name
-    assert known_devices.path() == chosen
-    chosen.parent.mkdir()
-    chosen.write_text('{"measured": 1}')
-    probing.ask([probing.Question(program, "a", {})])
-    probing.forget()
-    assert chosen.read_text() == '{"measured": 1}'

@@ -124,7 +124,6 @@ def boundary_of(triangles):
         ([(0, 0), (1, 0), (0, 1)], [0, 1], "l1", r"shape \(2,\), expected \(m, 3\)"),
         ([(0, 0), (1, 0), (0, 1)], [(0.5, 1, 2)], "l1", "float64, expected whole numbers"),
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], "l1", r"expected \(n, 2\)"),
-        ([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)], "minmax-shape", "is no sum"),
     ],
 )
 def test_what_cannot_be_flipped_is_named(points, triangles, by, message):

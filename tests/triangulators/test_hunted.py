@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 import shapely
 
-from triangulators import triangulate, vertices
+from triangulators import certify, triangulate, vertices
 from triangulators.certificate.certify import check_certificate
 from triangulators.criteria import find
-from triangulators.methods.optimal import solve
 from triangulators.verify import verify
 
 with Path(__file__).with_name("hunted.csv").open(encoding="utf-8") as file:
@@ -19,14 +18,15 @@ with Path(__file__).with_name("hunted.csv").open(encoding="utf-8") as file:
 @pytest.mark.parametrize("number", range(len(FOUND)))
 def test_what_was_found_is_optimal_and_proven(number):
     criterion, polygon = FOUND[number]
-    solved = solve(polygon, criterion)
-    assert solved.certificate.proven
-    check_certificate(polygon, solved.triangles, criterion, solved.certificate)
+    best = triangulate(polygon, "optimal", criterion=criterion)
+    certificate = certify(polygon, best, criterion)
+    assert certificate.proven
+    check_certificate(polygon, best, criterion, certificate)
     for name in (f"optimal:{criterion}", "greedy", "refined"):
         triangles = triangulate(polygon, name)
         assert verify(polygon, triangles).conforming
         cost = find(criterion).total(vertices(polygon), triangles)
         if name == f"optimal:{criterion}":
-            assert cost == pytest.approx(solved.certificate.cost, rel=1e-12)
+            assert cost == pytest.approx(certificate.cost, rel=1e-12)
         else:
-            assert cost >= solved.certificate.lower_bound
+            assert cost >= certificate.lower_bound

@@ -78,7 +78,6 @@ def test_brute_force_agrees_for_the_other_plain_criteria():
 def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
     rng = np.random.default_rng(300)
     wanted = [*CRITERIA.values(), criteria.find(squared_height)]
-    wanted += [criteria.find(f"minmax-{name}") for name in PLAIN]
     wanted.append(criteria.find("mixed", alpha=1.0, beta=0.2, gamma=3.0))
     wanted.append(criteria.find("calibrated", coefficients={"half_perimeter": 1, "bbox_area": 0.5}))
     for case in range(300):
@@ -94,9 +93,8 @@ def test_equals_the_minimum_of_exhaustive_for_every_criterion_on_300_polygons():
                 criterion.name,
                 polygon.wkt,
             )
-            if not criterion.maximum:
-                worst = triangulate(polygon, "worst", criterion=criterion)
-                assert criterion.total(points, worst) == pytest.approx(max(totals), rel=1e-9)
+            worst = triangulate(polygon, "worst", criterion=criterion)
+            assert criterion.total(points, worst) == pytest.approx(max(totals), rel=1e-9)
 
 
 def test_edges_count_twice_where_they_are_mixed_with_boxes():
@@ -152,11 +150,6 @@ def test_the_ways_of_computing_the_optimum_agree():
             for wanted in ("half-perimeter", half_perimeter)
         ]
         assert costs[0] == pytest.approx(costs[1], rel=1e-12)
-
-
-def test_worst_of_a_maximum_is_refused():
-    with pytest.raises(ValueError, match="minmax"):
-        triangulate(star(10), "worst", criterion="minmax-overdraw")
 
 
 def test_a_gap_of_nothing_is_said_where_sums_of_doubles_are_exact():

@@ -11,7 +11,7 @@ from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.integer_costs import weights_of
 from triangulators.certificate.linear_program import Program, Solution
-from triangulators.certificate.proof import _numbers, prove, prove_best
+from triangulators.certificate.proof import _numbers, prove
 from triangulators.certificate.sight import sight_of
 from triangulators.checking.evidence import Branch, Leaf
 from triangulators.checking.units import costs_of, units_for
@@ -176,7 +176,7 @@ def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name, w
     outline = boundary(SQUARE)
     cost = cost_of(criteria.find(name), 1.0, outline.expected_triangles)
     start = best_start(outline, cost)
-    found = prove_best(outline, start, cost)
+    found = prove(outline, start, cost)
     units = units_for(outline, found.triangles, cost)
     weights = weights_of(outline.points, found.triangles, cost, units)
     total = sum(weights.tolist())

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.triangulators.cases import convex, hard_polygons, random_simple, star, with_hole
+from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
 from triangulators import criteria, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
 from triangulators.verify import verify
@@ -69,11 +69,6 @@ def test_alone_it_means_the_half_perimeter():
     alone = triangulate(polygon, "refined")
     assert np.array_equal(alone, triangulate(polygon, "refined:half-perimeter"))
     assert not np.array_equal(alone, triangulate(polygon, "refined:overdraw"))
-
-
-def test_a_criterion_that_is_no_sum_is_refused():
-    with pytest.raises(ValueError, match="minmax-shape is no sum"):
-        triangulate(convex(6), "refined:minmax-shape")
 
 
 @pytest.mark.parametrize("name", ["refined", "refined:edge-length", "refined:shape"])

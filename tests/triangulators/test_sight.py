@@ -18,7 +18,6 @@ from triangulators.checking import boxes, checker, exclusions, potentials, visib
 from triangulators.checking.evidence import Refused
 from triangulators.checking.visible_pairs import visible
 from triangulators.polygon import boundary
-from triangulators.starting.segments import inner_segments
 from triangulators.starting.starts import best_start
 
 
@@ -76,18 +75,6 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
         small = boundary(shapely.transform(polygon, lambda points: points * 2.0**-14))
         again = np.sort(visible(small.points, small.edges, small.site), axis=1)
         assert again.tolist() == checkers.tolist()
-
-
-def test_starts_find_the_same_segments_in_a_third_way():
-    rng = np.random.default_rng(4)
-    polygons = [*touching_polygons(6, 60), with_holes(rng, 30, 4), comb(20), annulus(12, 2)]
-    for polygon in polygons:
-        outline, _ = posed(polygon)
-        own = inner_segments(outline)
-        checkers = np.sort(visible(outline.points, outline.edges, outline.site), axis=1)
-        sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
-        found = set(map(tuple, own.tolist())) - sides
-        assert found == set(map(tuple, checkers.tolist())) - sides, polygon.wkt
 
 
 def test_neighbours_are_listed_in_order():

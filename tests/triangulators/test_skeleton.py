@@ -11,7 +11,7 @@ from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.extend_potentials import extend
 from triangulators.certificate.local_minimality import exclude
-from triangulators.certificate.proof import prove_best
+from triangulators.certificate.proof import prove
 from triangulators.certificate.sight import sight_of
 from triangulators.checking.evidence import Branch, Leaf
 from triangulators.checking.units import units_for
@@ -29,7 +29,8 @@ def posed(polygon, name="half-perimeter"):
 def proven(polygon, name="half-perimeter"):
     """Return the cost of the optimum that is found, and the evidence; it must be proven."""
     outline, cost = posed(polygon, name)
-    found = prove_best(outline, best_start(outline, cost), cost)
+    found = prove(outline, best_start(outline, cost), cost)
+    found = prove(outline, found.triangles, cost)  # evidence about what was found
     certificate = certificate_of(outline, found.triangles, cost, found.evidence)
     assert certificate.proven, polygon.wkt
     return certificate.cost, found.evidence

@@ -20,7 +20,6 @@ figures = st.floats(0, 1e12, allow_nan=False)
         ("optimal:mixed=1/1.0/1e0", "optimal:mixed"),
         ("optimal:mixed", "optimal:mixed"),
         ("exhaustive:mixed=0/1/0", "exhaustive:mixed=0/1/0"),
-        ("optimal:minmax-mixed=2/1e3/0", "optimal:minmax-mixed=2/1000/0"),
     ],
 )
 def test_one_criterion_has_one_name(written, full):

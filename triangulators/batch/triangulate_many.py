@@ -17,8 +17,7 @@ from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name
 from triangulators.errors import Skipped, TriangulationError, told_of
-from triangulators.gpu import engine, known_devices
-from triangulators.gpu.rings import MOST, SIZES
+from triangulators.gpu import engine
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
@@ -58,7 +57,7 @@ def attempt_many(
 ) -> Attempt:
     """Do the part of a batch that compiled code can; see `triangulate_many`, which does the rest.
 
-    On the CPU, whatever was measured to be faster. Raises `UnknownName`.
+    Raises `UnknownName`.
     """
     arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
     work = _batch_of(arrays)
@@ -72,7 +71,7 @@ def triangulate_many(
     *,
     check: bool = True,
     threads: int | None = None,
-    device: str | None = None,
+    device: str = CPU,
     **parameters: Any,
 ) -> Triangulations:
     """Triangulate a batch; one polygon that cannot be done is named in `failed`, not fatal.
@@ -86,11 +85,10 @@ def triangulate_many(
 
     check: test shapely polygons for validity first. threads: by default one for each core this
     process may use. device: "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of
-    half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 2,000 vertices,
-    on a grid (1/256 px, whole metres, ...); the results are the same. The CPU does the others, and
-    all where the device fails, of which one line is logged. "cpu" is compiled code alone; None is
-    the device that `measure_device` found to be faster here, if there is one. parameters: as for
-    `triangulate`. Raises `UnknownName`.
+    half-perimeter in OpenGL's compute shaders, for polygons without holes, of up to 64 vertices, on
+    a grid (1/256 px, whole metres, ...); the results are the same. Compiled code does the others,
+    and all where the device fails, of which one line is logged. parameters: as for `triangulate`.
+    Raises `UnknownName`.
 
         >>> found = triangulate_many([shapely.box(0, 0, 2, 1), shapely.Polygon()])
         >>> found[0].shape, found.failed
@@ -122,7 +120,7 @@ def _attempt(
     name: str,
     check: bool,
     threads: int,
-    device: str | None,
+    device: str,
     parameters: dict[str, Any],
     work: Batch,
 ) -> None:
@@ -130,8 +128,7 @@ def _attempt(
     choice = parse(name)
     if not choice.entry.builtin:
         choice.entry.load()
-    if device is not None:
-        check_name(device)
+    check_name(device)
     cost = _plain_cost(choice.entry.name, choice.criterion, parameters)
     flips = None if parameters else _FLIPS.get(choice.full_name)
     if cost is None and flips is None:
@@ -148,44 +145,10 @@ def _attempt(
     else:
         limit = parameters.get("limit", LIMIT)
         if device != CPU and cost["box"].tolist() in _ON_DEVICE:
-            trusted = check and not isinstance(polygons, Ragged)
-            _on_device(cost, sound, trusted, threads, device, limit, work)
+            wanted = sound & (np.diff(work.owners) == 1)
+            worst = bool(cost["box"][0] < 0.0)
+            engine.attempt(device, engine.Task(work, wanted, limit, worst))
         _compiled(work, cost, sound, threads, limit)
-
-
-def _on_device(
-    cost: Cost,
-    sound: np.ndarray,
-    trusted: bool,
-    threads: int,
-    device: str | None,
-    limit: int,
-    work: Batch,
-) -> None:
-    """Do what a device can; marks it in `work.done`.
-
-    trusted: whether the `sound` ones are known to be valid. Otherwise those are tested here that
-    the CPU would test, too: rings of more than SMALL corners.
-    """
-    lengths = np.diff(work.begins)
-    wanted = sound & (np.diff(work.owners) == 1) & (lengths >= 3)
-    large = lengths > SIZES[-1]
-    if device is None:
-        triples = float((lengths[wanted & large] ** 3 / 6.0).sum())
-        found = known_devices.choose(int(np.count_nonzero(wanted & ~large)), triples)
-        if found is None or found.device in engine.given_up:
-            return
-        device = found.device
-        wanted &= (large & found.large) | (~large & found.small)
-    if not wanted.any():
-        return
-    most = min(limit, MOST)
-    if not trusted:
-        for index in np.flatnonzero(wanted & (lengths > SMALL) & (lengths <= most)).tolist():
-            ring = work.coordinates[work.begins[index] : work.begins[index + 1]]
-            wanted[index] = shapely.Polygon(ring).is_valid
-    task = engine.Task(work, wanted, most, worst=bool(cost["box"][0] < 0.0))
-    engine.attempt(device, task, threads)
 
 
 def _compiled(work: Batch, cost: Cost, sound: np.ndarray, threads: int, limit: int) -> None:

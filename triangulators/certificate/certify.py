@@ -47,8 +47,7 @@ def certify(
     taken at its word, without evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
-    or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`, and `ValueError`
-    for a criterion that is a maximum.
+    or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`.
 
     >>> from shapely import Polygon
     >>> from triangulators import certify, triangulate
@@ -61,8 +60,6 @@ def certify(
     check(polygon)
     outline = boundary(polygon)
     wanted = criteria.find(criterion, **parameters)
-    if wanted.maximum:
-        raise ValueError(f"{wanted.name}: only a sum over triangles can be certified")
     corners = _conforming(outline, triangles)
     cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
     found = _certified(outline, corners, cost, seconds, evidence)

@@ -225,22 +225,6 @@ def prove(
     return Proof(candidates.triangles[search.best], evidence, gap)
 
 
-def prove_best(
-    outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = SECONDS
-) -> Proof | None:
-    """Do what `prove` does, with evidence about the triangulation that was found.
-
-    It may count in other units than the one that the search began with; then it begins again.
-    """
-    proof = prove(outline, triangles, cost, seconds)
-    while proof is not None:
-        units = units_for(outline, proof.triangles, cost)
-        if proof.evidence.units == units[:3]:
-            return proof
-        proof = prove(outline, proof.triangles, cost, seconds)
-    return None
-
-
 def _evidence(
     posed: "_Posed", sight: Sight, excluded: np.ndarray, root: Leaf | Branch, cost: Cost
 ) -> Evidence:

@@ -37,21 +37,20 @@ MOST_WEIGHT = 1e200
 
 @dataclass(frozen=True)
 class Criterion:
-    """A cost per triangle, to be summed over a triangulation (or its maximum taken).
+    """A cost per triangle, to be summed over a triangulation.
 
     `label`, `symbol` and `unit` are how tables and plots show it. `weights` are coefficients of
     `FEATURES`; `function`, if given, is a Numba function of three points (six numbers) and takes
-    their place. `maximum` compares triangulations by their worst triangle. `normalise` turns
-    weights into others once the polygon's area and number of triangles are known. `parameters`
-    says that it is a family, whose value depends on weights that a user gives, and `placed` that it
-    is counted on the pixel grid, where the polygon lies: neither is among what `predict` returns.
+    their place. `normalise` turns weights into others once the polygon's area and number of
+    triangles are known. `parameters` says that it is a family, whose value depends on weights that
+    a user gives, and `placed` that it is counted on the pixel grid, where the polygon lies: neither
+    is among what `predict` returns.
     """
 
     name: str
     description: str
     weights: tuple[float, ...] = (0.0,) * len(FEATURES)
     function: Callable[..., float] | None = None
-    maximum: bool = False
     normalise: Callable[[np.ndarray, float, int], np.ndarray] | None = None
     label: str = ""
     symbol: str = ""
@@ -86,15 +85,11 @@ class Criterion:
             return 0.0
         if self.function is not None:
             costs = [self.function(*points[row].ravel().tolist()) for row in triangles]
-            return float(max(costs) if self.maximum else math.fsum(costs))
-        rows = [triangles[[index]] for index in range(len(triangles))] if self.maximum else ()
+            return math.fsum(costs)
         from triangulators.criteria.features import feature_sums
 
         sums = feature_sums(points, np.ascontiguousarray(triangles, dtype=np.int32))
-        weights = self.weights_for(float(sums[1]), len(triangles))
-        if not self.maximum:
-            return float(np.dot(weights, sums))
-        return max(float(np.dot(weights, feature_sums(points, row))) for row in rows)
+        return float(np.dot(self.weights_for(float(sums[1]), len(triangles)), sums))
 
 
 CALIBRATED = (
@@ -194,13 +189,6 @@ CRITERIA: dict[str, Criterion] = {
         ),
         _linear("edge-length", "perimeter", "edge length", "E", "px", edge_length=1),
         _linear(
-            "rotation-averaged-overdraw",
-            "overdraw averaged over all rotations",
-            *("rotation-averaged overdraw", "", "px^2"),
-            rotated_bbox_area=1,
-            area=-1,
-        ),
-        _linear(
             "shape",
             "deviation of the angles from 60 degrees",
             *("the paper's shape deviation", "D", "degrees"),
@@ -224,13 +212,12 @@ CRITERIA: dict[str, Criterion] = {
         calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
     )
 }
-MINMAX = "minmax-"
 FLIP_TESTS = ("l1", "euclidean", "delaunay")
 """What flips may lessen beside a criterion: a diagonal's L1 or Euclidean length, or the angles."""
 
 
 def names() -> list[str]:
-    """Return the names of the criteria; each may also be written with `minmax-` before it."""
+    """Return the names of the criteria."""
     return list(CRITERIA)
 
 
@@ -248,7 +235,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
         return name
     if callable(name):
         return Criterion(getattr(name, "__name__", "custom"), "user's function", function=name)
-    plain, mark, weights = name.removeprefix(MINMAX).partition(MARK)
+    plain, mark, weights = name.partition(MARK)
     if plain not in CRITERIA:
         near = difflib.get_close_matches(plain, CRITERIA, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -266,8 +253,6 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
         criterion = calibrated(**parameters)
     elif parameters:
         raise TypeError(f"criterion {plain!r} takes no parameters, got {sorted(parameters)}")
-    if name.startswith(MINMAX):
-        criterion = replace(criterion, name=MINMAX + criterion.name, maximum=True)
     return criterion
 
 
@@ -298,7 +283,5 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     sums = feature_sums(points, triangles)
     found = {name: float(sums[FEATURES.index(name)]) for name in FEATURES_KEPT}
     for criterion in predicted():
-        plain = criterion.function is None and not criterion.maximum
-        value = np.dot(criterion.weights, sums) if plain else criterion.total(points, triangles)
-        found[criterion.column] = float(value)
+        found[criterion.column] = float(np.dot(criterion.weights, sums))
     return found

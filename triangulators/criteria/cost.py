@@ -29,9 +29,9 @@ Cost: TypeAlias = np.record
 
 Compiled code reads `cost.box`, Python `cost["box"]`, which there is eight times as quick.
 weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether there is a
-`function`, an address. maximum: the worst triangle is compared instead of the sum. box (3,): the
-weights (half-perimeter, bounding-box area, edge length) of a cost made of nothing else, up to what
-is the same for every triangulation of a polygon; is_box: whether it is.
+`function`, an address. box (3,): the weights (half-perimeter, bounding-box area, edge length) of a
+cost made of nothing else, up to what is the same for every triangulation of a polygon; is_box:
+whether it is.
 """
 
 _FIELDS = np.dtype(
@@ -41,7 +41,6 @@ _FIELDS = np.dtype(
         ("sign", np.float64),
         ("box", np.float64, (3,)),
         ("custom", np.bool_),
-        ("maximum", np.bool_),
         ("is_box", np.bool_),
     ],
     align=True,
@@ -110,24 +109,21 @@ def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 @lru_cache(maxsize=256)
 def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
     """Return `cost_of` where it is the same for all polygons, otherwise None; kept."""
-    if criterion.normalise is not None or criterion.function is not None or criterion.maximum:
+    if criterion.normalise is not None or criterion.function is not None:
         return None
     return cost_of(criterion, 1.0, 1, sign)
 
 
 def cost_of(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
     """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
-    if criterion.maximum and sign < 0.0:
-        raise ValueError(f"{criterion.name}: the worst of a maximum is not defined; drop minmax-")
-    fields: dict[str, Any] = {"sign": sign, "maximum": criterion.maximum}
     if criterion.function is not None:
         function = _compiled(criterion.function)
         if (note := _note_of(criterion)) is not None:
             note[6] = 0.0
-        return _record(custom=True, function=function.address, **fields)
+        return _record(custom=True, function=function.address, sign=sign)
     weights = sign * criterion.weights_for(polygon_area, triangles)
-    is_box = not weights[EDGE_LENGTH + 1 :].any() and not criterion.maximum
-    return _record(weights=weights, box=weights[_BOX], is_box=is_box, **fields)
+    is_box = not weights[EDGE_LENGTH + 1 :].any()
+    return _record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
 
 
 def with_fields(cost: Cost, **fields: Any) -> Cost:
@@ -190,11 +186,10 @@ def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
 
 @njit
 def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
-    """Sum (or maximum) of the cost over triangles (m, 3) of points (n, 2)."""
-    total = -1e300 if cost.maximum else 0.0
+    """Sum of the cost over triangles (m, 3) of points (n, 2)."""
+    total = 0.0
     for row in range(len(triangles)):
-        own = cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)
-        total = max(total, own) if cost.maximum else total + own
+        total += cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)
     return total
 
 

@@ -58,30 +58,6 @@ def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
 
 
 @njit
-def rotated_bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Mean over all rotations of the bounding box's area, in closed form.
-
-    Width in direction u is half the sum of |e.u| over the edges e, so the mean of width times
-    height is a sum over pairs of edges of the mean of |cos t cos(t - d)|, which is
-    (sin d + (pi/2 - d) cos d) / pi for 0 <= d <= pi/2.
-    """
-    ux, uy = bx - ax, by - ay
-    vx, vy = cx - bx, cy - by
-    wx, wy = ax - cx, ay - cy
-    cross = abs(ux * vy - uy * vx)
-    uv, vw, wu = ux * vx + uy * vy, vx * wx + vy * wy, wx * ux + wy * uy
-    squares = (ux * ux + uy * uy) + (vx * vx + vy * vy) + (wx * wx + wy * wy)
-    # The acute angles between the edges' lines add up to pi, or to twice the
-    # supplement of an obtuse angle; edges meet head to tail, so obtuse means dot > 0.
-    angles = math.pi
-    obtuse = max(uv, vw, wu)
-    if obtuse > 0.0:
-        angles = 2.0 * math.atan2(cross, obtuse)
-    dots = abs(uv) + abs(vw) + abs(wu)
-    return (squares + 2.0 * dots + 2.0 * cross * angles) / (4.0 * math.pi)
-
-
-@njit
 def _left(lost: float, doubled_area: float) -> float:
     """Area, as a share, of what is common to a triangle and its moved copies."""
     side = 1.0 - lost / doubled_area
@@ -168,13 +144,11 @@ def weighted(
     if weights[5] != 0.0:
         total += weights[5] * shape(ax, ay, bx, by, cx, cy)
     if weights[6] != 0.0:
-        total += weights[6] * rotated_bbox_area(ax, ay, bx, by, cx, cy)
+        total += weights[6] * expected_quads(ax, ay, bx, by, cx, cy)
     if weights[7] != 0.0:
-        total += weights[7] * expected_quads(ax, ay, bx, by, cx, cy)
+        total += weights[7] * expected_blocks(ax, ay, bx, by, cx, cy)
     if weights[8] != 0.0:
-        total += weights[8] * expected_blocks(ax, ay, bx, by, cx, cy)
-    if weights[9] != 0.0:
-        total += weights[9] * expected_setups(ax, ay, bx, by, cx, cy)
+        total += weights[8] * expected_setups(ax, ay, bx, by, cx, cy)
     return total
 
 
@@ -193,8 +167,7 @@ def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         sums[3] += bbox_area(ax, ay, bx, by, cx, cy)
         sums[4] += edge_length(ax, ay, bx, by, cx, cy)
         sums[5] += shape(ax, ay, bx, by, cx, cy)
-        sums[6] += rotated_bbox_area(ax, ay, bx, by, cx, cy)
-        sums[7] += expected_quads(ax, ay, bx, by, cx, cy)
-        sums[8] += expected_blocks(ax, ay, bx, by, cx, cy)
-        sums[9] += expected_setups(ax, ay, bx, by, cx, cy)
+        sums[6] += expected_quads(ax, ay, bx, by, cx, cy)
+        sums[7] += expected_blocks(ax, ay, bx, by, cx, cy)
+        sums[8] += expected_setups(ax, ay, bx, by, cx, cy)
     return sums

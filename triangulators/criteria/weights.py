@@ -14,7 +14,6 @@ FEATURES = (
     "bbox_area",
     "edge_length",
     "shape",
-    "rotated_bbox_area",
     "expected_quads",
     "expected_blocks",
     "expected_setups",

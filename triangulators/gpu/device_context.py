@@ -92,7 +92,7 @@ class Storage:
 
 
 def open_context(name: str) -> Compute:
-    """Open llvmpipe, gpu0, gpu1, ... (see `names.check_name`) in the calling thread.
+    """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_name`) in the calling thread.
 
     Raises `DeviceFailed` if there is none of that name, or its driver fails.
     """

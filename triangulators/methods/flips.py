@@ -140,8 +140,8 @@ def flip(
     criterion, any that sums over triangles, until no flip lessens it. parameters: the criterion's
     (see `criteria.find`). Which flips, and in which order: ports/ORDER.md.
 
-    Raises `ValueError` for arrays of other shapes, indices that are not of a point, and a
-    criterion that is no sum; `UnknownName`.
+    Raises `ValueError` for arrays of other shapes and indices that are not of a point;
+    `UnknownName`.
 
         >>> kite = np.array([(0, 0), (2, -1), (9, 0), (2, 1)])
         >>> flip(kite, np.array([(0, 1, 2), (0, 2, 3)])).tolist()
@@ -176,8 +176,6 @@ def _cost(
         found = criteria.find(by, **parameters)
     except UnknownName as error:
         raise UnknownName(f"flip: {error}, or one of {', '.join(FLIP_TESTS)}") from error
-    if found.maximum:
-        raise ValueError(f"flip: {found.name} is no sum over triangles; drop minmax-")
     cost = plain_cost(found)
     if cost is None:
         sides = points[rows[:, 1:]] - points[rows[:, :1]]

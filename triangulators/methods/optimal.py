@@ -11,22 +11,18 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 
 from triangulators import criteria
-from triangulators.certificate.certify import certificate_of, certify
-from triangulators.certificate.proof import SECONDS, prove, prove_best
-from triangulators.checking.evidence import Certificate
+from triangulators.certificate.proof import prove
 from triangulators.checking.units import EXACT, whole_scale
 from triangulators.criteria.cost import cost_of, evaluate, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import on_grid
-from triangulators.optimum.bridges import ONE_HOLE, one_hole_optimum
 from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.optimum.simple_polygon import TABLE_ONLY, optimum, small_optimum
 from triangulators.optimum.small_ring import box_of, grid_unit
-from triangulators.polygon import Boundary, boundary, boundary_area, check
+from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting.starts import best_start, ring_triangulation
 
 LIMIT = 2000  # vertices up to which the whole polygon is optimised at once
@@ -36,7 +32,7 @@ MOST_PLACED = 500
 PROVEN = 500
 """Vertices up to which the linear program is asked where a polygon's rings stay apart.
 
-With more it can take minutes: `solve` and `certify` ask it for those who want a proof. What is
+With more it can take minutes: `certify` asks it for those who want a proof. What is
 worst is never proven: local minimality excludes next to nothing there.
 """
 
@@ -83,7 +79,7 @@ def _rounding(outline: Boundary, criterion: criteria.Criterion, triangles: np.nd
     _, _, width, height = box_of(points)
     unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
-    if cost["maximum"] or weights * max(2.0, steps) * steps * count < EXACT:  # quickly said
+    if weights * max(2.0, steps) * steps * count < EXACT:  # quickly said
         return 0.0
     scale, whole, most = whole_scale(points, cost)
     if (scale == 0.0 and not whole) or (scale > 0.0 and most * count < EXACT):
@@ -95,42 +91,6 @@ def _rounding(outline: Boundary, criterion: criteria.Criterion, triangles: np.nd
         return 0.0
     least = abs(evaluate(points, triangles, cost))
     return (16 * count + 32) * 2.0**-53 * total / least if least > 0.0 else math.inf
-
-
-class Solved(NamedTuple):
-    """A triangulation (m, 3) and how far it may be from the optimum."""
-
-    triangles: np.ndarray
-    certificate: Certificate
-
-
-def solve(
-    polygon: shapely.Polygon,
-    criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
-    *,
-    seconds: float = SECONDS,
-    evidence: bool = True,
-    **parameters: Any,
-) -> Solved:
-    """Return the optimum of a criterion together with its certificate (see `certify`).
-
-    Polygons of any size are tried, those with holes or more than 2,000 vertices as `certify` does.
-    seconds, evidence: as `certify` takes them. Raises what `certify` raises.
-    """
-    check(polygon)
-    outline = boundary(polygon)
-    wanted = criteria.find(criterion, **parameters)
-    cost = cost_of(wanted, boundary_area(outline), outline.expected_triangles)
-    proof = None
-    if not wanted.maximum and (outline.holes > 0 or len(outline.edges) > LIMIT):
-        proof = prove_best(outline, best_start(outline, cost), cost, seconds)
-    if proof is None:
-        triangles = _optimise(outline, 1.0, criterion=wanted).triangles
-        return Solved(
-            triangles, certify(polygon, triangles, wanted, seconds=seconds, evidence=evidence)
-        )
-    triangles = walk(proof.triangles, len(outline.points))
-    return Solved(triangles, certificate_of(outline, triangles, cost, proof.evidence))
 
 
 class _Found(NamedTuple):
@@ -180,12 +140,8 @@ def _search(
     if len(outline.edges) > limit:
         start = best_start(outline, cost)
         return _Found(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
-    if outline.holes == 1 and len(points) <= ONE_HOLE:
-        exact = one_hole_optimum(outline, cost)
-        if exact is not None:
-            return _Found(exact, 0.0, criterion)
     proof = None
-    if sign > 0.0 and not cost["maximum"]:
+    if sign > 0.0:
         # Never a time between the two: the result is the same on any machine.
         seconds = math.inf if len(points) <= PROVEN else 0.0
         proof = prove(outline, best_start(outline, cost), cost, seconds)

@@ -103,12 +103,10 @@ def triangulate(
 ) -> np.ndarray:
     """Return a triangulation (m, 3) that no flip improves, never worse than ear clipping.
 
-    criterion: any that sums over triangles, `ValueError` for others; parameters: the criterion's
-    (see `criteria.find`). Its time grows with the number of vertices as ear clipping's does.
+    parameters: the criterion's (see `criteria.find`). Its time grows with the number of vertices as
+    ear clipping's does.
     """
     found = criteria.find(criterion, **parameters)
-    if found.maximum:
-        raise ValueError(f"refined: {found.name} is no sum over triangles; drop minmax-")
     cost = plain_cost(found) or cost_of(found, boundary_area(outline), outline.expected_triangles)
     points, ends = outline.points, outline.ends.astype(np.int64)
     start = np.array(ear_clipping.triangulate(outline), dtype=np.int32).reshape(-1)

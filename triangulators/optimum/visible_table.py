@@ -63,16 +63,15 @@ def _best_any(
     ends: tuple[float, float, float, float],
     cost: Cost,
 ) -> float:
-    """`_best_box` for any cost, summed or its maximum taken."""
+    """`_best_box` for any cost."""
     xi, yi, xj, yj = ends
     best = NONE
     for r in range(first, end):
         left, right = row[apex[r]], column[0, r]
-        if left >= NONE or (cost.maximum and max(left, right) >= best):
+        if left >= NONE:
             continue
         own = triangle_cost(cost, xi, yi, column[1, r], column[2, r], xj, yj)
-        total = max(left, right, own) if cost.maximum else left + right + own
-        best = min(best, total)
+        best = min(best, left + right + own)
     return best
 
 
@@ -101,7 +100,7 @@ def fill_pairs(
             j = target[p]
             ends = (x[i], y[i], x[j], y[j])
             if j == i + 1:
-                best = -NONE if cost.maximum else 0.0
+                best = 0.0
             elif cost.is_box:
                 low, high = np.uint64(first[j]), np.uint64(end[j])
                 best = _best_box(row, apex, column, low, high, ends, box[0], box[1])
@@ -152,7 +151,7 @@ def trace_pairs(
                 continue
             own = triangle_cost(cost, x[i], y[i], x[k], y[k], x[j], y[j])
             left, right = row[k], column[0, r]
-            total = max(left, right, own) if cost.maximum else left + right + own
+            total = left + right + own
             if total < best:
                 best, best_apex = total, k
         for p in range(start[i], start[i + 1]):

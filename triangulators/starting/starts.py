@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from triangulators.checking.edges import edges_of
 from triangulators.criteria.cost import Cost, evaluate
 from triangulators.errors import Skipped, TriangulationError
 from triangulators.geometry.half_edges import is_triangulation, link, twins_of
@@ -13,7 +14,6 @@ from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
 from triangulators.starting.diagonals import shortest_first
 from triangulators.starting.repair import insert_dropped_vertices
-from triangulators.starting.segments import inner_segments
 from triangulators.verify import verify_boundary
 
 _EXACT = 1000  # vertices up to which all pairs of them are tried
@@ -71,7 +71,7 @@ def starts(outline: Boundary) -> list[np.ndarray]:
         if verify_boundary(outline, triangles).conforming:
             found.append(outline.site[triangles])
     if not found and len(outline.points) <= _EXACT:
-        triangles = shortest_first(outline, inner_segments(outline))
+        triangles = shortest_first(outline, edges_of(outline).ends)
         if verify_boundary(outline, triangles).conforming:
             found.append(triangles)
     if not found:

@@ -28,5 +28,5 @@ bool inward(ivec2 before, ivec2 after, ivec2 d) {
     return (beside && along) || ((beside || along) && !left(before, after));
 }
 
-// Cost of what has no triangulation; two of them can be added. As _NONE in edges.py.
+// Cost of what has no triangulation; two of them can be added.
 const int NONE = (1 << 30) - 1;
