@@ -148,11 +148,11 @@ def test_constraints_that_are_added_by_and_by_give_the_same_bound(monkeypatch):
     c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
     weights = costs_of(outline.points, c.triangles, cost)
     every, numbers = np.ones(len(weights), np.bool_), _numbers(c, start)
-    found = Program(c, weights, every, numbers, 1e9).by_interior_point(60.0)
+    found = Program(c, weights, every, numbers).by_interior_point(60.0)
     for most, added in ((10**6, 10), (0, 10**6), (0, 5)):
         monkeypatch.setattr(linear_program, "_ALL", most)
         monkeypatch.setattr(linear_program, "_MOST_ADDED", added)
-        program = Program(c, weights, every, numbers, 1e9)
+        program = Program(c, weights, every, numbers)
         own = program.by_simplex(60.0)
         assert own.solved
         assert own.bound == pytest.approx(found.bound, rel=1e-9)
@@ -220,13 +220,12 @@ def test_a_programs_weights_are_of_a_size_that_suits_the_solver(size):
     c = candidates_of(sight, how_many(sight, 10**6), np.arange(len(sight.edges)))
     weights, numbers = size * costs_of(outline.points, c.triangles, cost), _numbers(c, start)
     allowed = np.arange(len(weights)) % 3 > 0
-    program = Program(c, weights, allowed, numbers, 7.0)
+    program = Program(c, weights, allowed, numbers)
     total = weights[numbers].sum()
     assert np.frexp(program.scale)[0] == 0.5
     assert 2.0**16 < total * program.scale <= 2.0**17 or size == 0.0 == program.scale - 1.0
     heavy = np.where(allowed, weights, weights + 2.0 * total)
     assert program.weights == pytest.approx(heavy * program.scale, rel=1e-12)
-    assert program.most == 7.0 * program.scale
     assert program.free.sum() == len(c.edges) - len(c.points) + 1
 
 

@@ -29,6 +29,7 @@ from triangulators.compute.union_find import join
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
 _MOST_ADDED = 4000  # constraints added in a round
 _TOTAL = 17  # the start's weights add up to 2^17 at most for the solver, whose tolerances are fixed
+_FARTHEST = 2.0**20  # of a potential, for the solver: eight times the start's weights
 _HEAVY = 2.0  # times the start: what a triangle that is not allowed weighs more
 
 # Limits of steps are the same on any machine. Tolerances cost tightness alone: potentials are
@@ -67,7 +68,8 @@ class Program:
 
     start: numbers of triangles that are a triangulation; with them the program has a solution from
     the beginning. Where they are not allowed, they are made so heavy that no solution keeps them.
-    most: what potentials may be, at most; without it some may be much more than is needed.
+    Potentials are at most eight times what the start weighs: without a bound some get much larger
+    than is needed, and with one that is far away the interior point does not arrive.
     """
 
     def __init__(
@@ -76,12 +78,11 @@ class Program:
         weights: np.ndarray,
         allowed: np.ndarray,
         start: np.ndarray,
-        most: float,
     ) -> None:
         total = float(np.abs(weights[start]).sum())
         self.scale = 2.0 ** (_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0
         self.weights = np.where(allowed, weights, weights + _HEAVY * total) * self.scale
-        self.candidates, self.start, self.most = candidates, start, most * self.scale
+        self.candidates, self.start = candidates, start
         self.inside = np.flatnonzero(allowed)
         triangles = candidates.triangles
         self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
@@ -134,7 +135,7 @@ class Program:
         for name, value in {"output_flag": False, "time_limit": seconds, **options}.items():
             model.setOptionValue(name, value)
         count = len(self.candidates.edges)
-        most = np.where(self.free, self.most, 0.0)
+        most = np.where(self.free, _FARTHEST, 0.0)
         model.addVars(count, -most, most)
         side = self.candidates.side.astype(float)
         model.changeColsCost(count, np.arange(count, dtype=np.int32), side)

@@ -80,8 +80,7 @@ class _Search:
         rows = int(allowed.sum())
         program = None
         if self.seconds > 0.0 and (self.timed or rows <= _QUICK_ROWS):
-            most = _HEAVIEST / self.units.factor
-            program = Program(self.candidates, self.light, allowed, self.best, most)
+            program = Program(self.candidates, self.light, allowed, self.best)
         found = program.by_interior_point(self.seconds) if program else None
         leaf = self._tried(allowed, found)
         if self._is_proof(leaf):
