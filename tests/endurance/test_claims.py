@@ -22,7 +22,9 @@ def judged(rng: np.random.Generator, wanted: int) -> Counter[str]:
     for number, polygon in enumerate(polygons(rng)):
         if counts["no claim"] + counts["false"] >= wanted:
             break
-        claims = [c for c in genuine_claims(polygon, NAMES[number % 3]) if c["root"] is not None]
+        claims = [
+            c for c in genuine_claims(polygon, NAMES[number % 3]) if c["potentials"] is not None
+        ]
         for claim in claims:
             line = json.dumps(claim)
             assert truth(line) == "true", line

@@ -14,7 +14,7 @@ from harness.triangulating import cached
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.recipes import Recipe, parse
 from tests.measuring.test_run import nothing_at_once
-from triangulators.certificate import proof, skeleton
+from triangulators.certificate import proof
 from triangulators.methods import optimal
 
 
@@ -34,8 +34,7 @@ def polygons() -> list[Polygon]:
 @pytest.fixture
 def apart(monkeypatch):
     """Let no skeleton connect the rings, and let the linear program not be asked."""
-    nothing = skeleton.Parts(9, np.empty(0), np.empty(0))
-    monkeypatch.setattr(proof, "parts_of", lambda *_: nothing)
+    monkeypatch.setattr(proof, "cuts_of", lambda *_: None)
     monkeypatch.setattr(optimal, "PROVEN", 0)
 
 

@@ -161,6 +161,8 @@ def brute_cost(name: str, a, b, c) -> float:
             cosine = (one**2 + two**2 - opposite**2) / (2 * one * two)
             angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
         return sum(abs(60 - angle) for angle in angles)
+    if name == "beauty":
+        return -area / sum(sides)
     if name == "complexity":
         return 24.0
     if name.startswith("expected-"):

@@ -8,7 +8,6 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +19,11 @@ from tests.endurance.forgeries import NAMES, accepted_by_file, accepted_by_packa
 from tests.endurance.test_claims import compared, judged, polygon_of
 from tests.triangulators.cases import random_simple
 from tests.triangulators.touching import touching_polygons
-from triangulators import TriangulationError, certify, criteria, triangulate
+from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
 from triangulators.checking.claims import as_claim, from_claim
-from triangulators.checking.edges import crossing
-from triangulators.checking.evidence import Branch, Evidence, Leaf, Refused
+from triangulators.checking.evidence import Evidence, Refused
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -46,8 +44,8 @@ def about(polygon, triangles, name="half-perimeter"):
 def test_units_that_are_too_coarse_are_refused():
     worst = triangulate(SQUARE, "worst:half-perimeter")
     true = certify(SQUARE, worst).evidence
-    zero = Leaf(np.zeros(len(true.edges), np.int64), 0)
-    forged = Evidence(1e-300, true.factor, true.bits, true.edges, true.excluded, zero)
+    zeros = np.zeros(len(true.edges), np.int64)
+    forged = Evidence(1e-300, true.factor, true.bits, true.edges, zeros, 0)
     with pytest.raises(Refused, match="the evidence has the units"):
         certificate_of(*about(SQUARE, worst), forged)
 
@@ -56,71 +54,18 @@ def test_units_that_are_too_coarse_are_refused():
 def test_a_lift_too_large_is_refused(lift):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
-    forged = replace(true, root=Leaf(true.root.potentials, lift))
+    forged = replace(true, lift=lift)
     with pytest.raises(Refused, match="too large"):
         certificate_of(*about(SQUARE, best), forged)
-
-
-@pytest.mark.parametrize("way", ["without", "within"])
-def test_evidence_may_branch_as_often_as_it_may(monkeypatch, way):
-    best = triangulate(SQUARE, "optimal:half-perimeter")
-    outline, sites, cost = about(SQUARE, best)
-    true = certify(SQUARE, best).evidence
-    sides = np.sort(outline.edges, axis=1).tolist()
-    edge = next(tuple(each) for each in true.edges.tolist() if each not in sides)
-    monkeypatch.setattr(checker, "_DEEPEST", 5)
-    bound = checker.lower_bound(outline, sites, cost, true)
-    node = true.root
-    for _ in range(5):
-        node = Branch(edge, **{"without": true.root, "within": true.root, way: node})
-    assert checker.lower_bound(outline, sites, cost, replace(true, root=node)) == bound
-    deeper = Branch(edge, **{"without": true.root, "within": true.root, way: node})
-    with pytest.raises(Refused, match="branches too often"):
-        checker.lower_bound(outline, sites, cost, replace(true, root=deeper))
-
-
-@pytest.mark.parametrize("edge", [(0, 1), (-(2**61), 4), (0, 8), (3, 2**61), (-1, -1), (0, 4, 5)])
-def test_a_branch_is_on_a_diagonal(edge):
-    """Of eight sites: no number of a pair wraps to that of another."""
-    polygon = shapely.Polygon(SQUARE.exterior, [[(2, 2), (2, 4), (4, 4), (4, 2)]])
-    best = triangulate(polygon, "optimal:half-perimeter")
-    outline, sites, cost = about(polygon, best)
-    true = certify(polygon, best).evidence
-    assert checker.edges_of(outline).find(np.array([0, 4])) >= 0
-    forged = replace(true, root=Branch(edge, true.root, true.root))
-    with pytest.raises(Refused, match="which is no diagonal"):
-        checker.lower_bound(outline, sites, cost, forged)
 
 
 def test_a_bound_above_the_cost_is_refused(monkeypatch):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
     monkeypatch.setattr(checker, "check_potentials", lambda *_: None)  # so that nothing else does
-    forged = replace(true, root=Leaf(true.root.potentials, true.root.lift + true.factor))
+    forged = replace(true, lift=true.lift + true.factor)
     with pytest.raises(Refused, match="above what the triangulation costs"):
         certificate_of(*about(SQUARE, best), forged)
-
-
-@pytest.mark.parametrize("size", [1.0, 2.0**-9])
-@pytest.mark.parametrize("low", [1, 0], ids=["reflex", "flat"])
-@pytest.mark.parametrize("first", range(4))
-def test_a_pair_that_is_not_strictly_convex_blocks_an_exclusion(first, low, size):
-    # The only diagonal runs up from a corner that is reflex, or lies on the segment that would
-    # cross the diagonal. That segment is the shorter one.
-    corners = [(0, low), (1, 0), (0, 10), (-1, 0)]
-    polygon = shapely.Polygon(np.array(corners[first:] + corners[:first]) * size)
-    triangles = triangulate(polygon, "ear-clipping")
-    outline, sites, cost = about(polygon, triangles)
-    true = certify(polygon, triangles).evidence
-    a, b = sorted((-first % 4, (2 - first) % 4))
-    number = [tuple(edge) for edge in true.edges.tolist()].index((a, b))
-    forged = replace(true, excluded=np.array([number]))
-    with pytest.raises(Refused, match=f"the edge {a}-{b} is excluded, but may be"):
-        checker.lower_bound(outline, sites, cost, forged)
-    claim = as_claim(polygon, triangles, "half-perimeter", certify(polygon, triangles))
-    assert accepted_by_file(json.dumps(claim))
-    with pytest.raises(check_evidence.Refused, match="is excluded, but may be"):
-        check_evidence.check(json.dumps(claim | {"excluded": [number]}))
 
 
 def test_four_units_in_five_million_million_are_seen():
@@ -133,26 +78,19 @@ def test_four_units_in_five_million_million_are_seen():
     assert not fast.proven
 
 
-def test_where_64_bits_are_too_few_rings_are_counted_in_pythons_numbers():
+def test_where_64_bits_are_too_few_nothing_is_proven_and_the_bound_holds():
     rng = np.random.default_rng(2)
-    unequal = 0
     for _ in range(8):
         polygon = random_simple(rng, 9, 2**31)
-        for triangles in (triangulate(polygon, "optimal:overdraw"), triangulate(polygon, "greedy")):
+        best = triangulate(polygon, "optimal:overdraw")
+        for triangles in (best, triangulate(polygon, "greedy")):
             found = certify(polygon, triangles, "overdraw")
-            outline, sites, cost = about(polygon, triangles, "overdraw")
-            assert units_for(outline, sites, cost).wide
+            assert not found.proven
             check_certificate(polygon, triangles, "overdraw", found)
             assert accepted_by_file(json.dumps(as_claim(polygon, triangles, "overdraw", found)))
-            more = found.evidence.root.potentials.copy()
-            a, b = outline.edges[0].tolist()
-            side = found.evidence.edges.tolist().index(sorted((a, b)))
-            more[side] += 1 if a < b else -1  # the bound of a table is the highest there is
-            forged = replace(found.evidence, root=Leaf(more, 0))
-            with pytest.raises(TriangulationError):
-                check_certificate(polygon, triangles, "overdraw", replace(found, evidence=forged))
-            unequal += not found.proven
-    assert unequal
+            least = certify(polygon, best, "overdraw").cost
+            assert found.lower_bound <= least
+            assert found.lower_bound == pytest.approx(least, rel=1e-8)
 
 
 def test_where_holes_touch_off_the_grid_optima_are_proven():
@@ -191,8 +129,8 @@ OF_A_KITE = {
     "factor": 8192,
     "bits": 10,
     "edges": [[0, 1], [0, 2], [1, 3]],
-    "excluded": [],
-    "root": {"potentials": [140 * 8192, 50 * 8192, -70 * 8192], "lift": 0},
+    "potentials": [140 * 8192, 50 * 8192, -70 * 8192],
+    "lift": 0,
 }
 
 
@@ -230,7 +168,7 @@ def test_what_is_changed_in_one_place_is_refused_by_both(change):
 def test_a_ring_that_meets_itself_is_refused_by_both():
     """Two triangles at one corner, each of which the ring runs round: nothing can cost less."""
     bow = [[0, 0], [4, 0], [4, 4], [0, 0], [-4, 0], [-4, -4]]
-    zeros = {"edges": [[0, 1]], "root": {"potentials": [0], "lift": 0}}
+    zeros = {"edges": [[0, 1]], "potentials": [0], "lift": 0}
     claim = OF_A_KITE | {"rings": [bow], "triangles": [[0, 1, 2], [3, 4, 5]], **zeros}
     line = json.dumps(claim | {"cost": 16.0, "lower_bound": 0.0, "gap": 1.0, "factor": 8192})
     with pytest.raises(check_evidence.Refused, match="a ring meets itself"):
@@ -312,7 +250,7 @@ def test_a_real_cost_is_proven_within_a_unit_of_each_triangle(monkeypatch):
         assert certificate_of(outline, corners, cost, evidence).proven is proven
 
 
-@pytest.mark.parametrize("size", [2**6, 2**31])
+@pytest.mark.parametrize("size", [2**6, 2**20])
 def test_no_entry_of_a_table_may_be_one_better(size):
     """Each is the least there is, of some triangle: a unit more, one way or other, is refused."""
     rng = np.random.default_rng(5)
@@ -325,44 +263,14 @@ def test_no_entry_of_a_table_may_be_one_better(size):
         for edge in range(len(true.edges)):
             refused = []
             for change in (1, -1):
-                more = true.root.potentials.copy()
+                more = true.potentials.copy()
                 more[edge] += change
                 try:
-                    checker.lower_bound(outline, sites, cost, replace(true, root=Leaf(more, 0)))
+                    checker.lower_bound(outline, sites, cost, replace(true, potentials=more))
                 except Refused as why:
                     refused.append(str(why))
             assert refused, edge
             assert all("potentials exceed" in why for why in refused), refused
-
-
-def test_of_a_convex_polygons_edges_those_cross_whose_ends_alternate():
-    turns = np.arange(7) * 2 * np.pi / 7
-    points = np.column_stack((np.cos(turns), np.sin(turns)))
-    edges = np.array(list(combinations(range(7), 2)), np.int32)
-    for a, b in edges.tolist():
-        alternate = [a < c < b < d or c < a < d < b for c, d in edges.tolist()]
-        assert crossing(points, edges, a, b).tolist() == alternate
-        assert crossing(points, edges, b, a).tolist() == alternate
-
-
-def test_what_crosses_does_not_depend_on_how_large_it_is():
-    rng = np.random.default_rng(7)
-    points = rng.integers(0, 9, (24, 2)).astype(np.float64)
-    edges = rng.integers(0, 24, (200, 2)).astype(np.int32)
-    crossings = 0
-    for a, b in rng.integers(0, 24, (60, 2)).tolist():
-        large = crossing(points * 2.0**40, edges, a, b)
-        for size in (1.0, 2.0**-40):
-            assert np.array_equal(crossing(points * size, edges, a, b), large)
-        crossings += large.sum()
-        segment = shapely.LineString(points[[a, b]])
-        for (c, d), crossed in zip(edges.tolist(), large.tolist(), strict=True):
-            other = shapely.LineString(points[[c, d]])
-            if segment.length > 0.0 and other.length > 0.0 and segment.crosses(other):
-                at = segment.intersection(other)
-                inside = all(at.distance(shapely.Point(points[k])) > 1e-9 for k in (a, b, c, d))
-                assert crossed or not inside
-    assert crossings > 100
 
 
 @pytest.mark.parametrize(
@@ -378,6 +286,4 @@ def test_whole_numbers_are_taken_in_whichever_array_they_come():
     for values in ([1, -2], np.array([1, -2], object), np.array([1, -2], np.int8)):
         found = checker._whole(values, "numbers")
         assert (found.dtype, found.tolist()) == (np.int64, [1, -2])
-    wide = checker._whole([2**70, -1], "numbers", object)
-    assert wide.tolist() == [2**70, -1]
     assert checker._whole([], "numbers").dtype == np.int64

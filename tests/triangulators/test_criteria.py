@@ -29,9 +29,21 @@ def test_each_equals_its_plain_definition(triangle):
         "shape",
         "complexity",
         "expected-quads",
+        "beauty",
     ):
         expected = brute_cost(name, *triangle)
         assert found[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+@settings(deadline=None)
+@given(corners)
+def test_beauty_is_half_the_radius_of_the_inscribed_circle(triangle):
+    assume(abs(twice_area(*triangle)) > 0.5)
+    a, b, c = np.array(triangle)
+    sides = np.array([np.hypot(*(b - c)), np.hypot(*(c - a)), np.hypot(*(a - b))])
+    centre = sides @ np.array(triangle) / sides.sum()
+    radius = abs(twice_area(a, b, centre)) / sides[2]
+    assert predict(np.array(triangle), ONE)["beauty"] == pytest.approx(-radius / 2, rel=1e-6)
 
 
 @settings(deadline=None)

@@ -17,7 +17,7 @@ from triangulators import UnknownName, criteria, flip, triangulate, triangulate_
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
-WAYS = ("l1", "euclidean", "delaunay", "overdraw", "mixed")
+WAYS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
@@ -33,7 +33,12 @@ def test_what_is_valid_stays_valid(polygon, by):
 
 @pytest.mark.parametrize(
     ("by", "criterion"),
-    [("l1", "half-perimeter"), ("euclidean", "edge-length"), ("overdraw", "overdraw")],
+    [
+        ("l1", "half-perimeter"),
+        ("euclidean", "edge-length"),
+        ("overdraw", "overdraw"),
+        ("beauty", "beauty"),
+    ],
 )
 def test_no_flip_gains_any_more(by, criterion):
     rng = np.random.default_rng(6)
@@ -41,6 +46,29 @@ def test_no_flip_gains_any_more(by, criterion):
     for polygon in [random_simple(rng, 15) for _ in range(20)] + [with_hole(rng, 12, 5), star(90)]:
         found = triangulate(polygon, "flips", criterion=by)
         assert flips_that_gain(polygon, found, wanted) == 0
+
+
+def test_beauty_grows_with_each_flip_and_no_way_of_turning_or_moving_the_polygon_matters():
+    rng = np.random.default_rng(4)
+    total = criteria.find("beauty").total
+    gained = 0
+    for polygon in [random_simple(rng, 15) for _ in range(20)] + [star(90, spread=0.4)]:
+        points, start = vertices(polygon), triangulate(polygon, "ear-clipping", repair=True)
+        found = flip(points, start, "beauty")
+        assert total(points, found) <= total(points, start)
+        gained += total(points, found) < total(points, start)
+        for moved in (points @ [[0.0, 8.0], [-8.0, 0.0]], points * 8.0 + 64.0):
+            assert np.array_equal(flip(moved, start, "beauty"), found)
+    assert gained > 10
+
+
+def test_beauty_takes_the_diagonal_that_the_rule_asks_for():
+    """A kite: of two triangles with a side of 10 and two with one of 4, the latter are rounder."""
+    kite = np.array([(0.0, 0.0), (5.0, -2.0), (10.0, 0.0), (5.0, 2.0)])
+    short = {frozenset({0, 1, 3}), frozenset({1, 2, 3})}
+    found = flip(kite, np.array([(0, 1, 2), (0, 2, 3)]), "beauty")
+    assert {frozenset(t) for t in found.tolist()} == short
+    assert np.array_equal(flip(kite, found, "beauty"), found)
 
 
 def test_by_length_and_by_the_criterion_that_it_sums_to_are_the_same():

@@ -30,7 +30,8 @@ from triangulators.polygon import boundary
 from triangulators.registry import find
 from triangulators.verify import verify
 
-PLAIN = ("overdraw", "half-perimeter", "edge-length", "shape", "complexity", "expected-quads")
+PLAIN = ("overdraw", "half-perimeter", "edge-length", "shape", "beauty", "complexity")
+PLAIN += ("expected-quads",)
 
 
 @numba.njit

@@ -35,12 +35,9 @@ class Candidates(NamedTuple):
     items: np.ndarray
 
 
-def candidates_of(sight: Sight, room: int, kept: np.ndarray) -> Candidates:
-    """Return the candidates of a polygon.
-
-    room: what `how_many` says; kept (e,): which of its edges may be used.
-    """
-    points, edges, side = sight.points, sight.edges[kept], sight.side[kept]
+def candidates_of(sight: Sight, room: int) -> Candidates:
+    """Return the candidates of a polygon; room: what `how_many` says."""
+    points, edges, side = sight.points, sight.edges, sight.side
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
     found = np.empty((room, 3), dtype=np.int32)
     sides = np.empty((room, 3), dtype=np.int32)
@@ -53,9 +50,9 @@ def candidates_of(sight: Sight, room: int, kept: np.ndarray) -> Candidates:
     return Candidates(points, edges, side, found, sides, start, items)
 
 
-def how_many(sight: Sight, most: int, kept: np.ndarray | None = None) -> int:
+def how_many(sight: Sight, most: int) -> int:
     """Return a number that a polygon's candidates do not exceed; stops counting beyond `most`."""
-    edges = sight.edges if kept is None else sight.edges[kept]
+    edges = sight.edges
     first = np.searchsorted(edges[:, 0], np.arange(len(sight.points) + 1))
     return int(_count(first, edges, len(sight.points), most))
 

@@ -41,10 +41,10 @@ def certify(
     bound is the table over all sub-polygons. Otherwise it is a linear program's over all empty
     triangles. `checker` checks either in whole numbers; costs that are no whole numbers are rounded
     down after the tenth digit of the total first (see `checking.units` and `Certificate`). A
-    polygon with more than eight million empty triangles gets no bound if few of its edges can be
-    excluded. seconds: for each linear program; where they do not suffice the bound is lower than it
-    could be and nothing is proven. evidence: if False, a table whose sums are exact in doubles is
-    taken at its word, without evidence, in a fraction of the time.
+    polygon with more than eight million empty triangles gets no bound. seconds: for each linear
+    program; where they do not suffice the bound is lower than it could be and nothing is proven.
+    evidence: if False, a table whose sums are exact in doubles is taken at its word, without
+    evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
     or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`.
@@ -80,7 +80,7 @@ def _certified(
     if proof is None:
         total = exact_total(outline, corners, cost, units_for(outline, corners, cost))
         return Certificate(float(total), -math.inf, math.inf, False)
-    return certificate_of(outline, corners, cost, proof.evidence)
+    return certificate_of(outline, corners, cost, proof.evidence())
 
 
 def certificate_of(

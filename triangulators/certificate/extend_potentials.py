@@ -30,13 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.certificate.candidates import Candidates, holds_ring
-from triangulators.certificate.integer_costs import weight
-from triangulators.certificate.local_minimality import seen_by_both, way_round
-from triangulators.certificate.sight import Fans, Sight
-from triangulators.checking.units import Units
+from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
-from triangulators.criteria.cost import Cost
 
 TOO_LARGE = 2**60  # for a potential
 _FAR = np.int64(TOO_LARGE)
@@ -47,35 +42,17 @@ def extend(
     weights: np.ndarray,
     excluded: np.ndarray,
     potentials: np.ndarray,
-    out: np.ndarray,
 ) -> np.ndarray | None:
     """Return potentials (e,) that also hold for triangles with excluded edges.
 
     weights (t,); excluded (k,): in their order; potentials (e,): those of excluded edges do not
-    matter; out (e,): edges that were excluded before. None where one would be too large.
+    matter. None where one would be too large.
     """
     found = potentials.copy()
-    given = ~out
+    given = np.ones(len(found), dtype=np.bool_)
     given[excluded] = False
     backwards = excluded[::-1].astype(np.int64)
     return found if _extend(candidates, weights, backwards, given, found) else None
-
-
-def extend_thinned(
-    sight: Sight,
-    fans: Fans,
-    thinned: np.ndarray,
-    potentials: np.ndarray,
-    cost: Cost,
-    units: Units,
-) -> None:
-    """Give the edges that `thin` excluded, in their order, potentials (e,), in place.
-
-    Their triangles are worked out anew from what the two ends see, as `thin` does it.
-    """
-    given = np.ones(len(sight.edges), dtype=np.bool_)
-    given[thinned] = False
-    _extend_thinned(sight, fans, thinned[::-1].astype(np.int64), given, potentials, cost, units)
 
 
 @njit
@@ -121,45 +98,3 @@ def _extend(
             return False
         given[e] = True
     return True
-
-
-@njit(nogil=True)
-def _extend_thinned(
-    sight: Sight,
-    fans: Fans,
-    backwards: np.ndarray,
-    given: np.ndarray,
-    potentials: np.ndarray,
-    cost: Cost,
-    units: Units,
-) -> None:
-    """Do what `_extend` does, with the same invariant, for triangles that are in no list.
-
-    The triangles at a-b are the sites c that a and b both see, if they lie inside the polygon and
-    run round no hole: an edge of t such sites takes the degrees of a and b, and t weights.
-    """
-    points, side, near, by = sight.points, sight.side, fans.near, fans.by
-    both = np.empty((len(points), 2), dtype=np.int64)
-    for e in backwards:
-        a, b = sight.edges[e, 0], sight.edges[e, 1]  # a < b
-        low, high = -_FAR, _FAR
-        for k in range(seen_by_both(fans, a, b, both)):
-            c, p, q = near[both[k, 0]], by[both[k, 0]], by[both[k, 1]]  # p is a-c, q is b-c
-            if not (given[p] and given[q]):
-                continue
-            way = way_round(points, side, a, b, c, p, q)
-            if way == 0:
-                continue
-            # A potential counts negative where its edge is run from its higher end to its lower:
-            # from_b is the sign of b-c as the triangle runs it, to_a that of a-c.
-            from_b, to_a = (way if b < c else -way), (way if c < a else -way)
-            i, j, m = (a, b, c) if way > 0 else (a, c, b)
-            room = weight(points, i, j, m, cost, units)
-            room -= from_b * potentials[q] + to_a * potentials[p]
-            # way * y(ab) <= room: from above on the left, from below on the right. Holes are looked
-            # for where that says more than what is known, as it takes the longest.
-            more = room < high if way > 0 else -room > low
-            if more and not holds_ring(points, sight.rings, a, b, c, way):
-                low, high = (low, room) if way > 0 else (-room, high)
-        potentials[e] = _between(low, high)
-        given[e] = True

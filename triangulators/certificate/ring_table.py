@@ -19,8 +19,8 @@ most n^3 / 6, and 16 n^2 bytes.
 import numpy as np
 
 from triangulators.certificate.integer_costs import weight
-from triangulators.checking.evidence import Evidence, Leaf
-from triangulators.checking.units import Units, wide_costs
+from triangulators.checking.evidence import Evidence
+from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.half_edges import twins_of
@@ -43,14 +43,10 @@ def ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: U
     ring = outline.points[cycle]
     start, target = visible_pairs(ring, local, twins_of(local), n * n)
     first = np.repeat(np.arange(n, dtype=np.int32), np.diff(start))
-    if units.wide:
-        far = _fill_wide(ring, start, target, cost)
-    else:
-        far = _far_costs(outline.points, cycle, start, target, cost, units)
+    far = _far_costs(outline.points, cycle, start, target, cost, units)
     a, b = cycle[first], cycle[target[: len(first)]]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
-    leaf = Leaf(np.where(a < b, -far, far), 0)
-    return Evidence(*units[:3], edges, np.empty(0, dtype=np.int32), leaf)
+    return Evidence(*units[:3], edges, np.where(a < b, -far, far), 0)
 
 
 @njit(nogil=True)
@@ -83,20 +79,3 @@ def _far_costs(
                 far[q] = best
             row[i, j] = back[j, i] = far[q]
     return far
-
-
-def _fill_wide(ring: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost) -> np.ndarray:
-    """Do what `_far_costs` does in Python's whole numbers, for costs without noise."""
-    known: list[dict[int, int]] = [{} for _ in ring]
-    far: list[int] = [0] * int(start[-1])
-    for i in range(len(ring) - 1, -1, -1):
-        for q in range(start[i], start[i + 1]):
-            j, value = int(target[q]), 0
-            if j > i + 1:
-                between = [k for k in target[start[i] : q].tolist() if j in known[k]]
-                corners = np.array([(i, k, j) for k in between])
-                own = wide_costs(ring, corners, cost)
-                sums = (known[i][k] + known[k][j] + w for k, w in zip(between, own, strict=True))
-                value = min(sums)
-            known[i][j] = far[q] = value
-    return np.array(far, dtype=object)

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.compute.grouping import grouped
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.visibility import visible_sites
 from triangulators.polygon import Boundary
@@ -24,17 +23,6 @@ class Sight(NamedTuple):
     rings: np.ndarray
 
 
-class Fans(NamedTuple):
-    """What each site sees: v the sites `near[begin[v]:begin[v + 1]]`, ascending.
-
-    begin (n + 1,); near (2 e,); by (2 e,): the numbers of the edges over which they are seen.
-    """
-
-    begin: np.ndarray
-    near: np.ndarray
-    by: np.ndarray
-
-
 def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
     """Return the edges of a polygon.
 
@@ -47,14 +35,6 @@ def sight_of(outline: Boundary, triangles: np.ndarray) -> Sight:
     edges = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     side = _sides_of_boundary(edges, outline.edges, len(points))
     return Sight(points, edges, side, _ring_samples(outline))
-
-
-def fans_of(sight: Sight) -> Fans:
-    """Return the edges by their ends, from both."""
-    # Edges ascend, so that with those by their higher ends first all sites that one sees ascend.
-    begin, places = grouped(sight.edges[:, ::-1].T.ravel(), len(sight.points))
-    near = np.ascontiguousarray(sight.edges.T).ravel()[places]
-    return Fans(begin, near, places % np.int32(len(sight.edges)))
 
 
 def _sides_of_boundary(edges: np.ndarray, boundary: np.ndarray, count: int) -> np.ndarray:

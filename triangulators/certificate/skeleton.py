@@ -15,8 +15,6 @@ its own proof: the costs, as potentials of the edges, are a solution of the line
 (see `linear_program`), for `far(h) - far(g1) - far(g2) <= weight(t)` is what each triangle asks
 for, and their sum over the boundary is what is beyond the root. They are integers: nothing is
 rounded.
-Where two parts of the boundary stay apart, some side of it has triangles to the other part only.
-One of these is in every triangulation, so each in turn is taken as given (see `ways_across`).
 """
 
 from typing import NamedTuple
@@ -27,7 +25,7 @@ from triangulators.certificate.candidates import Candidates
 from triangulators.compute.grouping import grouped
 from triangulators.compute.kernels import njit
 from triangulators.compute.union_find import join, root_of
-from triangulators.geometry.predicates import cross, crossed, turn
+from triangulators.geometry.predicates import cross, turn
 
 _NOTHING = np.int64(2**60 - 1)  # cost where no triangles fit; thrice that is still an int64
 
@@ -54,32 +52,17 @@ class _Beyond(NamedTuple):
     seen: np.ndarray
 
 
-class Across(NamedTuple):
-    """A side of the boundary, by its edge, and the second side (k,) of each triangle at it."""
+def cuts_of(candidates: Candidates, alive: np.ndarray) -> np.ndarray | None:
+    """Return which edges (e,) to cut along: diagonals of the skeleton that connect all rings.
 
-    edge: int
-    ways: np.ndarray
-
-
-class Parts(NamedTuple):
-    """Parts of the boundary that diagonals of the skeleton connect.
-
-    number: how many there are; of (n,): a number for each site's; cut (e,): the diagonals.
+    alive (t,): the triangles that remain. None where the skeleton leaves rings apart.
     """
-
-    number: int
-    of: np.ndarray
-    cut: np.ndarray
-
-
-def parts_of(candidates: Candidates, alive: np.ndarray) -> Parts:
-    """Return the parts that the skeleton of the triangles that are `alive` (t,) leaves."""
     c = candidates
     left = c.side != 0
     left[c.sides[alive]] = True
     cut = np.zeros(len(c.edges), dtype=np.bool_)
-    of = np.arange(len(c.points))
-    return Parts(_connect(c.points, c.edges, c.side, left, cut, of), of, cut)
+    parts = _connect(c.points, c.edges, c.side, left, cut, np.arange(len(c.points)))
+    return cut if parts == 1 else None
 
 
 def by_table(
@@ -87,8 +70,7 @@ def by_table(
 ) -> Table | None:
     """Return an optimum of the triangles that are `alive`, where `cut` leaves one part.
 
-    weights, alive (t,): of the triangles. Where they make no triangulation none are chosen, and the
-    potentials say so by a sum that no triangulation reaches. None where the table fails.
+    weights, alive (t,): of the triangles. None where the table fails, or they are no triangulation.
 
     Three steps. `_fill` from a root works out the least beyond each half-edge that leads away from
     it. `_trace` follows the choices and so finds the optimum, and lays out the ring. `_fill_rest`
@@ -98,56 +80,16 @@ def by_table(
     c = candidates
     root = int(np.flatnonzero(c.side != 0)[0])
     half = 2 * root + int(c.side[root] < 0)
-    beyond = _nothing_known(c)
+    far, choice = np.zeros(2 * len(c.edges), np.int64), np.full(2 * len(c.edges), -1, np.int32)
+    beyond = _Beyond(far, choice, np.zeros(len(far), np.int8), np.zeros(len(c.triangles), np.bool_))
     if not _fill(half, c, weights, alive, cut, beyond):
         return None
-    if beyond.choice[half] >= 0:
-        chosen, places = _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
-        laid_out = chosen
-    else:
-        chosen = np.empty(0, dtype=np.int64)
-        laid_out, places = _lay_out(c, cut, half)
-    if len(laid_out) == 0 or not _fill_rest(laid_out, places, c, weights, alive, cut, beyond):
+    if beyond.choice[half] < 0:
+        return None
+    chosen, places = _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
+    if not _fill_rest(chosen, places, c, weights, alive, cut, beyond):
         return None
     return Table(chosen, beyond.far[::2] - beyond.far[1::2])
-
-
-def _nothing_known(candidates: Candidates) -> _Beyond:
-    halves, triangles = 2 * len(candidates.edges), len(candidates.triangles)
-    far, choice = np.zeros(halves, dtype=np.int64), np.full(halves, -1, dtype=np.int32)
-    return _Beyond(far, choice, np.zeros(halves, np.int8), np.zeros(triangles, np.bool_))
-
-
-def _lay_out(candidates: Candidates, cut: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return any triangulation of the polygon as it is cut, as `_trace` does; none if it fails."""
-    c = candidates
-    gone = np.zeros(len(c.edges), dtype=np.bool_)
-    for a, b in c.edges[cut].tolist():
-        gone |= crossed(c.points, c.edges, a, b)
-    free = ~gone[c.sides].any(axis=1)
-    alike, beyond = np.zeros(len(free), dtype=np.int64), _nothing_known(c)
-    if not _fill(half, c, alike, free, cut, beyond) or beyond.choice[half] < 0:
-        return np.empty(0, dtype=np.int64), np.empty((0, 3), dtype=np.int32)
-    return _trace(c.triangles, c.sides, c.side, cut, beyond.choice, half)
-
-
-def ways_across(candidates: Candidates, alive: np.ndarray, of: np.ndarray) -> Across | None:
-    """Return a side of the boundary whose triangles all lead to another part; None without one.
-
-    alive (t,): triangles; of (n,): the part of each site. The side with the fewest triangles.
-    """
-    c = candidates
-    rows = np.flatnonzero(alive)
-    sides, corners = c.sides[rows], c.triangles[rows]
-    on = c.side[sides] != 0
-    leads = of[corners] != of[np.roll(corners, -2, axis=1)]  # corner k and the apex over side k
-    many = np.bincount(sides[on], minlength=len(c.edges))
-    few = np.where(np.bincount(sides[on & ~leads], minlength=len(c.edges)) > 0, 0, many)
-    if not few.any():
-        return None
-    edge = int(np.argmin(np.where(few > 0, few, len(rows) + 1)))
-    row, k = np.nonzero(sides == edge)
-    return Across(edge, sides[row, k - 1])
 
 
 @njit(nogil=True)
@@ -175,7 +117,7 @@ def _connect(
 ) -> int:
     """Mark in `cut` diagonals that connect rings and are not crossed; return how many parts remain.
 
-    parent (n,): 0..n - 1, becomes the part of each site.
+    parent (n,): 0..n - 1, a forest in which sites of one part have one root.
     """
     parts = _join_rings(points, edges, side, parent)
     # Only diagonals between parts can connect them, and only edges whose boxes meet can cross.
@@ -198,8 +140,6 @@ def _connect(
         if apart and not _is_crossed(points, edges, left, order, low, place, widest):
             cut[e] = True
             parts -= join(parent, a, b)
-    for v in range(len(points)):
-        parent[v] = root_of(parent, v)
     return parts
 
 
@@ -394,10 +334,8 @@ def _fill_rest(
     a triangle has two sides that go on in the ring, from an earlier place to a later, and one that
     goes back: between the ends of that one the ring passes the root. So its first end is the later
     one, and the half-edge into the triangle over it, `out ^ 1`, is where `_fill` begins. A site at
-    which cuts end is in the ring several times; `_place` says which place sees the other end. A
-    triangulation lays the ring out, of the polygon as it is cut. Where a side of t is one of its
-    diagonals, no place is found and the table fails; if it is the optimum that lays the ring out,
-    all beyond its diagonals is filled already.
+    which cuts end is in the ring several times; `_place` says which place sees the other end. The
+    optimum lays the ring out; all beyond its diagonals is filled already.
 
     Invariant: all remaining triangles before t were tried, so that their inequality holds. `_fill`
     takes what is known as it is, so all calls together try each triangle from each side once; a

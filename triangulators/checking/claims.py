@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import shapely
 
-from triangulators.checking.evidence import Branch, Certificate, Evidence, Leaf, Refused
+from triangulators.checking.evidence import Certificate, Evidence, Refused
 from triangulators.polygon import rings_of
 
 FORMAT = "raster-harness evidence 1"
 _ABOUT = {"format", "criterion", "rings", "triangles", "cost", "lower_bound", "gap", "proven"}
-_FIELDS = _ABOUT | {"scale", "factor", "bits", "edges", "excluded", "root"}
+_FIELDS = _ABOUT | {"scale", "factor", "bits", "edges", "potentials", "lift"}
 
 
 def as_claim(
@@ -27,7 +27,7 @@ def as_claim(
     """Return what a certificate says of triangles (m, 3) of a polygon, for JSON.
 
     Coordinates are doubles; everything that is compared is a whole number. Without evidence the
-    claim is not proven, and `root` is None.
+    claim is not proven, and `potentials` is None.
     """
     points, ends = rings_of(polygon)
     claim: dict[str, Any] = {
@@ -39,7 +39,7 @@ def as_claim(
         "lower_bound": certificate.lower_bound if certificate.evidence else None,
         "gap": certificate.gap if certificate.evidence else None,
         "proven": certificate.proven,
-        "root": None,
+        "potentials": None,
     }
     evidence = certificate.evidence
     if evidence is not None:
@@ -48,8 +48,8 @@ def as_claim(
             "factor": evidence.factor,
             "bits": evidence.bits,
             "edges": evidence.edges.tolist(),
-            "excluded": evidence.excluded.tolist(),
-            "root": _plain(evidence.root),
+            "potentials": evidence.potentials.tolist(),
+            "lift": int(evidence.lift),
         }
     return claim
 
@@ -70,8 +70,8 @@ def from_claim(line: str) -> tuple[shapely.Polygon, np.ndarray, str, Certificate
             _whole(claim["factor"]),
             _whole(claim["bits"]),
             _rows(claim["edges"], 2, _whole),
-            np.array(list(map(_whole, claim["excluded"])), dtype=np.int64),
-            _node(claim["root"]),
+            _array(claim["potentials"]),
+            _whole(claim["lift"]),
         )
         triangles = _rows(claim["triangles"], 3, _whole)
         cost, low, gap = (_double(claim[name]) for name in ("cost", "lower_bound", "gap"))
@@ -117,17 +117,7 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _plain(node: Leaf | Branch) -> dict[str, Any]:
-    if isinstance(node, Leaf):
-        return {"potentials": node.potentials.tolist(), "lift": int(node.lift)}
-    a, b = (int(v) for v in node.edge)
-    return {"edge": [a, b], "without": _plain(node.without), "within": _plain(node.within)}
-
-
-def _node(node: dict[str, Any]) -> Leaf | Branch:
-    if set(node) == {"edge", "without", "within"}:
-        a, b = map(_whole, node["edge"])
-        return Branch((a, b), _node(node["without"]), _node(node["within"]))
-    if set(node) != {"potentials", "lift"}:
-        raise TypeError("the root has neither potentials and a lift nor an edge with two branches")
-    return Leaf(np.array(list(map(_whole, node["potentials"]))), _whole(node["lift"]))
+def _array(values: Any) -> np.ndarray:
+    if type(values) is not list:
+        raise TypeError(f"{values!r:.40} is no list")
+    return np.array(list(map(_whole, values)), dtype=np.int64)

@@ -34,12 +34,6 @@ class Edges(NamedTuple):
         at = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
         return np.where(self.keys[at] == wanted, at, -1)
 
-    def left(self, number: np.ndarray) -> "Edges":
-        """Return the edges of these numbers, ascending, alone."""
-        return Edges(
-            self.points, self.ends[number], self.keys[number], self.ways[number], self.holes
-        )
-
 
 def edges_of(outline: Boundary) -> Edges:
     """Return the edges of a polygon."""
@@ -79,19 +73,3 @@ def around_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -
                 return True
             break
     return False
-
-
-@njit
-def crossing(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
-    """Return which edges cross a-b.
-
-    Edges meet sites at their ends alone, so that no orientation is zero where it matters.
-    """
-    result = np.zeros(len(edges), dtype=np.bool_)
-    for e in range(len(edges)):
-        c, d = edges[e, 0], edges[e, 1]
-        if c != a and c != b and d != a and d != b:
-            result[e] = (turn(points, a, b, c) > 0.0) != (turn(points, a, b, d) > 0.0) and (
-                turn(points, c, d, a) > 0.0
-            ) != (turn(points, c, d, b) > 0.0)
-    return result

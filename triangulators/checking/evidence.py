@@ -13,23 +13,6 @@ class Refused(TriangulationError):  # noqa: N818 - says what became of the certi
 
 
 @dataclass(frozen=True)
-class Leaf:
-    """Potentials (e,) int64 of the evidence's edges, from a to b, and a lift of every triangle."""
-
-    potentials: np.ndarray
-    lift: int
-
-
-@dataclass(frozen=True)
-class Branch:
-    """Two cases: triangulations without a diagonal (a, b), and those with it."""
-
-    edge: tuple[int, int]
-    without: "Leaf | Branch"
-    within: "Leaf | Branch"
-
-
-@dataclass(frozen=True)
 class Evidence:
     """Why no triangulation weighs less than a bound; see `checker` for what follows from it.
 
@@ -37,15 +20,15 @@ class Evidence:
     noise of its edges: for an edge a < b the upper `bits` bits of splitmix64's mix of
     a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. What scale, factor and bits must be follows
     from the polygon, the criterion and the triangulation (see `units`). edges (e, 2): a < b;
-    excluded (k,): numbers of those that are in no optimum, in the order in which that is seen.
+    potentials (e,) int64, run from a to b; lift: what is added for every triangle.
     """
 
     scale: float
     factor: int
     bits: int
     edges: np.ndarray
-    excluded: np.ndarray
-    root: Leaf | Branch
+    potentials: np.ndarray
+    lift: int
 
     @property
     def units(self) -> tuple[float, int, int]:

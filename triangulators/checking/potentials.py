@@ -5,18 +5,16 @@ Triangles are found one after the other and none is kept: the time goes by their
 by the edges.
 """
 
-from itertools import combinations
-
 import numpy as np
 
 from triangulators.checking.edges import Edges, around_hole
 from triangulators.checking.evidence import Refused
-from triangulators.checking.units import Units, wide_costs
+from triangulators.checking.units import Units
 from triangulators.checking.weights import TOO_LARGE, weight_of
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.predicates import turn, turns
+from triangulators.geometry.predicates import turn
 
 _FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 
@@ -26,11 +24,8 @@ def check_potentials(
 ) -> None:
     """Raise `Refused` unless potentials (e,) and lift hold for every empty triangle.
 
-    They are below 2^60 where units are not wide: sums of three then fit 64 bits.
+    They are below 2^60: sums of three then fit 64 bits.
     """
-    if units.wide:
-        _check_wide(edges, potential, lift, cost)
-        return
     n = len(edges.points)
     starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
     slices = _SLICES if len(edges.ends) > _FEW else 1
@@ -44,20 +39,6 @@ def check_potentials(
         raise Refused("a weight is too large for exact arithmetic")
     if wrong:
         raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
-
-
-def _check_wide(edges: Edges, potential: np.ndarray, lift: int, cost: Cost) -> None:
-    """Check in Python's numbers; a ring of few corners has triples of them that can be listed."""
-    corners = np.array(list(combinations(np.unique(edges.ends).tolist(), 3)), dtype=np.int32)
-    sides = np.column_stack([edges.find(corners[:, pair]) for pair in ([0, 1], [1, 2], [0, 2])])
-    corners, sides = corners[(sides >= 0).all(axis=1)], sides[(sides >= 0).all(axis=1)]
-    run = np.where(turns(edges.points, corners) > 0.0, 1, -1)  # as in `_exceeded`
-    inside = (edges.ways[sides] != run[:, None] * np.array([-1, -1, 1])).all(axis=1)
-    corners, (ab, bc, ac), run = corners[inside], sides[inside].T, run[inside].astype(object)
-    room = np.array(wide_costs(edges.points, corners, cost), dtype=object) - lift
-    wrong = np.flatnonzero(run * (potential[ab] + potential[bc] - potential[ac]) > room)
-    if len(wrong):
-        raise Refused(f"the potentials exceed the weight of the triangle {corners[wrong[0]]}")
 
 
 @njit(nogil=True)

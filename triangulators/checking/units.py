@@ -17,9 +17,9 @@ then fit 64 bits, and as less is counted than is there, a bound remains one.
 Whole costs. Half-perimeter, overdraw and their like are made of sums and products of coordinates.
 Where these are multiples of 2^-k, half-perimeters are whole in units of 2^-k, areas of half a box
 of 4^-k. If doubles compute each exactly, the units are these. If coordinates are whole numbers
-too large for that, a table in Python's numbers serves for rings (`wide`), and otherwise nothing is
-said to be proven. All other costs are real numbers as the criterion's function computes them in
-doubles; units are between 2^-36 and 2^-32 of the triangulation's cost.
+too large for that, nothing is said to be proven. All other costs are real numbers as the
+criterion's function computes them in doubles; units are between 2^-36 and 2^-32 of the
+triangulation's cost.
 """
 
 import math
@@ -40,7 +40,6 @@ from triangulators.criteria.cost import (
 from triangulators.polygon import Boundary
 
 NOISE_BITS = 10
-WIDEST = 200  # vertices of a ring whose table is worth filling in Python's numbers
 _ROOM = 2**61  # four times the weight of the triangulation stays below
 _MOST_WEIGHT = 2**59  # of a triangle, without its noise
 _DIGITS = 36  # a real total has up to 2^36 units
@@ -54,7 +53,7 @@ class Units(NamedTuple):
 
     scale: units in 1, a power of two; factor: weight of a unit; bits: noise is below 2^bits; exact:
     no triangle's cost is rounded; real: costs are real numbers, so that a claim holds up to a
-    relative error; wide: exact, but weights need Python's whole numbers (factor 1, no noise).
+    relative error.
     """
 
     scale: float
@@ -62,7 +61,6 @@ class Units(NamedTuple):
     bits: int
     exact: bool
     real: bool
-    wide: bool
 
 
 def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
@@ -74,9 +72,7 @@ def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
         for bits in (*range(NOISE_BITS, 1, -1), 0):
             factor = factor_for(count, bits)
             if 4.0 * total * scale * factor < _ROOM:
-                return Units(scale, factor, bits, True, False, False)
-    if whole and outline.holes == 0 and len(outline.edges) <= WIDEST:
-        return Units(2.0, 1, 0, True, False, True)
+                return Units(scale, factor, bits, True, False)
     exponent = _DIGITS - math.frexp(total)[1] if total > 0.0 else 0
     # In steps of 2^4, so that most triangulations of one polygon have the same units.
     exponent = max(-900, min(900, 4 * (exponent // 4)))
@@ -84,7 +80,7 @@ def units_for(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
         factor = factor_for(count, bits)
         if factor << (_DIGITS + 2) < _ROOM:
             break
-    return Units(2.0**exponent, factor, bits, False, not whole, False)
+    return Units(2.0**exponent, factor, bits, False, not whole)
 
 
 def factor_for(count: int, bits: int) -> int:
@@ -99,26 +95,11 @@ def doubles_add_up(outline: Boundary, cost: Cost) -> bool:
 
 
 def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Fraction:
-    """Return what a triangulation (m, 3) costs: exactly, or as the exact sum of doubles if real."""
-    if (not units.real and not units.exact) or units.wide:
-        return Fraction(sum(wide_costs(outline.points, triangles, cost)), 2)
+    """Return what a triangulation (m, 3) costs: exactly, or else as the exact sum of doubles."""
     costs = costs_of(outline.points, triangles, cost)
     if units.exact:
         return sum((costs * units.scale).astype(np.int64).tolist()) / Fraction(units.scale)
     return sum(map(Fraction, costs.tolist()), Fraction(0))
-
-
-def wide_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> list[int]:
-    """Return twice the cost of each triangle in Python's numbers; points are whole."""
-    corners = np.array([[int(x), int(y)] for x, y in points.tolist()], dtype=object)[triangles]
-    x, y = corners[..., 0], corners[..., 1]
-    width, height = x.max(axis=1) - x.min(axis=1), y.max(axis=1) - y.min(axis=1)
-    doubled = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
-    each, area, around, box = (
-        int(cost["weights"][k]) for k in (TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA)
-    )
-    whole = 2 * (each + around * (width + height) + box * width * height) + area * abs(doubled)
-    return list(whole.tolist())
 
 
 def whole_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:

@@ -4,32 +4,20 @@ A segment is a diagonal if it starts into the interior at both ends and meets no
 edge. Boundary edges are kept by the cells of a grid, and a segment looks only into the cells that
 it runs through: which cells is computed with a margin, orientations are exact.
 
-Order. For each site, boxes of the sites after it are looked at, the nearest first (see `boxes`).
-Those outside the angle between the sides at the site, and those that one edge hides, are passed
-over with all sites in them; of the others each site is tried. Every edge that was met so is asked
-about the boxes that follow. So the time goes by the pairs that see each other and by what blocks
-the others, no longer by all n^2 / 2.
+Order. For each site, those after it are tried. An edge that was met on the way hides what is behind
+it: the last few that did are asked first, so most pairs need no walk through the grid.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.checking.boxes import (
-    boxes_of,
-    distance,
-    is_behind_one,
-    is_hidden,
-    near_each_other,
-    places_of,
-    to_front,
-)
 from triangulators.compute.kernels import njit
 from triangulators.compute.threads import shared_out
-from triangulators.geometry.predicates import orient, turn
+from triangulators.geometry.predicates import turn
 
 _FEW, _SLICES = 2000, 16  # sites from which on they are shared out among threads; slices
-_HIDING = 8  # edges that are asked whether they hide a box
+_HIDING = 8  # edges that are asked whether they hide a site
 
 
 class _Sides(NamedTuple):
@@ -59,13 +47,6 @@ class _Grid(NamedTuple):
     items: np.ndarray
 
 
-class _Sites(NamedTuple):
-    """The sites in the order of a curve, and the tree of their boxes, see `boxes_of`."""
-
-    order: np.ndarray
-    boxes: np.ndarray
-
-
 def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarray:
     """Return the diagonals (k, 2) between sites; edges (b, 2) have the interior left.
 
@@ -84,9 +65,8 @@ def visible(points: np.ndarray, edges: np.ndarray, site: np.ndarray) -> np.ndarr
     size = np.maximum(np.ptp(points, axis=0), 1e-300) * (1.0 + 1e-9) / cells
     low = points.min(axis=0)
     grid = _Grid(low, size, cells, *_edges_of_cells(points, edges, low, size, cells))
-    order = near_each_other(points, np.unique(site).astype(np.int32))
-    sites = _Sites(order, boxes_of(points, order))
-    slices = _SLICES if len(order) > _FEW else 1
+    sites = np.unique(site).astype(np.int32)
+    slices = _SLICES if len(sites) > _FEW else 1
 
     def each(number: int) -> np.ndarray:
         found: np.ndarray = _diagonals(sides, grid, sites, number, slices)
@@ -240,47 +220,49 @@ def _meeting(
 
 
 @njit
-def _outside(
-    points: np.ndarray,
-    edges: np.ndarray,
-    following: np.ndarray,
-    ending: np.ndarray,
-    first: np.ndarray,
-    a: int,
-    box: np.ndarray,
-) -> bool:
-    """Whether no segment from a into a box starts into the interior; see `_Sides`."""
-    ax, ay = points[a, 0], points[a, 1]
-    for place in range(first[a], first[a + 1]):
-        e = ending[place]
-        before, after = edges[e, 0], edges[following[e], 1]
-        qx, qy, px, py = points[after, 0], points[after, 1], points[before, 0], points[before, 1]
-        right_of_out = right_of_in = True
-        for corner in range(4):
-            x, y = box[corner & 1, 0], box[corner >> 1, 1]
-            right_of_out &= orient(ax, ay, qx, qy, x, y) <= 0.0
-            right_of_in &= orient(px, py, ax, ay, x, y) <= 0.0
-        convex = turn(points, before, a, after) > 0.0
-        if (right_of_out and right_of_in) or (convex and (right_of_out or right_of_in)):
+def _is_behind_one(points: np.ndarray, a: int, hiding: np.ndarray, count: int, b: int) -> bool:
+    """Whether the segment a-b crosses one of the first `count` edges of `hiding`; it goes first.
+
+    They have a on their left, so it does if b is on their right and between the rays to their ends.
+    """
+    for place in range(count):
+        c, d = hiding[place, 0], hiding[place, 1]
+        if (
+            turn(points, c, d, b) < 0.0
+            and turn(points, a, c, b) > 0.0
+            and turn(points, a, d, b) < 0.0
+        ):
+            _to_front(hiding, place)
             return True
     return False
 
 
+@njit
+def _to_front(hiding: np.ndarray, place: int) -> None:
+    """Move an edge of `hiding` to the first place; those before it go one further."""
+    c, d = hiding[place, 0], hiding[place, 1]
+    for at in range(place, 0, -1):
+        hiding[at] = hiding[at - 1]
+    hiding[0, 0], hiding[0, 1] = c, d
+
+
 @njit(nogil=True)
-def _diagonals(sides: _Sides, grid: _Grid, sites: _Sites, number: int, slices: int) -> np.ndarray:
-    """Return the pairs of every `slices`-th site of `order`, from `number` on, with later ones."""
-    order, edges = sites.order, sides.edges
+def _diagonals(
+    sides: _Sides, grid: _Grid, sites: np.ndarray, number: int, slices: int
+) -> np.ndarray:
+    """Return the pairs of every `slices`-th of `sites`, from `number` on, with later ones."""
+    edges = sides.edges
     found = np.empty((16 + 4 * len(edges), 2), dtype=np.int32)
     count = 0
-    seen = np.empty(len(order), dtype=np.int32)
+    seen = np.empty(len(sites), dtype=np.int32)
     asked = np.full(len(edges), -1, dtype=np.int64)
-    for i in range(number, len(order), slices):
+    for i in range(number, len(sites), slices):
         more = _seen_after(sides, grid, sites, i, seen, asked)
         if count + more > len(found):
             grown = np.empty((2 * (count + more), 2), dtype=np.int32)
             grown[:count] = found[:count]
             found = grown
-        found[count : count + more, 0] = order[i]
+        found[count : count + more, 0] = sites[i]
         found[count : count + more, 1] = seen[:more]
         count += more
     return found[:count]
@@ -288,66 +270,36 @@ def _diagonals(sides: _Sides, grid: _Grid, sites: _Sites, number: int, slices: i
 
 @njit
 def _seen_after(
-    sides: _Sides, grid: _Grid, sites: _Sites, i: int, seen: np.ndarray, asked: np.ndarray
+    sides: _Sides, grid: _Grid, sites: np.ndarray, i: int, seen: np.ndarray, asked: np.ndarray
 ) -> int:
-    """Write the sites after `order[i]` that it sees to `seen`; return how many there are.
+    """Write the sites after `sites[i]` that it sees to `seen`; return how many there are.
 
-    seen (n,): room; asked (b,): see `_meeting`.
-
-    The tree of boxes is walked from its root with a stack, of which 64 places are more than it has
-    levels, as every level leaves one box waiting. Invariant: each site after place i is in `seen`,
-    is in a box on the stack, or was shown not to be seen. So every site after i is decided once;
-    that those before see it was decided at their turn, and the pair is found from one side only.
-
-    `hiding` holds up to eight edges that met a segment from here, with this site on their left, and
-    `known` says how many; the one that hid something last comes first. It only saves time: an edge
-    that is not in it is met in `_meeting`.
+    seen (n,): room; asked (b,): see `_meeting`. `hiding` holds up to eight edges that met a segment
+    from here, with this site on their left, and `known` says how many; the one that hid something
+    last comes first. It only saves time: an edge that is not in it is met in `_meeting`.
     """
     points, edges, following, ending, first = sides
-    order, boxes = sites
-    a, leaves = order[i], len(boxes) // 2
-    waiting = np.empty(64, dtype=np.int64)
+    a = sites[i]
     hiding = np.empty((_HIDING, 2), dtype=np.int32)
     known, count = 0, 0
-    waiting[0] = 1
-    height = 1
-    while height > 0:
-        height -= 1
-        node = waiting[height]
-        begin, end = places_of(node, leaves, len(order))
+    for b in sites[i + 1 :]:
         if (
-            end <= max(begin, i + 1)
-            or _outside(points, edges, following, ending, first, a, boxes[node])
-            or is_hidden(points, a, hiding, known, boxes[node])
+            not _starts_inside(points, edges, following, ending, first, a, b)
+            or not _starts_inside(points, edges, following, ending, first, b, a)
+            or _is_behind_one(points, a, hiding, known, b)
         ):
             continue
-        if node < leaves:
-            # The nearer one on top, to be looked at first: what is near hides what is far. Its
-            # number differs from the other's in the last bit.
-            nearer = 2 * node + int(
-                distance(points, a, boxes[2 * node + 1]) < distance(points, a, boxes[2 * node])
-            )
-            waiting[height], waiting[height + 1] = nearer ^ 1, nearer
-            height += 2
-            continue
-        for b in order[max(begin, i + 1) : end]:
-            if (
-                not _starts_inside(points, edges, following, ending, first, a, b)
-                or not _starts_inside(points, edges, following, ending, first, b, a)
-                or is_behind_one(points, a, hiding, known, b)
-            ):
-                continue
-            stamp = np.int64(a) * len(points) + b  # of this segment and no other
-            met = _meeting(points, edges, a, b, grid, asked, stamp)
-            if met == -1:
-                seen[count] = b
-                count += 1
-            elif met >= 0:
-                c, d = edges[met, 0], edges[met, 1]
-                way = turn(points, c, d, a)
-                if way != 0.0:  # in line with a it hides nothing but itself
-                    known = min(known + 1, _HIDING)
-                    hiding[known - 1, 0] = c if way > 0.0 else d
-                    hiding[known - 1, 1] = d if way > 0.0 else c
-                    to_front(hiding, known - 1)
+        stamp = np.int64(a) * len(points) + b  # of this segment and no other
+        met = _meeting(points, edges, a, b, grid, asked, stamp)
+        if met == -1:
+            seen[count] = b
+            count += 1
+        elif met >= 0:
+            c, d = edges[met, 0], edges[met, 1]
+            way = turn(points, c, d, a)
+            if way != 0.0:  # in line with a it hides nothing but itself
+                known = min(known + 1, _HIDING)
+                hiding[known - 1, 0] = c if way > 0.0 else d
+                hiding[known - 1, 1] = d if way > 0.0 else c
+                _to_front(hiding, known - 1)
     return count

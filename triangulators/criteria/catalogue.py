@@ -195,6 +195,12 @@ CRITERIA: dict[str, Criterion] = {
             shape=1,
         ),
         _linear(
+            "beauty",
+            "area over perimeter, negative: its sum is what Blender's Beauty makes large",
+            *("negative beauty", "B", "px"),
+            beauty=-1,
+        ),
+        _linear(
             "complexity",
             "24 bytes a triangle",
             *("the paper's complexity", "C", "bytes"),

@@ -58,8 +58,15 @@ def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
 
 
 @njit
-def _left(lost: float, doubled_area: float) -> float:
-    """Area, as a share, of what is common to a triangle and its moved copies."""
+def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Area over perimeter: half of what the inscribed circle has for a radius."""
+    around = edge_length(ax, ay, bx, by, cx, cy)
+    return area(ax, ay, bx, by, cx, cy) / around if around > 0.0 else 0.0
+
+
+@njit
+def _common(lost: float, doubled_area: float) -> float:
+    """Share of a triangle's area that it has in common with moved copies; lost: L, see below."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
@@ -68,18 +75,39 @@ def _left(lost: float, doubled_area: float) -> float:
 def _expected(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Mean number of size x size blocks with a covered pixel centre, over all positions.
+    """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
 
-    A block at an unknown place on the grid has covered centres where one of `size`^2 copies of
-    the triangle, moved by whole pixels, covers its corner: the mean is the area of the copies'
-    union over size^2. Inclusion and exclusion over the neighbours among the copies (pairs, triples
-    and fours of each unit square) gives that area. What copies have in common is the triangle
-    itself made smaller, by the edges' normals' least products with the moves, so each term is a
-    square. For size 2 this is exact; for more it counts an 8-connected group of centres once, so
-    only slivers with gaps inside a block count too much.
+    A block at an unknown place on the grid has covered centres where one of b^2 copies of the
+    triangle, moved by 0 to b - 1 whole pixels along x and y, covers its corner: the mean is the
+    area of the copies' union over b^2.
+
+    What copies have in common. A counter-clockwise triangle T of area S is where n.p >= c for each
+    edge e = (ex, ey), with n = (-ey, ex) its normal, to the inside. A copy moved by m asks for
+    n.p >= c + n.m. So T and its copies by all m of a set M have in common what has the thresholds
+    c + max(0, n.m): a smaller T, whose sides are 1 - L / (2 S) of its own, with
+
+        L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S,
+
+    nothing where L > 2 S. The edges go round, so the parts of one sign add up to an extent:
+
+        pair      {(1, 0)}                  max(0, -ey)           L = height of the box
+        pair      {(0, 1)}                  max(0, ex)            L = width
+        diagonal  {(1, 1)}                  max(0, ex - ey)       L = extent of x - y
+        diagonal  {(1, -1)}                 max(0, -ex - ey)      L = extent of x + y
+        triple    {(r, 0), (0, u)}          max(0, -r ey, u ex)   r and u are 1 or -1: four of them
+        four      {(1, 0), (0, 1), (1, 1)}  max(0, -ey) + max(0, ex)    L = width + height
+
+    Inclusion and exclusion over the neighbours among the copies, of which there are b^2, with
+    b (b - 1) pairs in a row, as many in a column, and (b - 1)^2 unit squares of two diagonals, four
+    triples and one four:
+
+        union / S = b^2 - b (b - 1) (pairs) + (b - 1)^2 (triples - diagonals - four)
+
+    For b = 2 these are all terms, and it is exact. For more it counts an 8-connected group of
+    centres once, so only slivers with gaps inside a block count too much.
     """
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
-    cross = ux * vy - uy * vx
+    cross = ux * vy - uy * vx  # 2 S
     if cross == 0.0:
         return 0.0
     if cross < 0.0:
@@ -89,16 +117,16 @@ def _expected(
     height = max(ay, by, cy) - min(ay, by, cy)
     falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
     rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
-    beside = _left(width, cross) + _left(height, cross)
-    across = _left(falling, cross) + _left(rising, cross)
+    pairs = _common(width, cross) + _common(height, cross)
+    diagonals = _common(falling, cross) + _common(rising, cross)
     triples = 0.0
-    for right in (-1.0, 1.0):
-        for up in (-1.0, 1.0):
-            lost = min(0.0, right * uy, up * ux) + min(0.0, right * vy, up * vx)
-            triples += _left(-lost - min(0.0, right * wy, up * wx), cross)
+    for r in (-1.0, 1.0):
+        for u in (-1.0, 1.0):  # by the least in place of the greatest: all signs come up anyway
+            lost = min(0.0, r * uy, u * ux) + min(0.0, r * vy, u * vx)
+            triples += _common(-lost - min(0.0, r * wy, u * wx), cross)
     inner = size - 1.0
-    squares = triples - across - _left(width + height, cross)
-    share = size * size - size * inner * beside + inner * inner * squares
+    squares = triples - diagonals - _common(width + height, cross)
+    share = size * size - size * inner * pairs + inner * inner * squares
     return 0.5 * cross * share / (size * size)
 
 
@@ -144,11 +172,13 @@ def weighted(
     if weights[5] != 0.0:
         total += weights[5] * shape(ax, ay, bx, by, cx, cy)
     if weights[6] != 0.0:
-        total += weights[6] * expected_quads(ax, ay, bx, by, cx, cy)
+        total += weights[6] * beauty(ax, ay, bx, by, cx, cy)
     if weights[7] != 0.0:
-        total += weights[7] * expected_blocks(ax, ay, bx, by, cx, cy)
+        total += weights[7] * expected_quads(ax, ay, bx, by, cx, cy)
     if weights[8] != 0.0:
-        total += weights[8] * expected_setups(ax, ay, bx, by, cx, cy)
+        total += weights[8] * expected_blocks(ax, ay, bx, by, cx, cy)
+    if weights[9] != 0.0:
+        total += weights[9] * expected_setups(ax, ay, bx, by, cx, cy)
     return total
 
 
@@ -167,7 +197,8 @@ def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         sums[3] += bbox_area(ax, ay, bx, by, cx, cy)
         sums[4] += edge_length(ax, ay, bx, by, cx, cy)
         sums[5] += shape(ax, ay, bx, by, cx, cy)
-        sums[6] += expected_quads(ax, ay, bx, by, cx, cy)
-        sums[7] += expected_blocks(ax, ay, bx, by, cx, cy)
-        sums[8] += expected_setups(ax, ay, bx, by, cx, cy)
+        sums[6] += beauty(ax, ay, bx, by, cx, cy)
+        sums[7] += expected_quads(ax, ay, bx, by, cx, cy)
+        sums[8] += expected_blocks(ax, ay, bx, by, cx, cy)
+        sums[9] += expected_setups(ax, ay, bx, by, cx, cy)
     return sums

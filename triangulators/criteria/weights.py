@@ -14,6 +14,7 @@ FEATURES = (
     "bbox_area",
     "edge_length",
     "shape",
+    "beauty",
     "expected_quads",
     "expected_blocks",
     "expected_setups",

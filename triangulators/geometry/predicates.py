@@ -236,12 +236,3 @@ def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
         return False
     of_a, of_b = turn(points, c, d, a), turn(points, c, d, b)
     return min(of_a, of_b) < 0.0 < max(of_a, of_b)
-
-
-@njit(nogil=True)
-def crossed(points: np.ndarray, edges: np.ndarray, a: int, b: int) -> np.ndarray:
-    """Return which of `edges` (e, 2) cross the edge a-b inside both, (e,)."""
-    found = np.zeros(len(edges), dtype=np.bool_)
-    for e in range(len(edges)):
-        found[e] = cross(points, a, b, edges[e, 0], edges[e, 1])
-    return found
