@@ -35,7 +35,7 @@ def flips_that_gain(polygon, triangles, criterion):
         u, v = points[new[:, 1]] - points[new[:, 0]], points[new[:, 2]] - points[new[:, 0]]
         if (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 1e-9).all():
             old = criterion.total(points, triangles[[row, other]])
-            gaining += criterion.total(points, new) < old * (1 - 1e-9) - 1e-9
+            gaining += criterion.total(points, new) < old - 1e-9 * (1.0 + abs(old))
     return gaining
 
 
