@@ -92,7 +92,7 @@ THEOREMS = (
     r"(?s)\*\*Potentials make exclusions.*?\*\*Large polygons",
     r"\d(?=\. [A-Z])|1960|19\d\d|2014|step \d|edges? \d",
     r"one hole and up to 64 vertices",
-    r"250 lines|eight million",
+    r"250 lines|eight million|2,000 vertices",
 )
 """Definitions, and an example that a test computes."""
 
