@@ -65,6 +65,21 @@ COUNTERS = {
         Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
         Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
         Counter("beats", "beats", "beats", description="cycles in which quads leave"),
+        Counter(
+            *("traversal_cycles", "traversal", "cycles"),
+            description="cycles in which the rasteriser descends",
+        ),
+        Counter(
+            *("empty_quads", "empty quads", "quads"),
+            description="quads that the rasteriser tries and that cover nothing",
+        ),
+        Counter(
+            *("busiest_pipe_quads", "quads of the busiest pipe", "quads"),
+            description="quads of the pipe that writes most",
+        ),
+        Counter("colour_misses", "misses", "lines", description="lines the colour cache lacks"),
+        Counter("colour_bytes", "colour bytes", "bytes", description="bytes of colour in memory"),
+        Counter("shaded_vertices", "vertices shaded", "vertices", description="vertices shaded"),
         Counter("quads", "quads", "quads", description="2x2 quads shaded"),
         Counter(
             *("partial_quads", "partial quads", "quads", "lower", 0.0),

@@ -16,7 +16,7 @@ from harness.errors import NoRasteriser
 from harness.machine.system import cache_file
 
 INSTALL = "make simulated"
-BUILD_S = 600.0
+BUILD_S = 3600.0
 LAST_LINES = 3
 """How much of a failed build's output is quoted."""
 

@@ -15,7 +15,10 @@ from harness.rasterisers.base import Counters, Device, Image, Options, Rasterise
 from harness.rasterisers.simulated.design import Design, read_parameters, written
 from scenes.spec import parsed
 
-DESIGNS = {"skybox": "harness.rasterisers.simulated.skybox.skybox:Skybox"}
+DESIGNS = {
+    "skybox": "harness.rasterisers.simulated.skybox.skybox:Skybox",
+    "attila": "harness.rasterisers.simulated.attila.attila:Attila",
+}
 
 
 def design(name: str) -> type[Design]:

@@ -51,3 +51,40 @@ class Sources:
         if problem := self.problem():
             raise NoRasteriser(str(problem))
         return Path(os.environ[self.variable])
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The sources of a design of many files, held against one digest of all that its folders hold.
+
+    variable : names their folder
+    parts : the folders in it that are used
+    digest : SHA-256 of a line a file, sorted by name, as sha256sum writes them
+    get : how to get them, as an order
+    """
+
+    variable: str
+    parts: tuple[str, ...]
+    digest: str
+    get: str
+
+    def problem(self) -> Lacking | None:
+        """Say what is wrong with them, or None."""
+        given = os.environ.get(self.variable)
+        if not given:
+            return Lacking(f"{self.variable} is not set", self.get)
+        root = Path(given)
+        files = (file for part in self.parts for file in (root / part).rglob("*"))
+        found = hashlib.sha256()
+        for file in sorted(file for file in files if file.is_file()):
+            name = file.relative_to(root).as_posix()
+            found.update(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {name}\n".encode())
+        if found.hexdigest() != self.digest:
+            return Lacking(f"{self.variable}: {root} is not as it was published", self.get)
+        return None
+
+    def folder(self) -> Path:
+        """Return the folder; raises NoRasteriser where `problem` says something."""
+        if problem := self.problem():
+            raise NoRasteriser(str(problem))
+        return Path(os.environ[self.variable])
