@@ -1,0 +1,164 @@
+"""The study docs/studies/whole-gpu.md: what a whole GPU, simulated, makes of a triangulation.
+
+    PYTHONPATH=. python scripts/studies/whole_gpu.py OUT [--polygons 12] [SCENE ...]
+
+Writes a row a draw to OUT/draws.csv, which a second call goes on with, and what the study asks of
+them to OUT/ratios.csv, ranks.csv and orders.csv. Cycles are counts: a busy machine does not bend
+them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from harness.figures.correlation import spearman
+from harness.figures.intervals import mean_interval, median_over
+from harness.frame import SUBPIXEL, View, make_frame
+from harness.rasterisers.base import Options
+from harness.rasterisers.simulated.attila.attila import BINDING, Attila, Parameters
+from harness.rasterisers.submission_order import submission
+from harness.study.design import Design
+from harness.study.subjects import choose_polygons
+from scenes import load
+from triangulators import criteria, triangulate
+
+SCENES = ("city", "helsinki", "glyphs", "cad")
+PIXELS = 256
+BASE = "ear-clipping"
+TRIANGULATORS = (
+    *(BASE, "earcut-refine", "delaunay", "flips:l1"),
+    *("optimal:half-perimeter", "optimal:overdraw", "optimal:expected-quads"),
+)
+ORDERS = {
+    "native": Options(order="native"),
+    "walk": Options(order="walk"),
+    "shuffled": Options(order="shuffled", seed=1),
+}
+KEYS = ["scene", "polygon", "triangulator", "bound", "order"]
+PREDICTED = ("half_perimeter", "overdraw", "expected_quads")
+COUNTED = (*Attila.counters, "cycles")
+
+
+def draws(scene: str, polygons: int) -> Iterator[tuple[tuple[object, ...], object]]:
+    """Yield each draw's key and what draws it and returns its row."""
+    gpus = {bound: Attila(Parameters(bound)) for bound in BINDING}
+    for number, alone in choose_polygons(load(scene), Design(polygons=polygons)):
+        frame = make_frame(alone.polygons, View(PIXELS))
+        (polygon,) = frame.polygons
+        for name in TRIANGULATORS:
+            triangles = np.asarray(triangulate(polygon, name), np.int32)
+            told = criteria.predict(frame.points / SUBPIXEL, triangles)
+            for bound, gpu in gpus.items():
+                for order, options in ORDERS.items():
+                    key = (scene, number, name, bound, order)
+                    yield key, (frame, triangles, told, gpu, options)
+
+
+def draw(key, what):
+    """Draw once; the row of the file."""
+    frame, triangles, told, gpu, options = what
+    counted = gpu.count(frame, submission(frame, triangles, options), options)
+    row = dict(zip(KEYS, key, strict=True), triangles=len(triangles))
+    row |= {name: told[name] for name in PREDICTED}
+    return row | {name: int(counted[name]) for name in COUNTED}
+
+
+def measure(file: Path, scenes: list[str], polygons: int) -> None:
+    """Append the rows that the file has not, two draws at once."""
+    done = set()
+    if file.exists():
+        done = set(map(tuple, pd.read_csv(file, dtype=str)[KEYS].to_numpy().tolist()))
+    with file.open("a", newline="") as out, ThreadPoolExecutor(os.cpu_count()) as pool:
+        table = csv.DictWriter(out, [*KEYS, "triangles", *PREDICTED, *COUNTED])
+        if not done:
+            table.writeheader()
+        for scene in scenes:
+            left = (each for each in draws(scene, polygons) if tuple(map(str, each[0])) not in done)
+            for row in pool.map(lambda each: draw(*each), left):
+                table.writerow(row)
+                out.flush()
+
+
+def of_base(rows: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Return each polygon's and triangulator's ratio to the base, orders averaged as logarithms."""
+    logs = np.log(rows.set_index(KEYS)[column].astype(float)).unstack("triangulator")
+    ratios = logs.sub(logs[BASE], axis=0).drop(columns=BASE)
+    return ratios.groupby(["scene", "bound", "polygon"]).mean()
+
+
+def ratios(rows: pd.DataFrame) -> pd.DataFrame:
+    """Geometric means over polygons, with 95 % intervals, of cycles and of quads."""
+    found = []
+    for column in ("cycles", "quads", "half_perimeter"):
+        for (scene, bound), logs in of_base(rows, column).groupby(["scene", "bound"]):
+            for name in logs.columns:
+                low, high = mean_interval(logs[name].to_numpy())
+                mean, low, high = (math.exp(each) for each in (logs[name].mean(), low, high))
+                found.append((scene, bound, name, column, len(logs), mean, low, high))
+    columns = ["scene", "bound", "triangulator", "of", "polygons", "ratio", "low", "high"]
+    return pd.DataFrame(found, columns=columns)
+
+
+def ranks(rows: pd.DataFrame) -> pd.DataFrame:
+    """Spearman's coefficient within polygons of cycles, orders averaged, with each predictor."""
+    mean = rows.groupby(["scene", "bound", "polygon", "triangulator"]).mean(numeric_only=True)
+    found = []
+    for (scene, bound), part in mean.groupby(["scene", "bound"]):
+        for by in (*PREDICTED, "quads", "busiest_pipe_quads", "colour_misses", "traversal_cycles"):
+            each = [
+                spearman(polygon[by].to_numpy(float), polygon["cycles"].to_numpy(float))
+                for _, polygon in part.groupby("polygon")
+            ]
+            known = np.array([value for value in each if not math.isnan(value)])
+            middle = float(np.median(known)) if len(known) else math.nan
+            low, high = median_over(known)
+            found.append((scene, bound, by, len(known), middle, low, high))
+    columns = ["scene", "bound", "by", "polygons", "median", "low", "high"]
+    return pd.DataFrame(found, columns=columns)
+
+
+def orders(rows: pd.DataFrame) -> pd.DataFrame:
+    """How far cycles lie apart, as standard deviations of logarithms within a polygon.
+
+    triangulation : between triangulators, orders averaged; order : between the orders of one
+    triangulation; walk, shuffled : geometric mean of cycles over those of the native order
+    """
+    found = []
+    for (scene, bound), part in rows.groupby(["scene", "bound"]):
+        logs = np.log(part.set_index(KEYS)["cycles"].astype(float)).unstack("order")
+        between = logs.mean(axis=1).groupby("polygon").std().mean()
+        within = logs.std(axis=1).groupby("polygon").mean().mean()
+        over = logs.sub(logs["native"], axis=0)
+        found.append(
+            (scene, bound, between, within, within / between if between else math.nan)
+            + (math.exp(over["walk"].mean()), math.exp(over["shuffled"].mean()))
+        )
+    columns = ["scene", "bound", "triangulation", "order", "order_over_triangulation"]
+    return pd.DataFrame(found, columns=[*columns, "walk", "shuffled"])
+
+
+def main() -> None:
+    """Measure what is missing, and write the tables."""
+    reader = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    reader.add_argument("out", type=Path)
+    reader.add_argument("scenes", nargs="*", default=SCENES)
+    reader.add_argument("--polygons", type=int, default=12)
+    given = reader.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    measure(given.out / "draws.csv", list(given.scenes), given.polygons)
+    rows = pd.read_csv(given.out / "draws.csv")
+    for name, table in (("ratios", ratios), ("ranks", ranks), ("orders", orders)):
+        table(rows).to_csv(given.out / f"{name}.csv", index=False, float_format="%.4f")
+
+
+if __name__ == "__main__":
+    main()
