@@ -13,6 +13,7 @@ vulkan_packages=(libvulkan1 mesa-vulkan-drivers)
 # Mesa 25.1 dropped OSMesa, so it is a device where present and never required.
 osmesa_packages=(libosmesa6)
 simulated_packages=(verilator g++ make)
+whole_gpu_packages=(g++ make bison flex zlib1g-dev libpng-dev)
 
 what=${1:-run}
 case $what in
@@ -145,11 +146,20 @@ find_browser() {
 }
 
 find_simulated() {
-    # Builds the published designs that the rasteriser `simulated` runs.
-    [ "$(command -v "${simulated_packages[@]}" | wc -l)" = ${#simulated_packages[@]} ] && return
-    is_root || { say "simulated GPUs need programs; run: sudo apt-get install -y ${simulated_packages[*]}"; return 3; }
-    say "installing what builds simulated GPUs: ${simulated_packages[*]}"
-    apt_install "${simulated_packages[@]}" || { say "apt-get install ${simulated_packages[*]} failed"; return 3; }
+    # Builds Skybox, of the designs that the rasteriser `simulated` runs.
+    [ "$(command -v "${simulated_packages[@]}" | wc -l)" = ${#simulated_packages[@]} ] || install_builders "${simulated_packages[@]}"
+}
+
+find_whole_gpu() {
+    # Builds ATTILA, which reads traces that are packed and writes pictures.
+    [ "$(command -v g++ make bison flex | wc -l)" = 4 ] && [ -e /usr/include/zlib.h ] && [ -e /usr/include/png.h ] \
+        || install_builders "${whole_gpu_packages[@]}"
+}
+
+install_builders() {
+    is_root || { say "simulated GPUs need packages; run: sudo apt-get install -y $*"; return 3; }
+    say "installing what builds simulated GPUs: $*"
+    apt_install "$@" || { say "apt-get install $* failed"; return 3; }
 }
 
 find_npm_packages() {
@@ -167,7 +177,7 @@ find_npm_packages() {
 
 cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
 [ -e .venv/gl-works ] || find_gl
-[ "$what" != simulated ] || find_simulated
+[ "$what" != simulated ] || { find_simulated && find_whole_gpu; }
 if [ "$what" = test ]; then
     find_simulated || say "the tests of simulated GPUs are skipped"
     [ -e .venv/vulkan-works ] || find_vulkan
