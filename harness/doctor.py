@@ -30,6 +30,7 @@ from harness.rasterisers.reference import Reference, predict
 from harness.rasterisers.simulated.building import INSTALL
 from harness.rasterisers.simulated.simulated import DESIGNS, design
 from harness.rasterisers.webgpu import adapters
+from scenes.spec import install
 
 Status = Literal["ok", "warning", "missing"]
 
@@ -44,7 +45,6 @@ EXTENSIONS = (
     "GL_ARB_timer_query",
 )
 INSTALL_EGL = f"run: {egl.INSTALL}"
-PYRENDER_FIX = "run: python -m pip install 'raster-harness[pyrender]', or make setup"
 OPTIONAL = {"gpu0", "zink", "softpipe", "webgpu"}
 TIMEOUT_S = 120.0
 TIMED_PX = 512
@@ -139,15 +139,16 @@ def _osmesa() -> Finding:
 
 
 def _pyrender() -> Finding:
+    fix = f"run: {install('pyrender')}, or make setup"
     missing = [name for name in ("pyrender", "trimesh") if importlib.util.find_spec(name) is None]
     if missing:
-        return Finding("pyrender", "warning", f"not installed: {', '.join(missing)}", PYRENDER_FIX)
+        return Finding("pyrender", "warning", f"not installed: {', '.join(missing)}", fix)
     try:
         device = rasterisers.find_device("pyrender")
         with Worker("pyrender", device.environment) as worker:
             detail = worker.call(_draw_roofs, device, timeout_s=TIMEOUT_S)
     except HarnessError as error:
-        return Finding("pyrender", "warning", str(error), PYRENDER_FIX)
+        return Finding("pyrender", "warning", str(error), fix)
     return Finding("pyrender", "ok", f"{detail}; it draws, but cannot count")
 
 

@@ -1,18 +1,23 @@
-"""Polygons of a user's file, whole or in chunks."""
+"""Polygons of a user's file, whole or in chunks, in metres if they are in degrees."""
 
 from __future__ import annotations
 
+import re
+import sqlite3
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenes.cleaning.clean import Cleaned, clean
-from scenes.cleaning.projection import Projection
-from scenes.readers.map_placement import Placing
-from scenes.readers.opening import existing
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from scenes.cleaning.clean import Cleaned, Locate, clean
+from scenes.cleaning.projection import Projection, is_geographic, off_globe, system, units
+from scenes.readers.guard import existing
 from scenes.readers.reader import GDAL, Raw, Source, reader_of
-from scenes.readers.where import matching
 from scenes.scene import Note, Scene, SceneError
 
 if TYPE_CHECKING:
@@ -157,3 +162,166 @@ def _stacked(tables: list[Any]) -> pd.DataFrame | None:
     import pandas as pd  # takes longer to import than most scenes to load
 
     return pd.concat(known, ignore_index=True)
+
+
+_DEGREES = "OGC:CRS84"
+_OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
+_TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
+
+
+class Placing:
+    """Puts all chunks of one file on the same map, which the first chunk with a geometry decides.
+
+    name : the file, for messages
+    project : None: the file's reference system decides; False: never; True: coordinates without a
+        known system are longitude and latitude
+    units : those of the geometries that `place` returns
+    crs : the reference system of the file's coordinates; None if they have none
+    projection : the map, if the file's coordinates are longitude and latitude
+    """
+
+    def __init__(self, name: str, project: bool | None = None) -> None:
+        self.units = "units"
+        self.crs: str | None = None
+        self.projection: Projection | None = None
+        self._name = name
+        self._project = project
+        self._decided = False
+        self._said: set[str] = set()
+
+    @property
+    def back(self) -> Locate | None:
+        """From the map to the file's coordinates; None if nothing was projected."""
+        return None if self.projection is None else self.projection.inverse
+
+    def place(self, raw: Raw) -> tuple[Raw, tuple[str, ...]]:
+        """The chunk with its geometries placed, and notes on the file that no earlier chunk had.
+
+        Geometries that cannot be on the map are named and left out. Raises SceneError if the user
+        wants a projection that is not possible.
+        """
+        given = np.empty(len(raw.geometries), dtype=object)
+        given[:] = raw.geometries
+        notes = list(raw.notes)
+        if shapely.has_z(given).any():
+            notes.append("heights (Z) dropped")
+        coordinates, owner = shapely.get_coordinates(given, return_index=True)
+        off = np.zeros(len(given), dtype=bool)
+        off[owner[off_globe(coordinates)]] = True
+        if not self._decided:
+            self.crs = raw.crs
+        if not self._decided and len(coordinates):
+            self._decided = True
+            # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
+            # GeoJSON without `crs`, so where most features are off the globe, it is a plane
+            most = 2 * off.sum() <= len(np.unique(owner))
+            notes += self._decide(raw, given[~off], on_globe=bool(most))
+        fresh = tuple(note for note in notes if note not in self._said)
+        self._said.update(fresh)
+        if self.projection is None:
+            return replace(raw, geometries=given), fresh
+        torn = self.projection.torn(given) & ~off
+        dropped = [(raw.labels[i], _OFF) for i in np.flatnonzero(off)]
+        dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
+        kept = raw.rows(np.flatnonzero(~off & ~torn))
+        projected = self.projection.project(kept.geometries)
+        return replace(kept, geometries=projected, dropped=raw.dropped + dropped), fresh
+
+    def _decide(self, raw: Raw, given: NDArray[Any], *, on_globe: bool) -> list[str]:
+        """Choose the map, by the geometries that are on the globe; returns notes."""
+        known = system(raw.crs)
+        geographic = is_geographic(raw.crs) and on_globe
+        off = known is not None and known.is_geographic and not geographic
+        self.crs = None if off else raw.crs
+        self.units = units(self.crs) or raw.units if raw.units == "units" else raw.units
+        if self._project or (geographic and self._project is None):
+            self.crs = raw.crs if geographic and raw.crs else self._assumed(raw.crs, on_globe)
+            self.projection = Projection.of(self.crs, given)
+            self.units = "m"
+            name = known.name if geographic and known is not None else "taken as WGS 84"
+            return [f"longitude and latitude ({name}) projected to metres, {self.projection}"]
+        if raw.crs is None:
+            return []
+        if known is None:
+            shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
+            return [f"the reference system {shown} is not known, coordinates used as they are"]
+        if off:
+            return [f"coordinates are not degrees as in {known.name}, used as they are"]
+        return [f"coordinates in {known.name}, {self.units}"]
+
+    def _assumed(self, crs: str | None, on_globe: bool) -> str:
+        """The system to take for coordinates that are projected because the user says so."""
+        known = system(crs)
+        if known is not None and not known.is_geographic:
+            raise SceneError(f"{self._name} is in {known.name} already: leave project=True out")
+        if not on_globe:
+            raise SceneError(
+                f"the coordinates of {self._name} are not longitude and latitude: "
+                "leave project=True out"
+            )
+        return _DEGREES
+
+
+def matching(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
+    """Numbers of the rows that meet the condition, ascending.
+
+    Raises SceneError if the file has no attributes, or the condition is not valid for them. A field
+    of a nested column is written with a dot.
+
+    >>> import pandas as pd
+    >>> matching(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
+    [1, 2]
+    >>> boxes = pd.DataFrame({"bbox": [{"xmin": 3.0}, {"xmin": 8.0}]})
+    >>> matching(boxes, "bbox.xmin > 5", "town.parquet").tolist()
+    [1]
+    """
+    if table is None or not table.shape[1]:
+        raise SceneError(f"{path} has no attributes: where={condition!r} cannot be met")
+    table, condition = _unnested(table, condition)
+    columns = ", ".join('"' + str(c).replace('"', '""') + '"' for c in table.columns)
+    marks = ", ".join("?" * table.shape[1])
+    with closing(sqlite3.connect(":memory:")) as database:
+        try:
+            database.execute(f"CREATE TABLE features ({columns})")
+            rows = (tuple(map(_plain, row)) for row in table.itertuples(index=False, name=None))
+            database.executemany(f"INSERT INTO features VALUES ({marks})", rows)
+            query = f"SELECT rowid - 1 FROM features WHERE ({condition}) ORDER BY rowid"
+            found = database.execute(query).fetchall()
+        except (sqlite3.Error, sqlite3.Warning, OverflowError, ValueError) as error:
+            raise SceneError(f"{path}: condition {condition!r} is not valid: {error}") from error
+    return np.array([row for (row,) in found], dtype=np.int64)
+
+
+_FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
+"""A text in quotes, in which nothing is replaced, or a nested column and its field."""
+
+
+def _unnested(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
+    """The columns that the condition names, fields of nested ones beside them, and it rewritten."""
+    fields: dict[str, list[Any]] = {}
+
+    def quoted(found: re.Match[str]) -> str:
+        name, field = found.groups()
+        if name is None or name not in table.columns:
+            return found[0]
+        rows = (row.get(field) if isinstance(row, dict) else None for row in table[name])
+        fields[f"{name}.{field}"] = list(rows)
+        return f'"{name}.{field}"'
+
+    rewritten = _FIELD.sub(quoted, condition)
+    named = [column for column in table.columns if str(column).lower() in rewritten.lower()]
+    nested = {name.partition(".")[0] for name in fields}
+    plain = [column for column in named if column not in nested]
+    kept = table[plain if plain or fields else list(table.columns[:1])]
+    return kept.assign(**fields), rewritten
+
+
+def _plain(value: Any) -> Any:
+    """A value that SQLite can hold."""
+    import pandas as pd
+
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, float, str, bytes)):
+        return value
+    return None if value is pd.NA or value is pd.NaT else str(value)

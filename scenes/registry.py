@@ -12,10 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from scenes.cleaning.clean import clean
-from scenes.readers.damage import debugging, reason
+from scenes.readers.guard import debugging, reason
 from scenes.scene import Scene, SceneError, UnknownScene
-from scenes.spec import arguments_for, converted, exists, is_function, is_path, parsed
-from scenes.suggestions import suggestion
+from scenes.spec import (
+    arguments_for,
+    converted,
+    exists,
+    install,
+    is_function,
+    is_path,
+    parsed,
+    suggestion,
+)
 
 GROUP = "raster_harness.scenes"
 """Entry-point group by which other packages add scenes."""
@@ -48,7 +56,7 @@ class Entry:
         """None if the scene can be loaded, else the command that installs what is missing."""
         if self.package is None or find_spec(self.package) is not None:
             return None
-        return f'pip install "raster-harness[{self.extra}]"'
+        return install(self.extra or "")
 
 
 ENTRIES = {
@@ -71,7 +79,7 @@ ENTRIES = {
         ),
         Entry(
             "helsinki-tiles",
-            "scenes.real.helsinki_tiles:build",
+            "scenes.real.helsinki:build_tiles",
             "map tiles of central Helsinki, each a view of its own",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="tiles",

@@ -140,6 +140,7 @@ class Scene:
         """The scene cut down to its first `limit` polygons (all of them if it has fewer)."""
         if limit < 1:
             raise SceneError(f"limit={limit} leaves no polygon of {self.name}: give 1 or more")
+        limit = min(limit, len(self.polygons))
         attributes = None if self.attributes is None else self.attributes.iloc[:limit]
         tiling = self.tiling
         if tiling is not None:

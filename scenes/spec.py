@@ -2,18 +2,66 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
+import json
 import re
+import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
+from urllib.parse import unquote, urlsplit
 
 from scenes.scene import SceneError
-from scenes.suggestions import suggestion
+
+
+def suggestion(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+    """The end of an error message: the nearest of the known names, or all of them.
+
+    >>> suggestion("ctiy", ["city", "glyphs"])
+    'did you mean city?'
+    >>> suggestion("qqqqq", ["city", "glyphs"])
+    'there are: city, glyphs'
+    """
+    choices = list(known)
+    nearest = difflib.get_close_matches(name, choices, n=1)
+    return f"did you mean {nearest[0]}?" if nearest else f"{otherwise}: {', '.join(choices)}"
+
+
+DISTRIBUTION = "raster-harness"
 
 _FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
+
+
+def install(extra: str) -> str:
+    """The command that adds an optional extra to what is installed, however that was.
+
+    From a checkout it names the checkout: no index need know the package, and whoever takes its
+    name there does not get theirs installed.
+    """
+    python = Path(sys.executable)
+    with suppress(ValueError):
+        python = python.relative_to(Path.cwd())
+    pip = f"{python} -m pip install"
+    try:
+        about = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+    except metadata.PackageNotFoundError:
+        about = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    url = about.get("url")
+    if url is None:
+        return f'{pip} "{DISTRIBUTION}[{extra}]"'
+    if "dir_info" in about:
+        folder = Path(unquote(urlsplit(url).path))
+        where = "." if folder == Path.cwd() else str(folder)
+        return f'{pip} {"-e " * bool(about["dir_info"].get("editable"))}"{where}[{extra}]"'
+    if "vcs_info" in about:
+        version = about["vcs_info"]
+        url = f"{version['vcs']}+{url}@{version['commit_id']}"
+    return f'{pip} "{DISTRIBUTION}[{extra}] @ {url}"'
 
 
 def parsed(text: str) -> tuple[str, dict[str, str]]:

@@ -16,10 +16,8 @@ import pyogrio.raw
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import write
 
-from scenes.real.helsinki import EXTRACT, WHERE, extract
-from scenes.real.helsinki_tiles import ATTRIBUTION, FILE, ZOOMS
-from scenes.tiles.archive import Place
-from scenes.tiles.pmtiles import PMTiles
+from scenes.real.helsinki import ATTRIBUTION, EXTRACT, FILE, WHERE, ZOOMS, extract
+from scenes.tiles.archives import Place, PMTiles
 
 LAYERS = {"area": "areas", "building": "buildings"}
 

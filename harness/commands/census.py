@@ -76,7 +76,7 @@ def census(
     )
     from harness.errors import UsageError
     from harness.scaling.tile_census import TileOptions
-    from scenes.tiles.slices import chosen
+    from scenes.slices import chosen
 
     reporter = Reporter(quiet=quiet)
     tiles = chosen(file)

@@ -20,6 +20,7 @@ from harness.export.mesh import Mesh
 from harness.export.writers import About, plain
 from harness.stored.output import Output
 from scenes.cleaning.projection import system
+from scenes.spec import install
 
 _MULTIPOLYGON, _POLYGON, _WITH_Z = 6, 3, 1000
 _MOST_BYTES = 2**31 - 1  # that offsets of 32 bits reach
@@ -77,9 +78,7 @@ class GeoParquetWriter:
         try:
             from pyarrow import parquet
         except ImportError as error:
-            raise UsageError(
-                'GeoParquet needs pyarrow: pip install "raster-harness[geoparquet]"'
-            ) from error
+            raise UsageError(f"GeoParquet needs pyarrow: {install('geoparquet')}") from error
         self._parquet = parquet
         self._path = output.path()
         self._about = about

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
+from scenes.spec import install
 
 SHORTEST = 3
 """Runs in a stretch: one or two odd runs are noise, and the last ones are for `compare`."""
@@ -40,9 +41,7 @@ def changes_of_noisy(logs: NDArray[np.float64]) -> list[int]:
     try:
         import ruptures
     except ImportError:
-        raise UsageError(
-            'where times change is found by ruptures: pip install "raster-harness[history]"'
-        ) from None
+        raise UsageError(f"where times change is found by ruptures: {install('history')}") from None
     noise = max(LEAST_NOISE, _noise(logs))
     search = ruptures.Pelt(model="l1", min_size=SHORTEST, jump=1).fit(logs[:, None])
     ends: list[int] = search.predict(pen=PENALTY * noise * math.log(len(logs)))

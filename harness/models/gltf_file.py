@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.stored.output import Output
-from scenes.readers.opening import refuse_special
+from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
 
 TRIANGLES, STRIP, FAN = 4, 5, 6

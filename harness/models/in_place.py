@@ -20,8 +20,8 @@ from harness.models.gltf import GltfModel
 from harness.models.mesh import HALF, Mesh, Part, edge_numbers, sides_of
 from harness.models.obj import ObjModel
 from harness.models.views import PIXELS, Drawn, Seen, look
-from scenes.readers import cut_off, damage
-from scenes.readers.opening import existing
+from scenes.readers import guard
+from scenes.readers.guard import existing
 
 CRITERION = "edge-length"
 """What is less in every view from afar: the mean half-perimeter over all rotations follows it."""
@@ -141,7 +141,7 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
     """
     kind = _kind_of(source)
     existing(str(source))
-    cut_off.check(source)
+    guard.check_cut_off(source)
     with _clear_errors(source):
         model = kind(source)
         return model, list(model.groups())
@@ -155,7 +155,7 @@ def _kind_of(source: Path) -> Callable[[Path], Model]:
 
 
 def _clear_errors(source: Path) -> AbstractContextManager[None]:
-    return damage.clear_errors(str(source), f"a model ({source.suffix})")
+    return guard.clear_errors(str(source), f"a model ({source.suffix})")
 
 
 @dataclass

@@ -28,9 +28,8 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.extrude import Solid, extrude, projected
 from harness.rasterisers.opengl import egl, osmesa
+from scenes.spec import install
 from triangulators.devices import is_software, matches
-
-INSTALL = "python -m pip install 'raster-harness[pyrender]'"
 
 FIELD_OF_VIEW = np.radians(40.0)
 ELEVATION = np.radians(50.0)
@@ -74,7 +73,7 @@ class Pyrender(Rasteriser):
     def remedy(cls, name: str | None = None) -> str:
         """Say how to get it."""
         if importlib.util.find_spec("pyrender") is None:
-            return f"run: {INSTALL}"
+            return f"run: {install('pyrender')}"
         return f"run: {osmesa.INSTALL if name == 'osmesa' else egl.INSTALL}"
 
     def __init__(self, device: Device) -> None:

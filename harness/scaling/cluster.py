@@ -16,8 +16,7 @@ from harness.machine import system
 from harness.progress import Reporter
 from harness.scaling import worker_process
 from harness.scaling.task_queue import Answer, SchedulerLost, Task
-
-INSTALL = 'pip install "raster-harness[dask]"'
+from scenes.spec import install
 
 LOCAL = re.compile(r"local(?::(\d+))?")
 
@@ -78,7 +77,7 @@ class DaskCrew:
             import dask
             import distributed
         except ImportError as error:
-            raise UsageError(f"--dask needs Dask: {INSTALL}") from error
+            raise UsageError(f"--dask needs Dask: {install('dask')}") from error
         self._distributed = distributed
         self._reporter = reporter
         self._ended: queue.Queue[Any] = queue.Queue()

@@ -20,9 +20,8 @@ from harness.scaling.part_files import AT_A_TIME, Done, make_part
 from harness.scaling.parts import Part, files
 from harness.scaling.snapping import on_pixels
 from harness.scaling.sums import Group, Sums, groups_of, read_counted, save, whole
-from scenes.slices import Slices
-from scenes.tiles.slices import Chosen, Tile, cut, is_folder, read_tiles
-from scenes.tiles.usable import rounding
+from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
+from scenes.tiles.tile import rounding
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def _write(part: Part, options: TileOptions, place: Path, code: str, threads: in
 
 def _cut(path: str, options: Mapping[str, Any]) -> Slices:
     zooms = options["chosen"]["zooms"]
-    return cut(path, None if zooms is None else (zooms[0], zooms[1]))
+    return cut_tiles(path, None if zooms is None else (zooms[0], zooms[1]))
 
 
 def archives(pattern: str) -> list[Path]:

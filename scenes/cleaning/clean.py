@@ -1,17 +1,19 @@
-"""Any geometries in, valid polygons out; nothing left out or changed without a note."""
+"""Any geometries in, valid polygons out; nothing left out or changed without a note.
+
+Closed contours become filled polygons by the rules of fonts and SVG.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.contours import mended
 from scenes.scene import Note
 
 _POLYGON = shapely.GeometryType.POLYGON
@@ -77,7 +79,8 @@ def clean(
     for i in np.flatnonzero(~keep):
         reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
         dropped.append((label(source[i]), reason))
-    polygons, source = _oriented(_without_repeats(parts[keep])), source[keep]
+    plain = _without_empty_holes(shapely.remove_repeated_points(parts[keep]))
+    polygons, source = _oriented(plain), source[keep]
     # Of coordinates beyond 2^53 units, rounding decides, and turning a ring rounds otherwise.
     sound = shapely.area(polygons) > 0
     dropped += [(label(source[i]), "its area is lost in rounding") for i in np.flatnonzero(~sound)]
@@ -148,34 +151,16 @@ def _valid_pieces(part: shapely.Polygon) -> list[shapely.Polygon]:
     return list(pieces[areal & shapely.is_valid(pieces) & (shapely.area(pieces) > 0)])
 
 
-def _without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
-    """The same polygons, a vertex that follows itself kept once and empty holes left out.
-
-    Not `shapely.remove_repeated_points`, which also merges vertices whose distance underflows.
-    """
-    coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
-    same = (coordinates[1:] == coordinates[:-1]).all(axis=1) & (owner[1:] == owner[:-1])
-    doubtful = shapely.get_num_interior_rings(polygons) > 0
-    doubtful[owner[1:][same]] = True
-    if not doubtful.any():  # nearly always, and ten times as fast
+def _without_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
+    rings, owner = shapely.get_rings(polygons, return_index=True)
+    empty = np.unique(owner[shapely.is_empty(rings)])
+    if not len(empty):
         return polygons
     result = polygons.copy()
-    result[doubtful] = _rings_without_repeats(polygons[doubtful])
+    for i in empty:
+        holes = [hole for hole in polygons[i].interiors if not hole.is_empty]
+        result[i] = shapely.Polygon(polygons[i].exterior, holes)
     return result
-
-
-def _rings_without_repeats(polygons: NDArray[Any]) -> NDArray[Any]:
-    """The same for polygons that may have repeats or holes."""
-    kind, coordinates, (rings, owners) = shapely.to_ragged_array(polygons)
-    if (np.diff(rings) == 0).any():
-        return _rings_without_repeats(np.array([_without_empty_holes(p) for p in polygons]))
-    repeat = np.zeros(len(coordinates), dtype=bool)
-    repeat[1:] = (coordinates[1:] == coordinates[:-1]).all(axis=1)
-    repeat[rings[:-1]] = False
-    if not repeat.any():
-        return polygons
-    kept = np.concatenate([[0], np.cumsum(~repeat)])
-    return shapely.from_ragged_array(kind, coordinates[~repeat], (kept[rings], owners))
 
 
 def _oriented(polygons: NDArray[Any]) -> NDArray[Any]:
@@ -185,11 +170,6 @@ def _oriented(polygons: NDArray[Any]) -> NDArray[Any]:
     result = polygons.copy()
     result[wrong] = shapely.orient_polygons(polygons[wrong])
     return result
-
-
-def _without_empty_holes(polygon: shapely.Polygon) -> shapely.Polygon:
-    holes = [hole for hole in polygon.interiors if not hole.is_empty]
-    return shapely.Polygon(polygon.exterior, holes)
 
 
 def _fault(part: shapely.Polygon, locate: Locate | None) -> str:
@@ -202,3 +182,159 @@ def _fault(part: shapely.Polygon, locate: Locate | None) -> str:
     if locate is not None and len(numbers) == 2:
         numbers = np.round(locate(np.array([numbers]))[0], 9).tolist()
     return f"{phrase} at {' '.join(map(str, numbers))}" if numbers else phrase
+
+
+def in_rows(
+    polygons: Sequence[shapely.Polygon], gap: float = 0.1, aspect: float = 1.0
+) -> list[shapely.Polygon]:
+    """The polygons, moved into rows from the top, in order, none touching another.
+
+    `gap` is the space between them as a share of their mean width; `aspect` the wanted width to
+    height of the whole.
+
+    >>> row = in_rows([shapely.box(9, 9, 10, 10), shapely.box(5, 5, 6, 6)], gap=0.5, aspect=9)
+    >>> [polygon.bounds for polygon in row]
+    [(0.0, -1.0, 1.0, 0.0), (1.5, -1.0, 2.5, 0.0)]
+    """
+    if not polygons:
+        return []
+    bounds = shapely.bounds(np.asarray(polygons))
+    sizes = bounds[:, 2:] - bounds[:, :2]
+    space = gap * sizes.mean()
+    width = max(np.sqrt(aspect * (sizes + space).prod(axis=1).sum()), sizes[:, 0].max())
+    out, x, y, tallest = [], 0.0, 0.0, 0.0
+    for polygon, (left, _, _, top), (w, h) in zip(polygons, bounds, sizes, strict=True):
+        if x > 0 and x + w > width:
+            x, y, tallest = 0.0, y - tallest - space, 0.0
+        out.append(moved(polygon, x - left, y - top))
+        x, tallest = x + w + space, max(tallest, h)
+    return out
+
+
+def moved(geometry: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
+    """The polygon, translated.
+
+    >>> moved(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
+    (2.0, 3.0, 3.0, 4.0)
+    """
+    shifted: shapely.Polygon = shapely.transform(geometry, lambda xy: xy + np.array([dx, dy]))
+    return shifted
+
+
+Rule = Literal["nonzero", "evenodd"]
+
+MOST = 200_000
+"""Crossings of a ring that is repaired, into about as many polygons."""
+
+_FEW, _MANY = 100, 1000
+"""Vertices below which no polygon crosses itself often; pieces of edges of one that does."""
+
+
+def filled(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
+    """The area that the contours, (n, 2) arrays without a closing point, fill together.
+
+    Returns a list of one geometry, or none. Contours that do not cross keep their vertices; others
+    are resolved, which adds vertices where they cross.
+    """
+    rings = np.array([shapely.Polygon(c) for c in contours if len(c) >= 3], dtype=object)
+    if not len(rings):
+        return []
+    if not shapely.is_valid(rings).all():
+        return [_resolved(rings, rule)]
+    if rule == "evenodd":
+        # each contains itself
+        _, inner = shapely.STRtree(rings).query(rings, predicate="contains")
+        depth = np.bincount(inner, minlength=len(rings)) - 1
+        outers, holes = rings[depth % 2 == 0], rings[depth % 2 == 1]
+    else:
+        outers, holes = _by_direction(rings)
+    return [_nested(outers, holes) or _resolved(rings, rule)]
+
+
+def _by_direction(rings: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rings with the direction of the largest one, and rings with the opposite direction."""
+    turns = shapely.is_ccw(shapely.get_exterior_ring(rings))
+    along = turns == turns[np.argmax(shapely.area(rings))]
+    return rings[along], rings[~along]
+
+
+def _nested(outers: NDArray[Any], holes: NDArray[Any]) -> Any | None:
+    """Each hole put into the smallest ring around it; None if that gives no valid geometry.
+
+    A filled ring may lie inside a hole, as in the copyright sign.
+    """
+    outers = outers[np.argsort(shapely.area(outers), kind="stable")]
+    around, hole = shapely.STRtree(holes).query(outers, predicate="covers")
+    owner = np.full(len(holes), len(outers))
+    np.minimum.at(owner, hole, around)
+    if (owner == len(outers)).any():
+        return None
+    by_owner = np.split(
+        np.argsort(owner, kind="stable"), np.cumsum(np.bincount(owner, minlength=len(outers)))[:-1]
+    )
+    inner = shapely.get_exterior_ring(holes)
+    pairs = zip(outers, by_owner, strict=True)
+    whole = shapely.MultiPolygon([shapely.Polygon(o.exterior, inner[own]) for o, own in pairs])
+    return whole if whole.is_valid else None
+
+
+def _resolved(rings: NDArray[Any], rule: Rule) -> Any:
+    """Rings that cross, resolved: parity of cover, or cover by what runs as the largest does."""
+    if rule == "evenodd":
+        return even_odd(shapely.get_exterior_ring(rings))
+    along, against = _by_direction(rings)
+    filled_area = shapely.union_all([mended(ring) for ring in along])
+    if not len(against):
+        return filled_area
+    return shapely.difference(filled_area, shapely.union_all([mended(ring) for ring in against]))
+
+
+def mended(polygon: shapely.Polygon) -> Any:
+    """What an invalid polygon covers an odd number of times.
+
+    `shapely.make_valid`, but where a ring crosses itself so often that this would take for ever: it
+    peels layer after layer, each at the cost of all crossings. Raises shapely.GEOSException where
+    GEOS does, and for a ring that crosses itself more than `MOST` times.
+    """
+    if shapely.get_num_coordinates(polygon) > _FEW:
+        rings = shapely.get_rings(polygon)
+        if _crossings(rings) > MOST:
+            raise shapely.GEOSException(f"it crosses itself more than {MOST} times")
+        noded = shapely.unary_union(rings)
+        if shapely.get_num_geometries(noded) > _MANY:
+            return even_odd(rings, noded)
+    return shapely.make_valid(polygon)
+
+
+def _crossings(rings: NDArray[Any]) -> float:
+    """About how many times edges cross, by those that cross some of them."""
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
+    some = edges[:: max(len(edges) // _FEW, 1)]
+    found = shapely.STRtree(edges).query(some, predicate="crosses").shape[1]
+    return found * len(edges) / len(some) / 2
+
+
+def even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
+    """The area that lies within an odd number of rings, which may cross in any way.
+
+    The faces between the rings are found, and a point in each; the ray from it to the right meets
+    an odd number of edges or not. `noded` are the rings cut where they meet, if that is known.
+    """
+    noded = shapely.unary_union(rings) if noded is None else noded
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
+    x, y = shapely.get_coordinates(shapely.point_on_surface(faces)).T
+    order = np.argsort(y)
+    x, y = x[order], y[order]
+    odd = np.zeros(len(faces), dtype=bool)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    a, b = points[:-1][same], points[1:][same]
+    upward = (a[:, 1] < b[:, 1])[:, None]
+    low, high = np.where(upward, a, b), np.where(upward, b, a)
+    first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1])
+    for (x0, y0), (x1, y1), i, j in zip(low, high, first, last, strict=True):
+        if i < j:
+            odd[i:j] ^= (x1 - x0) * (y[i:j] - y0) > (x[i:j] - x0) * (y1 - y0)
+    return shapely.coverage_union_all(faces[order][odd])

@@ -9,8 +9,7 @@ import shapely
 from matplotlib import font_manager, ft2font
 from numpy.random import Generator
 
-from scenes.cleaning.clean import clean
-from scenes.cleaning.layout import in_rows, moved
+from scenes.cleaning.clean import clean, in_rows, moved
 from scenes.real.glyphs import outline
 from scenes.scene import Scene, SceneError
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from scenes.cleaning.clean import clean
-from scenes.cleaning.layout import in_rows
+from scenes.cleaning.clean import clean, in_rows
 from scenes.generated import cad
-from scenes.readers import models
+from scenes.readers.meshes import facets
 from scenes.scene import Scene
 
 
@@ -16,7 +15,7 @@ def build(*, seed: int = 0) -> Scene:
     """Faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
     polygons = []
     for part in cad.build(seed=seed, parts=10, segments=16).polygons:
-        polygons += models.facets(*_extruded(part, 20.0))[0]
+        polygons += facets(*_extruded(part, 20.0))[0]
     cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
     return Scene(
         name="meshes",

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from scenes.cleaning.clean import clean
-from scenes.cleaning.layout import in_rows
+from scenes.cleaning.clean import clean, in_rows
 from scenes.scene import Scene, SceneError
 
 MOST = 100_000

@@ -11,7 +11,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.damage import clear_errors, noted
+from scenes.readers.guard import clear_errors, noted
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 

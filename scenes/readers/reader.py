@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.readers import cut_off, damage, file_size
+from scenes.readers import guard
 from scenes.scene import Note
 
 if TYPE_CHECKING:
@@ -92,14 +92,12 @@ class Reader:
         explain: Callable[..., str | None] | None = None
         if self.explain is not None:
             explain = getattr(self.module, self.explain)
-        with damage.clear_errors(
-            path, self.kind, lambda e: explain(source, e) if explain else None
-        ):
+        with guard.clear_errors(path, self.kind, lambda e: explain(source, e) if explain else None):
             if source.path.is_file():
-                file_size.check_archive(source.path)
+                guard.check_archive(source.path)
                 if self.whole:
-                    file_size.check_size(source.path)
-                cut_off.check(source.path)
+                    guard.check_size(source.path)
+                guard.check_cut_off(source.path)
             yield from getattr(self.module, self.function.partition(":")[2])(source, size)
 
 
@@ -107,11 +105,11 @@ GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False,
 _PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False)
 _CITY = Reader("scenes.readers.cityjson:read", "CityJSON")
 _SEQUENCE = Reader("scenes.readers.cityjson:read_sequence", "a CityJSON sequence", whole=False)
-_MESH = Reader("scenes.readers.models:read", "a 3D model")
+_MESH = Reader("scenes.readers.meshes:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),
-    ".obj": Reader("scenes.readers.models:read", "OBJ"),
-    ".ply": Reader("scenes.readers.models:read", "PLY"),
+    ".obj": Reader("scenes.readers.meshes:read", "OBJ"),
+    ".ply": Reader("scenes.readers.meshes:read", "PLY"),
     **dict.fromkeys((".parquet", ".geoparquet", ".pq"), _PARQUET),
     **dict.fromkeys((".wkt", ".ewkt"), Reader("scenes.readers.wkt:read_text", "WKT", whole=False)),
     ".wkb": Reader("scenes.readers.wkt:read_binary", "WKB"),

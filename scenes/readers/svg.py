@@ -15,8 +15,8 @@ from fontTools.pens.basePen import BasePen  # type: ignore[import-untyped]
 from fontTools.pens.transformPen import TransformPen  # type: ignore[import-untyped]
 from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
 
-from scenes.cleaning.contours import filled
-from scenes.readers.damage import noted
+from scenes.cleaning.clean import filled
+from scenes.readers.guard import noted
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 

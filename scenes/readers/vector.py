@@ -1,14 +1,21 @@
-"""Vector files through GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and many more."""
+"""Vector files through GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and many more.
+
+GDAL goes on after a feature that it cannot read, and says so to its error handler alone; of a
+GeoJSON sequence it leaves lines out without a word. The one is heard here, the other looked for.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import json
 import re
 import warnings
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import cache
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,15 +25,11 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.projection import system
-from scenes.readers import cut_off
-from scenes.readers.arrow_tables import to_pandas
-from scenes.readers.damage import reason
-from scenes.readers.gdal_messages import Failures
-from scenes.readers.opening import refuse_special
+from scenes.readers.geoparquet import to_pandas
+from scenes.readers.guard import cut_off, is_sequence, numbered_lines, reason, refuse_special
 from scenes.readers.reader import Raw, Source
-from scenes.readers.sequence import lost
 from scenes.scene import Note, SceneError
-from scenes.suggestions import suggestion
+from scenes.spec import install, suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +56,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
             raws = _streamed(source, layer, size)
         else:
             raws = _by_skipping(source, layer, None if whole else size)
-        by_line = cut_off.is_sequence(source.path)
+        by_line = is_sequence(source.path)
         while True:
             with failures.heard():
                 raw = next(raws, None)
@@ -88,7 +91,7 @@ def _refuse_fewer(source: Source, layer: str, read: int) -> None:
     else:
         return
     if read < stated:
-        raise cut_off.error(source.path, f"it has {read} of {stated} features")
+        raise cut_off(source.path, f"it has {read} of {stated} features")
 
 
 def _opened(path: Path) -> Iterator[Path]:
@@ -259,7 +262,7 @@ def explain(source: Source, error: Exception) -> str | None:
     if isinstance(error, UnicodeDecodeError):
         return (
             f"{source.path} has text that is not UTF-8: write it as UTF-8, or let pyarrow read it: "
-            'pip install "raster-harness[geoparquet]"'
+            + install("geoparquet")
         )
     if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
         return f"{source.path}: condition {source.where!r} is not valid: {text}"
@@ -269,3 +272,97 @@ def explain(source: Source, error: Exception) -> str | None:
         kind = f"{source.path.suffix} file" if source.path.suffix else "file with geometries"
         return f"{source.path} is not a readable {kind}: it is damaged, or of an unknown format"
     return None
+
+
+_HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_char_p)
+_FAILURE = 3
+"""GDAL's CE_Failure; what is less is a remark on something that was read."""
+
+_KEPT = 100
+
+
+class Failures:
+    """How many failures were heard, and the first of them."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.texts: list[str] = []
+
+        def heard(kind: int, _: int, text: bytes | None) -> None:
+            if kind >= _FAILURE:
+                self.count += 1
+                if len(self.texts) < _KEPT:
+                    self.texts.append(" ".join((text or b"").decode("utf-8", "replace").split()))
+
+        # kept here: GDAL holds a bare pointer to it
+        self._handler = _HANDLER(heard)
+
+    @contextmanager
+    def heard(self) -> Iterator[None]:
+        """Listen while GDAL is called. Never over a `yield`: handlers are a stack of the thread."""
+        library = _library()
+        if library is None:
+            yield
+            return
+        library.CPLPushErrorHandler(self._handler)
+        try:
+            yield
+        finally:
+            library.CPLPopErrorHandler()
+
+
+@cache
+def _library() -> Any | None:
+    """GDAL as pyogrio has loaded it: found through its extension module, on Windows beside it."""
+    package = Path(pyogrio.__file__).parent
+    modules = sorted(package.glob("_err.*.so")) + sorted(package.glob("_err.*.pyd"))
+    for file in [*modules, *sorted(package.with_name("pyogrio.libs").glob("*gdal*"))]:
+        try:
+            library = ctypes.CDLL(str(file))
+            library.CPLPopErrorHandler.argtypes = []
+            library.CPLPopErrorHandler.restype = None
+            library.CPLPushErrorHandler.argtypes = [_HANDLER]
+            library.CPLPushErrorHandler.restype = None
+        except (OSError, AttributeError):
+            continue
+        return library
+    return None
+
+
+_GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")
+_KINDS = ("Feature", *_GEOMETRIES, *(f"Multi{kind}" for kind in _GEOMETRIES[:3]))
+
+
+def lost(path: Path, read: int, heard: int, *, all_wanted: bool, size: int) -> Iterator[Raw]:
+    """Chunks without geometry, whose notes name the lines that gave no feature.
+
+    read : features that came of the file
+    heard : failures that GDAL reported; it reports fewer than there are
+    all_wanted : whether no condition left features out, so that their number can be compared
+    """
+    if not heard and not (all_wanted and read < _lines(path)):
+        return
+    unread = _unread(path)
+    while notes := list(islice(unread, size)):
+        yield Raw([], [], dropped=notes)
+
+
+def _lines(path: Path) -> int:
+    """Lines that hold something; where each one has an end, without decoding them."""
+    return sum(1 for _, line in numbered_lines(path) if not line.isspace())
+
+
+def _unread(path: Path) -> Iterator[Note]:
+    for number, line in numbered_lines(path):
+        text = line.strip("\x1e\ufeff \t\r\n")
+        if not text:
+            continue
+        try:
+            kind = json.loads(text)["type"]
+        except (ValueError, RecursionError):
+            yield f"line {number}", "is not JSON"
+        except (KeyError, TypeError):
+            yield f"line {number}", "is JSON, but not a feature"
+        else:
+            if kind not in _KINDS:
+                yield f"line {number}", "is JSON, but not a feature"

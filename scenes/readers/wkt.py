@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.readers import cut_off
-from scenes.readers.nesting import DEEPEST, text_too_deep, too_deep
-from scenes.readers.opening import numbered_lines
+from scenes.readers import guard
+from scenes.readers.guard import DEEPEST, numbered_lines, text_too_deep, too_deep
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note
 
@@ -30,9 +29,9 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
     if whole is not None:
         yield whole
         return
-    where = cut_off.unended(source.path, _ended)
+    where = guard.unended(source.path, _ended)
     if where:
-        raise cut_off.error(source.path, where)
+        raise guard.cut_off(source.path, where)
     numbered = numbered_lines(source.path)
     crs, first = None, True
     while chunk := list(islice(numbered, size)):

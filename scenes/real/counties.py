@@ -14,6 +14,7 @@ import shapely
 from scenes.cleaning.clean import clean
 from scenes.cleaning.projection import Projection
 from scenes.scene import Scene, SceneError
+from scenes.spec import install
 
 _DATABASE = Path("_data", "geographic_boundaries.db")
 _TABLES = {"county": "us_counties", "state": "us_states"}
@@ -71,5 +72,5 @@ def _rows(table: str) -> list[tuple[str, str, bytes]]:
                 return database.execute(query).fetchall()
     raise SceneError(
         f"scene counties finds no {_DATABASE} in the package bokeh_sampledata: "
-        'pip install "raster-harness[counties]" (2026.1 or later)'
+        f"{install('counties')} (2026.1 or later)"
     )

@@ -10,11 +10,8 @@ import shapely
 from matplotlib import font_manager, ft2font
 from numpy.typing import NDArray
 
-from scenes.cleaning.clean import Cleaned, clean
-from scenes.cleaning.contours import filled
-from scenes.cleaning.layout import moved
-from scenes.readers.damage import noted, reason
-from scenes.readers.opening import existing
+from scenes.cleaning.clean import Cleaned, clean, filled, moved
+from scenes.readers.guard import existing, noted, reason
 from scenes.scene import Note, Scene, SceneError
 
 _LETTERS = [

@@ -11,14 +11,12 @@ import numpy as np
 import pandas as pd
 import shapely
 
-from scenes.readers import damage
-from scenes.readers.opening import existing
+from scenes.readers import guard
+from scenes.readers.guard import existing
 from scenes.scene import Note, Scene, SceneError, Tiling
-from scenes.suggestions import suggestion
-from scenes.tiles.archive import Archive, Place, column_and_row
-from scenes.tiles.opening import opened
-from scenes.tiles.tile import parts_of
-from scenes.tiles.usable import PIXELS, check_pixels, rounding
+from scenes.spec import suggestion
+from scenes.tiles.archives import Archive, Place, Run, column_and_row, opened
+from scenes.tiles.tile import PIXELS, check_pixels, parts_of, rounding
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -71,11 +69,12 @@ def read(
     check_pixels(pixels)
     found = _Found()
     file = existing(path)
-    with damage.clear_errors(path, "map tiles"):
+    with guard.clear_errors(path, "map tiles"):
         archive = opened(file)
         zoom = _zoom(path, archive, zoom)
-        names = archive.names(zoom)
-        chosen = _chosen(names, tiles, zoom)
+        runs = list(archive.runs(zoom))
+        there = sum(run.times for run in runs)
+        chosen = _chosen(archive, runs, tiles, zoom)
         for name in chosen:
             _add(found, archive, name, layers, pixels)
     if not found.polygons:
@@ -92,7 +91,7 @@ def read(
         dropped=found.dropped,
         repaired=found.repaired,
         attributes=_table(found) if attributes else None,
-        notes=_notes(found, len(chosen) - found.absent, len(names), zoom, pixels),
+        notes=_notes(found, len(chosen) - found.absent, there, zoom, pixels),
         tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
     )
     return scene if limit is None else scene.head(limit)
@@ -112,7 +111,7 @@ def _zoom(path: str, archive: Archive, zoom: int | None) -> int | None:
     return zoom
 
 
-def _chosen(names: Any, tiles: str, zoom: int | None) -> Sequence[Any]:
+def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None) -> Sequence[Any]:
     """The names of the tiles that are asked for."""
     wrong = SceneError(
         f"tiles={tiles} is neither a number from 1 to {MOST} nor west,south,east,north in degrees"
@@ -133,9 +132,14 @@ def _chosen(names: Any, tiles: str, zoom: int | None) -> Sequence[Any]:
         return [Place(zoom, x, y) for x in columns for y in rows]
     if not tiles.isdecimal() or not 1 <= int(tiles) <= MOST:
         raise wrong
-    count = min(int(tiles), len(names))
+    ends = np.cumsum([run.times for run in runs], dtype=np.int64)
+    there = int(ends[-1]) if len(ends) else 0
+    count = min(int(tiles), there)
     # the middle of each of `count` equal parts: a larger number does not begin at the first tile
-    return [names[(2 * k + 1) * len(names) // (2 * count)] for k in range(count)]
+    middles = [(2 * k + 1) * there // (2 * count) for k in range(count)]
+    of = np.searchsorted(ends, middles, side="right").tolist()
+    lasts = [runs[k].number + runs[k].times - int(ends[k]) for k in of]
+    return [archive.name_of(last + middle) for last, middle in zip(lasts, middles, strict=True)]
 
 
 def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels: int) -> None:

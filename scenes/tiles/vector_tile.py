@@ -20,9 +20,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.damage import noted
+from scenes.readers.guard import noted
 from scenes.scene import Note
-from scenes.tiles.archive import needed
+from scenes.tiles.archives import needed
 
 POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""

@@ -33,13 +33,11 @@ from harness.scaling.tile_census import TILE_COUNTING, TileOptions, also_found
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
-from scenes.real.helsinki_tiles import FILE
-from scenes.tiles.archive import Place, first_of
-from scenes.tiles.opening import opened
-from scenes.tiles.pmtiles import PMTiles
-from scenes.tiles.slices import MOST_TILES, chosen, cut
+from scenes.real.helsinki import FILE
+from scenes.slices import MOST_TILES, chosen, cut_tiles
+from scenes.tiles.archives import Place, PMTiles, first_of, opened
 from tests.paths import ROOT
-from tests.scenes.test_tiles import COURT, archives, encoded
+from tests.scenes.test_tiles import COURT, encoded, three_archives
 
 NAMES = ("ear-clipping", "flips:l1")
 EXACT = ("fragments", "quads", "helper_lanes", "bbox_tests", "triangles")
@@ -74,7 +72,7 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
 
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
 def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.tiles.slices.MOST_TILES", 2)
+    monkeypatch.setattr("scenes.slices.MOST_TILES", 2)
     monkeypatch.setattr("harness.scaling.tile_census.AT_A_TIME", 300)
     groups, _, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
@@ -117,7 +115,7 @@ def test_all_archives_count_the_same(tmp_path):
     tiles = {Place(3, 4, 2): court, Place(3, 4, 3): box, Place(2, 1, 1): court + box}
     found = {
         kind: census(path, tmp_path / f"out-{kind}")[0]
-        for kind, path in archives(tmp_path, tiles, Compression.NONE).items()
+        for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
     }
     assert set(found["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
     assert same(found["pmtiles"], found["mbtiles"])
@@ -156,20 +154,20 @@ def test_slices_hold_each_tile_once_and_are_small(tmp_path):
     first = first_of(9)
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
     path = written(tmp_path / "a.pmtiles", tiles)
-    slices = cut(path, None)
+    slices = cut_tiles(path, None)
     assert len(slices.rows) == -(-len(tiles) // MOST_TILES)
     assert sum(slices.sizes) == len(tiles)
     assert max(slices.sizes) == MOST_TILES
     archive = opened(Path(path))
-    found = [place for rows in slices.rows for place in archive.between(*rows)]
-    assert found == [(place, 1) for place in archive.names(9)]
+    found = [run for rows in slices.rows for run in archive.runs(9, *rows)]
+    assert [archive.name_of(run.number) for run in found] == archive.names(9)
 
 
 def test_tiles_that_are_large_are_slices_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr("scenes.tiles.slices.MOST_BYTES", 100)
+    monkeypatch.setattr("scenes.slices.MOST_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
     tiles = {first_of(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
-    assert cut(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
+    assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
 
 
 def test_entries_beside_leaves_are_in_order(tmp_path):
@@ -216,7 +214,7 @@ def test_a_damaged_tile_is_named_and_counted_and_the_others_count(tmp_path):
     file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
     good = census(file, tmp_path / "good")[0]
     tiles[Place(5, 2, 7)] = tiles[Place(5, 2, 7)][:-3]
-    for kind, path in archives(tmp_path, tiles, Compression.NONE).items():
+    for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items():
         groups, (damaged, known), summary = census(path, tmp_path / f"bad-{kind}")
         ((name, why),) = damaged
         assert name == "5/2/7"

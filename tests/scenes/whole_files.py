@@ -15,7 +15,7 @@ import shapely
 from pmtiles.tile import Compression
 
 from scenes import SceneError, load
-from scenes.tiles.archive import Place
+from scenes.tiles.archives import Place
 from tests.scenes.conftest import assert_sound
 
 COUNT = 24
@@ -127,7 +127,7 @@ def _write_model(path: Path, kind: str) -> None:
 
 def _write_tiles(path: Path, kind: str) -> None:
     """All boxes in one tile, or each in a tile of its own."""
-    from tests.scenes.test_tiles import archives, encoded
+    from tests.scenes.test_tiles import encoded, three_archives
 
     if kind in ("mvt", "mvt.gz"):
         tile = encoded(BOXES)
@@ -135,7 +135,7 @@ def _write_tiles(path: Path, kind: str) -> None:
         return
     tiles = {Place(5, 3, 2 + i): gzip.compress(encoded([box])) for i, box in enumerate(BOXES)}
     with tempfile.TemporaryDirectory() as folder:
-        written = archives(Path(folder), tiles, Compression.GZIP)[kind]
+        written = three_archives(Path(folder), tiles, Compression.GZIP)[kind]
         path.write_bytes(Path(written).read_bytes())
 
 

@@ -12,7 +12,6 @@ from harness.rasterisers.base import Device
 from harness.rasterisers.opengl import egl
 
 PROBE = Path(__file__).with_name("webgpu_probe.py")
-INSTALL = "python -m pip install 'raster-harness[webgpu]'"
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX = ("Vulkan", "GL")

@@ -30,6 +30,7 @@ from harness.rasterisers.reference import SHADED, predict
 from harness.rasterisers.shader_texts import shader
 from harness.rasterisers.webgpu import adapters
 from harness.rasterisers.webgpu.passes import FORMAT, Pass, Target, Timed
+from scenes.spec import install
 
 TWELVE = 12
 """What the pixels of one quad add to its counter together; see shaders/count.wgsl."""
@@ -79,7 +80,7 @@ class WebGPU(Rasteriser):
     def remedy(cls, name: str | None = None) -> str:
         """Say how to get a device."""
         if importlib.util.find_spec("wgpu") is None:
-            return f"run: {adapters.INSTALL}"
+            return f"run: {install('webgpu')}"
         if name == "lavapipe":
             return f"run: {adapters.egl.INSTALL_VULKAN}"
         if name == "llvmpipe":
@@ -276,7 +277,7 @@ def _find_adapter(device: Device) -> Any:
     try:
         import wgpu
     except (ImportError, OSError) as error:
-        raise NoRasteriser(f"webgpu: {error}; run: {adapters.INSTALL}") from error
+        raise NoRasteriser(f"webgpu: {error}; run: {install('webgpu')}") from error
     for adapter in wgpu.gpu.enumerate_adapters_sync():
         if all(adapter.info[name] == device.details[name] for name in ("device", "backend_type")):
             return adapter

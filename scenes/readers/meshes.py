@@ -14,11 +14,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.layout import in_rows
-from scenes.readers import obj, ply
-from scenes.readers.opening import refuse_special
+from scenes.cleaning.clean import in_rows
+from scenes.readers.guard import LONGEST, numbered_lines, refuse_special
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
+from scenes.spec import install
 
 _FLAT = "each face flat in its own plane, side by side"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
@@ -36,7 +36,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     if suffix not in (".obj", ".ply"):
         yield _joined(*_triangles(source))
         return
-    vertices, faces = (obj if suffix == ".obj" else ply).parse(source.path)
+    vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
     dropped: list[Note] = []
     kept = [
         (f"face {number}", face)
@@ -157,3 +157,73 @@ def facets(
         flat = (corners - corners[0, 0]) @ plane(normal / length)[:2].T
         polygons.append(shapely.union_all(shapely.polygons(flat)))
     return polygons, dropped
+
+
+def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+    """(n, 3) vertices and, for each face, the indices of its vertices from 0.
+
+    Indices that point at nothing are left for the caller to find. Raises SceneError, with the
+    line's number, for a line that is not OBJ.
+    """
+    vertices: list[list[float]] = []
+    faces: list[NDArray[np.int64]] = []
+    for number, line in _continued(path):
+        words = line.split()
+        try:
+            if words[:1] == ["v"]:
+                x, y, z = map(float, words[1:4])
+                vertices.append([x, y, z])
+            elif words[:1] == ["f"]:
+                faces.append(_face(words[1:], len(vertices)))
+        except ValueError as error:
+            text = line.strip()[:60]
+            raise SceneError(f"{path} line {number} is not OBJ: {text!r}") from error
+    if not faces:
+        raise SceneError(f"{path} holds no face: give a model with faces")
+    return np.array(vertices, dtype=float).reshape(-1, 3), faces
+
+
+def _continued(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines with those that follow a backslash; the number is that of the last one."""
+    parts: list[str] = []
+    number = length = 0
+    for number, line in numbered_lines(path):
+        text = line.rstrip("\r\n")
+        length += len(text)
+        if text.endswith("\\") and length < LONGEST:
+            parts.append(text[:-1])
+            continue
+        yield number, " ".join([*parts, text])
+        parts, length = [], 0
+    if parts:
+        yield number, " ".join(parts)
+
+
+def _face(words: list[str], count: int) -> NDArray[np.int64]:
+    """ "7/1/3" is vertex 7, counted from 1; "-1" is the last one so far."""
+    given = [int(word.partition("/")[0]) for word in words]
+    return np.array([i - 1 if i > 0 else count + i if i < 0 else -1 for i in given], dtype=np.int64)
+
+
+_INDICES = ("vertex_indices", "vertex_index")
+
+
+def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+    """(n, 3) vertices and, for each face, the indices of its vertices from 0.
+
+    Raises SceneError for a file without faces and where plyfile is missing, and whatever plyfile
+    does for one that is not PLY or is cut short.
+    """
+    try:
+        from plyfile import PlyData  # type: ignore[import-untyped]
+    except ImportError:
+        raise SceneError(f"{path} needs plyfile to be read: {install('ply')}") from None
+    data = PlyData.read(path, mmap=False)
+    if "face" not in data or not len(data["face"].data):
+        raise SceneError(f"{path} holds no face: give a model with faces")
+    vertex, face = data["vertex"].data, data["face"].data
+    name = next((name for name in _INDICES if name in face.dtype.names), None)
+    if name is None:
+        raise SceneError(f"{path} has faces without {_INDICES[0]}: give a model with polygons")
+    vertices = np.column_stack([np.asarray(vertex[axis], dtype=float) for axis in "xyz"])
+    return vertices, [np.atleast_1d(np.asarray(each, dtype=np.int64)) for each in face[name]]
