@@ -42,6 +42,9 @@ def install(extra: str) -> str:
 
     From a checkout it names the checkout: no index need know the package, and whoever takes its
     name there does not get theirs installed.
+
+    >>> "[tiles]" in install("tiles")
+    True
     """
     python = Path(sys.executable)
     with suppress(ValueError):

@@ -261,7 +261,9 @@ def _height(text: str) -> str | float:
 
 
 def cache(
-    action: Annotated[str, typer.Argument(help="info: what the database holds; clear: empty it.")],
+    action: Annotated[
+        str, typer.Argument(help="info: what the database holds; clear: empty it.")
+    ] = "info",
 ) -> None:
     """Show or empty the model database of triangulations."""
     from harness.triangulating.database import ModelDatabase

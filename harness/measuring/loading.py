@@ -19,6 +19,10 @@ from harness.triangulating.recipes import Recipe
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
+SAID = 10
+"""Polygons that are named on the screen, of those dropped and of those repaired; a run's run.json
+has them all."""
+
 
 @dataclass(frozen=True)
 class Usable:
@@ -40,10 +44,10 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
     if scene.notes:
         reporter.say(f"{scene.name}: {'; '.join(scene.notes)}")
     for verb, notes in (("dropped", scene.dropped), ("repaired", scene.repaired)):
-        if notes:
-            which, reason = notes[0]
-            more = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
-            reporter.warn(f"{scene.name}: {verb} {which}: {reason}{more}")
+        for which, reason in notes[:SAID]:
+            reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
+        if len(notes) > SAID:
+            reporter.warn(f"{scene.name}: {verb} {len(notes) - SAID:,} more: see run.json")
     return scene
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile
+from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile, index
 from harness.models.mesh import Mesh, Part, tolerance_of
 
 _VARIANTS = "KHR_materials_variants"
@@ -69,15 +69,17 @@ class GltfModel:
             return [(np.eye(4),)] * count
         nodes = told.get("nodes", [])
         found: list[tuple[NDArray[np.float64], ...]] = [()] * count
-        waiting = [(number, np.eye(4)) for number in scenes[told.get("scene", 0)].get("nodes", [])]
+        waiting = [
+            (number, np.eye(4)) for number in scenes[index(told.get("scene", 0))].get("nodes", [])
+        ]
         for _ in range(len(nodes)):  # a tree has each node once
             if not waiting:
                 break
             number, above = waiting.pop()
-            node = nodes[number]
+            node = nodes[index(number)]
             matrix = above @ _matrix(node)
             if "mesh" in node:
-                found[node["mesh"]] += (matrix,)
+                found[index(node["mesh"])] += (matrix,)
             waiting += [(child, matrix) for child in node.get("children", [])]
         return found
 
@@ -89,7 +91,10 @@ class GltfModel:
             return f"extension {strange[0]}"
         materials = self._file.json.get("materials", [])
         for each in (primitive, *own.get(_VARIANTS, {}).get("mappings", [])):
-            if "material" in each and materials[each["material"]].get("alphaMode") == "BLEND":
+            if (
+                "material" in each
+                and materials[index(each["material"])].get("alphaMode") == "BLEND"
+            ):
                 return "a blended material shows in which order triangles are drawn"
         return ""
 
@@ -106,6 +111,8 @@ class GltfModel:
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in attributes:
             return None
         positions, normalized = self._values(attributes["POSITION"])
+        if positions.shape[1] != 3:
+            raise ValueError(f"POSITION has {positions.shape[1]} numbers a vertex, not 3")
         if normalized:
             units = np.diag([*3 * [1.0 / _FULL[positions.dtype.str[1:]]], 1.0])
             placements = tuple(matrix @ units for matrix in placements)
@@ -128,7 +135,7 @@ class GltfModel:
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
         return self._file.array(accessor), bool(
-            self._file.json["accessors"][accessor].get("normalized")
+            self._file.json["accessors"][index(accessor)].get("normalized")
         )
 
     def _triangles(self, primitive: dict[str, Any], mode: int, count: int) -> NDArray[np.int64]:

@@ -94,6 +94,10 @@ class GltfFile:
 
     def _beside(self, uri: str) -> Path:
         place = self.path.parent / unquote(uri)
+        if not place.resolve().is_relative_to(self.path.parent.resolve()):
+            raise SceneError(
+                f"{self.path} names {uri}, which is not below its folder: copy it there"
+            )
         if not place.is_file():
             raise SceneError(f"{self.path} needs {uri}, which is not there")
         refuse_special([place])
@@ -101,7 +105,7 @@ class GltfFile:
 
     def array(self, accessor: int) -> NDArray[Any]:
         """Return an accessor's values (n, width), of the type in which they are stored."""
-        about = self.json["accessors"][_index(accessor)]
+        about = self.json["accessors"][index(accessor)]
         kind, width = _kind(about), _WIDTHS[about["type"]]
         if "bufferView" in about:
             values = self._view(about, kind, width, about["count"]).copy()
@@ -121,7 +125,7 @@ class GltfFile:
     def _view(
         self, about: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
-        view = self.json["bufferViews"][_index(about["bufferView"])]
+        view = self.json["bufferViews"][index(about["bufferView"])]
         first = view.get("byteOffset", 0) + about.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
         last = first + (count - 1) * stride + kind.itemsize * width
@@ -132,7 +136,7 @@ class GltfFile:
             or last > view.get("byteOffset", 0) + view["byteLength"]
         ):
             raise ValueError("an accessor reaches beyond its buffer view")
-        buffer = self.buffers[_index(view["buffer"])]
+        buffer = self.buffers[index(view["buffer"])]
         return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
 
     def replace(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
@@ -293,7 +297,8 @@ class GltfFile:
         return struct.pack("<4sII", _MAGIC, 2, 12 + len(whole)) + whole
 
 
-def _index(number: Any) -> int:
+def index(number: Any) -> int:
+    """What stands for a place in a list; ValueError for -1, which Python takes for the last."""
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
         raise ValueError(f"{number!r} is no index")
     return number

@@ -72,11 +72,12 @@ class ObjModel:
     def _read(self, line: bytes, place: int) -> None:
         text = line.partition(b"#")[0]
         whole = not self._begun
-        words = self._begun + text.split()
-        self._begun = []
+        words, self._begun = self._begun, []
+        words += text.split()  # in place: one line may go on for a million
         kind = words[0] if words else b""
         if kind in (*self._lines, b"f") and words[-1].endswith(b"\\"):  # it goes on
-            self._begun = [*words[:-1], *words[-1][:-1].split()]
+            words += words.pop()[:-1].split()
+            self._begun = words
         elif kind in self._lines:
             self._lines[kind].append(words[1:])
         elif kind in _NEW_PART:

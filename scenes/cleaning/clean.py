@@ -235,6 +235,10 @@ def filled(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any
 
     Returns a list of one geometry, or none. Contours that do not cross keep their vertices; others
     are resolved, which adds vertices where they cross.
+
+    >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
+    >>> [area.area for area in filled([square, square[::-1] / 2 + 1])]
+    [12.0]
     """
     rings = np.array([shapely.Polygon(c) for c in contours if len(c) >= 3], dtype=object)
     if not len(rings):
@@ -295,6 +299,9 @@ def mended(polygon: shapely.Polygon) -> Any:
     `shapely.make_valid`, but where a ring crosses itself so often that this would take for ever: it
     peels layer after layer, each at the cost of all crossings. Raises shapely.GEOSException where
     GEOS does, and for a ring that crosses itself more than `MOST` times.
+
+    >>> mended(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
+    24.0
     """
     if shapely.get_num_coordinates(polygon) > _FEW:
         rings = shapely.get_rings(polygon)
@@ -321,6 +328,9 @@ def even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
 
     The faces between the rings are found, and a point in each; the ray from it to the right meets
     an odd number of edges or not. `noded` are the rings cut where they meet, if that is known.
+
+    >>> even_odd(shapely.get_rings([shapely.box(0, 0, 4, 4), shapely.box(2, 2, 6, 6)])).area
+    24.0
     """
     noded = shapely.unary_union(rings) if noded is None else noded
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))

@@ -251,10 +251,11 @@ class MBTiles(Archive):
         begun = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:
             database.set_progress_handler(lambda: time.monotonic() - begun > ANSWER_S, _STEPS)
-            rows = database.execute(query, values)
+            rows: Iterator[Any] | None = None
             while True:
                 begun = time.monotonic()
                 try:
+                    rows = database.execute(query, values) if rows is None else rows
                     row = next(rows, None)
                 except sqlite3.OperationalError as error:
                     if "interrupted" not in str(error):

@@ -45,6 +45,26 @@ def test_scripts_are_sound_and_take_values_from_the_environment(step, tmp_path):
     assert {name for name in used if not name.isdigit()} <= known
 
 
+@pytest.mark.parametrize("name", ["RUN", "COMPARE", "PACKAGES"])
+def test_a_quote_that_is_not_closed_ends_with_2(name):
+    """What came after it was dropped, and the rest was measured."""
+    (step,) = (s for s in STEPS if name in s.get("env", {}))
+    given = {"RUN": "--scene city", "COMPARE": "", "FOLDER": "/nowhere"}
+    environment = {**os.environ, **given, "ACTION": str(ROOT), name: "--scene city '--limit 3"}
+    script = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
+    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    told = f"error: input {name.lower()}: No closing quotation: --scene city '--limit 3\n"
+    assert done.stderr == told
+
+
+def test_options_are_split_as_a_shell_splits_them():
+    environment = {**os.environ, "RUN": "--scene 'my town.gpkg'\n --limit 3"}
+    command = [sys.executable, str(ROOT / "scripts/split_options.py"), "RUN"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["--scene", "my town.gpkg", "--limit", "3"]
+
+
 def test_the_judge_fails_as_the_command_did():
     (script,) = (step["run"] for step in STEPS if step.get("name") == "Judge")
 
@@ -88,6 +108,8 @@ def test_options_may_be_of_several_lines_and_are_never_run(given, taken, tmp_pat
     (script,) = (step["run"] for step in STEPS if step.get("name") == "Measure and compare")
     scripts = tmp_path / "scripts"
     scripts.mkdir()
+    (tmp_path / ".venv").symlink_to(ROOT / ".venv")
+    (scripts / "split_options.py").symlink_to(ROOT / "scripts/split_options.py")
     told = scripts / "ci-compare.sh"
     told.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each"; done > told\n')
     told.chmod(0o755)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import time
 import warnings
 from pathlib import Path
 from typing import Any
@@ -141,3 +142,57 @@ def test_values_beyond_single_precision_are_no_warning(tmp_path, value):
         for out in (tmp_path / "b.obj", None):
             retriangulate(source, out, sizes=[64])
         read(str(source), views=1, pixels=64)
+
+
+def test_positions_of_two_numbers_are_refused(tmp_path):
+    builder = Builder()
+    builder.primitive(KITE[:, :2].copy(), LONG)
+    source = builder.write(tmp_path / "flat.glb")
+    with pytest.raises(SceneError, match="POSITION has 2 numbers a vertex, not 3"):
+        retriangulate(source, None)
+    with pytest.raises(SceneError, match="POSITION has 2 numbers a vertex, not 3"):
+        read(str(source))
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"scenes": [{"nodes": [-1]}], "nodes": [{"mesh": 0}]},
+        {"scenes": [{"nodes": [0]}], "nodes": [{"mesh": -1}]},
+        {"scenes": [{"nodes": [0]}], "nodes": [{"children": [-1]}, {"mesh": 0}]},
+        {"scene": -1, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]},
+    ],
+)
+def test_an_index_of_minus_one_is_not_the_last(tmp_path, told):
+    builder = Builder()
+    builder.primitive(KITE, LONG)
+    builder.json |= told
+    with pytest.raises(SceneError, match="-1 is no index"):
+        retriangulate(builder.write(tmp_path / "kite.glb"), None)
+
+
+@pytest.mark.parametrize(
+    "uri", ["../kite.bin", "/etc/hostname", "a/../../kite.bin", "%2e%2e/kite.bin"]
+)
+def test_a_buffer_is_read_from_below_the_models_folder_alone(tmp_path, uri):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "a").mkdir()
+    (tmp_path / "kite.bin").write_bytes(bytes(200))
+    source = kite_text(folder)
+    told = json.loads(source.read_text())
+    told["buffers"] = [{"byteLength": 1, "uri": uri}]
+    source.write_text(json.dumps(told))
+    with pytest.raises(SceneError, match="which is not below its folder: copy it there"):
+        retriangulate(source, None)
+
+
+def test_a_line_that_goes_on_a_hundred_thousand_times_takes_no_square_of_that(tmp_path):
+    """It took minutes for a file of a megabyte."""
+    source = tmp_path / "long.obj"
+    corners = " ".join(f"v {x:g} {y:g} {z:g}\n" for x, y, z in KITE.tolist())
+    source.write_text(corners + "f 1 2 3\nf 1 3 4\nf " + "1 \\\n" * 100_000 + "2 3\n")
+    begun = time.process_time()
+    done = retriangulate(source, None)
+    assert done.left == {"faces that are no triangles, or on several lines": 1}
+    assert time.process_time() - begun < 20

@@ -14,9 +14,8 @@ MODULES = [
     *(module.name for module in pkgutil.walk_packages(scenes.__path__, "scenes.")),
 ]
 SHOWN = (
-    *("cleaning.clean", "cleaning.layout", "cleaning.projection"),
-    *("readers.damage", "readers.arrow_tables", "readers.where"),
-    *("registry", "spec", "suggestions"),
+    *("cleaning.clean", "cleaning.projection"),
+    *("registry", "spec"),
 )
 """Modules that other code calls, function by function; the others are reached by `scenes.load`."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import signal
 import sqlite3
 import tracemalloc
 from contextlib import closing
@@ -646,3 +647,98 @@ def test_a_file_without_such_options_is_read_as_before():
         frame_of(heap, View(512, fit="tile"))
     with pytest.raises(UsageError, match="view box is not for tile scenes"):
         frame_of(load("helsinki-tiles:tiles=1"), View(512))
+
+
+def test_a_limit_of_any_size_is_a_limit():
+    every = load("helsinki-tiles:zoom=16,tiles=2")
+    assert len(load(f"helsinki-tiles:zoom=16,tiles=2,limit={10**19}").polygons) == len(
+        every.polygons
+    )
+
+
+def test_a_view_that_never_ends_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(archives, "ANSWER_S", 0.2)
+    path = tmp_path / "endless.mbtiles"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
+        database.execute(
+            "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
+            "SELECT 3 zoom_level, k tile_column, k tile_row, k tile_data FROM n"
+        )
+        database.commit()
+    with pytest.raises(
+        SceneError, match=r"gives no answer within 0\.2 s: .* view in it never ends"
+    ):
+        load(f"{path}:zoom=3")
+
+
+def test_a_view_that_never_ends_hears_ctrl_c(tmp_path, monkeypatch):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    tiles = archives.MBTiles(Path(path))
+    endless = "WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) SELECT max(k) FROM n"
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    with pytest.raises(KeyboardInterrupt):
+        list(tiles._ask(endless))
+
+
+def test_a_tile_that_is_there_three_times_counts_once(tmp_path):
+    path = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(path)) as database:
+        for _ in range(2):
+            database.execute("INSERT INTO tiles SELECT * FROM tiles WHERE tile_row = 4 LIMIT 1")
+        database.commit()
+    scene = load(f"{path}:zoom=3")
+    assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
+    assert cut_tiles(path, None).sizes == [2]
+
+
+def test_tiles_that_are_not_packed_have_a_limit_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(archives, "MOST_BYTES", 2**20)
+    for name, size in (("large", 2**20), ("zeros", 2**19)):
+        (tmp_path / f"{name}.mvt").write_bytes(bytes(size))
+    with pytest.raises(SceneError, match=r"tile large\.mvt cannot be read: it has 1 MiB or more"):
+        load(f"{tmp_path}/large.mvt:pixels=512")
+    with pytest.raises(SceneError, match=r"tile zeros\.mvt cannot be read: it is not as protobuf"):
+        load(f"{tmp_path}/zeros.mvt:pixels=512")
+
+
+def pmtiles(path: Path, root: bytes, metadata: bytes = b"{}", **more: Any) -> str:
+    """An archive of a root directory alone."""
+    header = {"root_offset": 127, "root_length": len(root)}
+    header |= {"metadata_offset": 127 + len(root), "metadata_length": len(metadata)}
+    for part in ("leaf_directory", "tile_data"):
+        header |= {f"{part}_offset": 127 + len(root) + len(metadata), f"{part}_length": 0}
+    header |= {"clustered": True, "min_zoom": 0, "max_zoom": 0, "tile_type": TileType.MVT}
+    header |= {"internal_compression": Compression.GZIP, "tile_compression": Compression.NONE}
+    path.write_bytes(serialize_header(header | more) + root + metadata)
+    return str(path)
+
+
+def test_a_directory_that_unpacks_to_many_megabytes_is_refused(tmp_path):
+    path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)), gzip.compress(b"{}"))
+    tracemalloc.start()
+    with pytest.raises(SceneError, match="it has 4 MiB or more, unpacked"):
+        load(f"{path}:zoom=0")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * 2**20
+
+
+def test_metadata_in_metadata_for_ever_are_none(tmp_path):
+    nested = gzip.compress(b'{"a":' * 200_000)
+    assert PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", b"", nested))).attribution == ""
+
+
+def test_an_archive_without_a_tile_is_one_line(tmp_path):
+    empty = gzip.compress(b"{}")
+    path = pmtiles(tmp_path / "a.pmtiles", b"", empty, min_zoom=3, max_zoom=2)
+    for call in (lambda: load(f"{path}:pixels=512"), lambda: cut_tiles(path, None)):
+        with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):
+            call()
+    mbtiles = two(tmp_path, bytes, Compression.NONE)["mbtiles"]
+    with closing(sqlite3.connect(mbtiles)) as database:
+        database.execute("DELETE FROM tiles")
+        database.commit()
+    with pytest.raises(SceneError, match=r"a\.mbtiles holds no tile: give an archive with tiles"):
+        cut_tiles(mbtiles, None)
