@@ -188,6 +188,12 @@ def _say_if_it_matters(
         for view in views:
             found.append(sizes.count_size(scene, recipes, view, law))
             stage.complete(len(found))
+    most = max(found, key=lambda size: size.left_out)
+    if most.left_out:
+        reporter.warn(
+            f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as not all of "
+            f"the triangulators do them: {most.left_out:,}"
+        )
     answer = sizes.Sizes(scene.name, law.device if law else None, tuple(found))
     try:
         sizes.draw_chart(answer, file)

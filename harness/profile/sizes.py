@@ -82,12 +82,14 @@ class Size:
 
     resolution : side of the viewport in px, which the scene fills
     polygons : counted: those that the grid leaves and that all triangulators do
+    left_out : polygons that some triangulator does not do
     polygon_px : median of the longer sides of their bounding boxes
     costs : by triangulator, the base first
     """
 
     resolution: int
     polygons: int
+    left_out: int
     polygon_px: float
     costs: dict[str, Cost]
 
@@ -182,7 +184,7 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
         costs[name] = _cost(frame, frame.join(parts), taken, law)
     middle = float(np.median(boxes.max(axis=1)[done])) / SUBPIXEL
-    return Size(view.resolution, int(done.sum()), middle, costs)
+    return Size(view.resolution, int(done.sum()), int((~done).sum()), middle, costs)
 
 
 def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:

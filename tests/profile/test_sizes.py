@@ -96,7 +96,9 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         return sizes.Cost(1, lanes // 4, 1, 1, cut, draw_s)
 
     def size(px: int, lanes: int) -> sizes.Size:
-        return sizes.Size(px, 1, px / 2, {"a": cost(4000), "b": cost(lanes), "c": cost(lanes + 8)})
+        return sizes.Size(
+            px, 1, 0, px / 2, {"a": cost(4000), "b": cost(lanes), "c": cost(lanes + 8)}
+        )
 
     shares = {16: 4000, 32: 3800, 64: 3200, 128: 3980}
     found = sizes.Sizes("s", None, tuple(size(*each) for each in shares.items()))
@@ -105,11 +107,25 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         "as much. Below 32 px nothing is gained. Above 64 px nothing is gained."
     )
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
-    found = sizes.Sizes("s", "phone", (sizes.Size(64, 1, 32.0, timed),))
+    found = sizes.Sizes("s", "phone", (sizes.Size(64, 1, 0, 32.0, timed),))
     assert sizes.sentence(found) == (
         "It matters: at 64 px, 32 px a polygon, b saves 25.0% of a's draw time on phone, which "
         "pays after 6 draws."
     )
+
+
+def test_what_a_triangulator_cannot_do_is_named(harness):
+    """A fan does no ring with a hole: the other polygon is counted."""
+    ring, plain = box(0, 0, 9, 9) - box(3, 3, 6, 6), box(10, 0, 12, 5)
+    write_geojson(Path("two.geojson"), [ring, plain])
+    given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
+    code, _, err = harness(*given)
+    assert code == 0
+    assert (
+        "polygons counted at 64 px: 1; left out, as not all of the triangulators do them: 1" in err
+    )
+    told = json.loads(harness(*given, "--json")[1])
+    assert told["sizes"][0]["polygons"] == told["sizes"][0]["left_out"] == 1
 
 
 def test_a_contributed_profile_is_known_by_its_name(harness):
