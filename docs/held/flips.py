@@ -201,6 +201,7 @@ HELD: list[Held] = [
 ]
 
 DEFINITIONS = (
+    r"(?s)## Slivers.*?(?=## What a pass)",  # computed by tests/triangulators/test_slivers.py
     r"(?s)^.*?## What it is worth",
     r"\b[Aa]t (64|1024) px",
     r"(?s)## What a pass must do.*$",

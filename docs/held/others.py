@@ -90,7 +90,7 @@ THEOREMS = (
     r"In an hour, a hunt (?s:.*?)by up to 5 %\)",
     r"(?s)^.*?## How an optimum is proven",
     r"(?s)\*\*Potentials make exclusions.*?\*\*Large polygons",
-    r"\d(?=\. [A-Z])|1960|19\d\d|2014|step \d|edges? \d",
+    r"\d(?=\. [A-Z])|1960|19\d\d|2014|2018|step \d|edges? \d",
     r"one hole and up to 64 vertices",
     r"250 lines|eight million|2,000 vertices",
 )

@@ -1,0 +1,93 @@
+"""Slivers, as earcut's own benchmark counts them: the table of docs/flips.md is computed here."""
+
+import mapbox_earcut
+import numpy as np
+import pytest
+
+from harness.frame import View, make_frame
+from scenes import load
+from tests.paths import ROOT
+from tests.triangulators.cases import shared_rings
+from triangulators import flip, triangulate_many, vertices
+from triangulators.geometry.flips import as_earcut
+from triangulators.geometry.half_edges import link
+
+NAMES = (
+    *("ear-clipping", "earcut-refine", "flips:delaunay", "flips:beauty"),
+    *("flips:l1", "flips:euclidean", "optimal:half-perimeter"),
+)
+
+
+def measures(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return quality, 4 sqrt(3) S over the sum of squared sides, and perimeter of each triangle.
+
+    Quality is 1 of an equilateral triangle and 0 of one without area.
+    """
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    squares = [((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    quality = 2.0 * np.sqrt(3.0) * np.abs(ux * vy - uy * vx) / np.maximum(sum(squares), 1e-300)
+    return quality, sum(map(np.sqrt, squares))
+
+
+def row(name: str, found: list[tuple[np.ndarray, np.ndarray]], usual: float) -> str:
+    quality, lengths = (np.concatenate(part) for part in zip(*found, strict=True))
+    figures = f"{(quality < 0.1).sum():,} | {quality.mean():.3f} | {lengths.sum() / usual:.3f}"
+    return f"`{name}` | {figures} |"
+
+
+def rows_of(what: str, many: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[str]:
+    usual = sum(lengths.sum() for _, lengths in many["ear-clipping"])
+    return [f"| {what} | {row(name, found, usual)}" for name, found in many.items()]
+
+
+def in_flips(lines: list[str]) -> None:
+    text = (ROOT / "docs" / "flips.md").read_text(encoding="utf-8")
+    missing = [line for line in lines if line not in text]
+    assert not missing, "\n".join(lines)
+
+
+@pytest.mark.parametrize("scene", ["city", "glyphs"])
+def test_slivers_of_scenes(scene):
+    polygons = make_frame(load(scene).polygons, View(1024)).polygons
+    many = {}
+    for name in NAMES:
+        found = triangulate_many(polygons, name)
+        many[name] = [measures(vertices(p), t) for p, t in zip(polygons, found, strict=True)]
+    in_flips(rows_of(scene, many))
+
+
+def test_slivers_of_earcuts_fixtures():
+    """By the index arrays as earcut gives them, for polygons that are not valid, too."""
+    many: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for _, rings in shared_rings("earcut_fixtures.json"):
+        points = np.concatenate(rings)
+        ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+        raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
+        refined = raw.copy()
+        as_earcut(points, refined, link(refined))
+        found = {"ear-clipping": raw.reshape(-1, 3), "earcut-refine": refined.reshape(-1, 3)}
+        for name in NAMES[2:6]:
+            found[name] = flip(points, raw, name.partition(":")[2])
+        for name, triangles in found.items():
+            if len(triangles):
+                many.setdefault(name, []).append(measures(points, triangles))
+    in_flips(rows_of("earcut's fixtures", many))
+
+
+@pytest.mark.parametrize("scene", ["city", "glyphs"])
+def test_flips_by_beauty_end_in_delaunay(scene):
+    """The same sum; and no triangulation has a larger one, where ear clipping dropped no vertex."""
+    polygons = make_frame(load(scene).polygons, View(1024)).polygons[:150]
+    sums = {}
+    for name in ("flips:beauty", "flips:delaunay", "optimal:beauty"):
+        found = triangulate_many(polygons, name)
+        pairs = zip(polygons, found, strict=True)
+        sums[name] = np.array([beauty(vertices(p), t) for p, t in pairs])
+    assert sums["flips:delaunay"] == pytest.approx(sums["flips:beauty"], rel=1e-9)
+    assert (np.abs(sums["optimal:beauty"] / sums["flips:beauty"] - 1.0) < 1e-9).mean() > 0.95
+
+
+def beauty(points: np.ndarray, triangles: np.ndarray) -> float:
+    (ux, uy), (vx, vy) = ((points[triangles[:, k]] - points[triangles[:, 0]]).T for k in (1, 2))
+    return float((np.abs(ux * vy - uy * vx) / 2.0 / measures(points, triangles)[1]).sum())
