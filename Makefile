@@ -1,6 +1,6 @@
 # `make city` and `make test` do everything, set-up included; `make help` lists the rest.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-test city helsinki simulated test examples check endurance format fuzz bench proven study compare-demo docs try docs-full lock clean
+.PHONY: help setup setup-test city helsinki simulated test examples check endurance format fuzz bench proven study compare-demo documents docs try docs-full lock clean
 
 PY := .venv/bin/python
 LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
@@ -67,6 +67,9 @@ proven: setup-test  ## prove the optimum for H of every scene's polygons; prints
 
 study: setup-test  ## the studies behind docs/findings.md; more than an hour on a quiet machine
 	scripts/study.sh
+
+documents: setup-test  ## write what documents cite of results and code anew
+	$(PY) scripts/documents.py
 
 docs:  ## build the documents into site/, warnings as errors
 	@scripts/setup.sh docs

@@ -1,4 +1,4 @@
-"""Pages of the reference that are made from the code each time the documents are built.
+"""Parts of pages that are made from code and results; `make documents` and each build write them.
 
 MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 """
@@ -6,6 +6,10 @@ MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 from __future__ import annotations
 
 import re
+import csv
+import importlib
+import inspect
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,12 +20,8 @@ sys.path.insert(0, str(ROOT))
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in what a page asks for by a line `<!-- generated: name -->`."""
-    for name, make in PARTS.items():
-        mark = f"<!-- generated: {name} -->"
-        if mark in markdown:
-            markdown = markdown.replace(mark, make())
-    return markdown
+    """Fill in what a page asks for between `<!-- generated: name -->` and `<!-- end -->`."""
+    return filled(markdown)
 
 
 def on_post_build(config: Any) -> None:
@@ -31,6 +31,18 @@ def on_post_build(config: Any) -> None:
     if (page.parent / "profile.html").exists():  # which `make docs` writes
         text = text.replace('id="profile" href="how-to/profile.html"', 'href="profile.html"')
     page.write_text(text, encoding="utf-8")
+
+
+def filled(markdown: str) -> str:
+    """Return a page with all its generated parts written anew."""
+    for name, make in PARTS.items():
+        mark = f"<!-- generated: {name} -->\n"
+        if mark in markdown:
+            before, _, rest = markdown.partition(mark)
+            _, end, after = rest.partition("<!-- end -->")
+            assert end, f"{name} has no end"
+            markdown = f"{before}{mark}\n{make().strip()}\n\n{end}{after}"
+    return markdown
 
 
 def commands() -> str:
@@ -126,6 +138,112 @@ def profiles() -> str:
     return _table(*devices_table(ROOT / "results" / "reference" / "profiles"))
 
 
+def python() -> str:
+    """Return a section for each public name: its signature and its docstring."""
+    parts = []
+    for title, names in PUBLIC.items():
+        parts.append(f"## {title}\n")
+        for name in names:
+            module, _, last = name.rpartition(".")
+            found = getattr(importlib.import_module(module), last, None)
+            if found is None or inspect.ismodule(found):
+                found = importlib.import_module(name)
+                own = (each for each in vars(found).values() if inspect.isclass(each))
+                shown = [(f"{name}.{each.__name__}", each) for each in own if each.__module__ == name]
+            else:
+                shown = [(name, found)]
+            for path, each in shown:
+                told = _signature(each)
+                parts.append(f"### {path}\n\n```text\n{told}{inspect.getdoc(each) or ''}\n```\n")
+    return "\n".join(parts)
+
+
+def _signature(each: Any) -> str:
+    try:
+        return f"{each.__name__}{inspect.signature(each)}\n\n"
+    except ValueError:  # an enumeration, an exception
+        return ""
+
+
+PUBLIC = {
+    "Triangulate": [
+        "triangulators.triangulate",
+        "triangulators.vertices",
+        "triangulators.triangulate_many",
+        "triangulators.flip",
+        "triangulators.verify.verify",
+        "triangulators.criteria.predict",
+        "triangulators.criteria.Criterion",
+        "triangulators.errors",
+    ],
+    "Scenes": ["scenes.registry.load", "scenes.scene.Scene"],
+    "Measure": [
+        "harness.frame.View",
+        "harness.frame.Frame",
+        "harness.frame.make_frame",
+        "harness.measuring.plan.Plan",
+        "harness.measuring.run.run",
+        "harness.rasterisers.base",
+    ],
+    "Read runs": [
+        "harness.stored.folder.read_run",
+        "harness.stored.folder.read_arrays",
+        "harness.stored.drawings.read",
+        "harness.figures.registry.Figure",
+        "harness.figures.ratios.paired_ratio",
+        "harness.report.write_report",
+    ],
+    "Errors": ["harness.errors"],
+}
+
+
+def leaderboard() -> str:
+    """Return a row for each triangulator, scene and device that results hold, at 1024 px or the most below."""
+    rows = []
+    for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
+        with file.open(encoding="utf-8", newline="") as stream:
+            view = [row for row in csv.DictReader(stream) if _usual(row)]
+        bases = {row["rasteriser"]: row for row in view if row["triangulator"] == "ear-clipping"}
+        for row in view:
+            if (base := bases.get(row["rasteriser"])) and row["polygons"] == base["polygons"]:
+                cells = [_over(row, base, name) for name in ("helper_lanes", "partial_quads")]
+                time = [row.get(f"time_ratio{end}", "") for end in ("", "_low", "_high")]
+                where = f"{row['device']} ({row['rasteriser']})"
+                run = f"`{file.parent.relative_to(ROOT / 'results' / 'reference')}`"
+                spent = f"{float(row['triangulate_ms']):.1f}" if row["triangulate_ms"] else ""
+                rows.append((row["scene"], where, row["triangulator"], *cells, _time(time), spent, run))
+    for file in sorted((ROOT / "results" / "devices").glob("*.json")):
+        told = json.loads(file.read_text(encoding="utf-8"))
+        most = max((v["resolution"] for v in told["views"] if v["resolution"] <= 1024), default=0)
+        for seen in (view for view in told["views"] if view["resolution"] == most):
+            scene = seen["scene"] if most == 1024 else f"{seen['scene']}, {most} px"
+            for name, found in seen["triangulators"].items():
+                time = [str(value) for value in found["time"] or ("", "", "")]
+                where = f"{told['device']} ({told['rasteriser']}), {told['cpu']}".rstrip(", ")
+                rows.append((scene, where, name, "", "", _time(time), "", f"`{file.stem}`"))
+    rows.sort(key=lambda row: (row[0], row[1], row[5] or "9", row[3] or "9"))
+    headings = ("scene", "device", "triangulator", "helper lanes", "partial quads", "draw time")
+    return _table((*headings, "triangulating, ms", "run"), rows)
+
+
+def _usual(row: dict[str, str]) -> bool:
+    plain = {"resolution": "1024", "rotation": "0.0", "status": "ok", "order": "native"}
+    rest = {"work": "0", "samples": "1"}
+    return all(row.get(name, value) in (value, "") for name, value in (plain | rest).items())
+
+
+def _over(row: dict[str, str], base: dict[str, str], name: str) -> str:
+    values = [each.get(name) for each in (row, base)]
+    return f"{float(values[0]) / float(values[1]):.3f}" if all(values) else ""
+
+
+def _time(ends: list[str]) -> str:
+    if not ends[0]:
+        return ""
+    low, high = (f"{float(end):.3f}" if end else "" for end in ends[1:])
+    return f"{float(ends[0]):.3f} ({low} to {high})" if low else f"{float(ends[0]):.3f}"
+
+
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
     return "\n".join(lines + ["| " + " | ".join(map(_cell, row)) + " |" for row in rows])
@@ -144,4 +262,6 @@ PARTS = {
     "metrics": metrics,
     "devices": devices,
     "profiles": profiles,
+    "python": python,
+    "leaderboard": leaderboard,
 }

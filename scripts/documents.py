@@ -1,4 +1,4 @@
-"""Write the figures and charts of the documents as the files of results say; tells what changed.
+"""Write figures, charts and generated parts of the documents anew; tells which figures changed.
 
 .venv/bin/python scripts/documents.py
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from docs.generate import filled
 from docs.held import ROOT, differences, written
 from docs.held.charts import CHARTS
 from docs.held.documents import DOCUMENTS
@@ -23,5 +24,7 @@ if __name__ == "__main__":
             print(f"{name}: {line}")
         if after != before:
             file.write_text(after, encoding="utf-8")
+    for page in (ROOT / "docs").rglob("*.md"):
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
     for name, draw in CHARTS.items():
         (ROOT / "docs" / "images" / f"{name}.svg").write_text(draw(), encoding="utf-8")

@@ -103,6 +103,10 @@ if "$python" -c 'import wgpu' 2>/dev/null; then
         "$python" -m harness run --scene "${scenes%% *}" --device "$device" --resolution "$sizes" \
         --rasterisers webgpu --triangulators $peers --budget $budget --quiet --out "$to/webgpu-city"
 fi
+# What joins docs/devices.md and docs/leaderboard.md, once it lies in results/devices.
+first=${scenes%% *}
+step summary "$to/$device.json" \
+    "$python" -m harness import "$to/gains-${first%%:*}" --summary "$to/$device.json"
 step "gains over all" "$to/gains/gains.csv" \
     "$python" -m harness study gains "$to"/gains-*/ --out "$to/gains"
 
@@ -111,3 +115,4 @@ if [ ${#failed[@]} -gt 0 ]; then
     exit 1
 fi
 printf '\nall done: %s\n' "$to"
+printf 'to contribute: cp %s results/devices/, then make documents\n' "$to/$device.json"

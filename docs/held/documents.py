@@ -18,7 +18,6 @@ COMMON = r"\b95 %|1/256 px|\b2x2\b|\b4x4\b|\(m, 3\)|(?m:^(## )?\d\. )|[Ee]xit co
 
 CHOSEN = {
     "docs/architecture.md": "",
-    "docs/devices.md": "",
     "docs/index.md": r"0 for a correct|60 degrees|24 bytes",
     "docs/reading-the-report.md": r"Below 1 is|one side of 1",
     "docs/tutorial.md": "",
