@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.models.flat_faces import Mesh, Part, tolerance_of
 from harness.models.gltf_file import FAN, STRIP, TRIANGLES, GltfFile, index
-from harness.models.mesh import Mesh, Part, tolerance_of
 
 _VARIANTS = "KHR_materials_variants"
 HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")

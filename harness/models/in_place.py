@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose, cost_named
-from harness.models.flat_faces import flat_faces
+from harness.models.flat_faces import HALF, Mesh, Part, edge_numbers, flat_faces, sides_of
 from harness.models.gltf import GltfModel
-from harness.models.mesh import HALF, Mesh, Part, edge_numbers, sides_of
 from harness.models.obj import ObjModel
 from harness.models.views import PIXELS, Drawn, Seen, look
 from scenes.readers import guard

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.models.mesh import Mesh, Part, tolerance_of
+from harness.models.flat_faces import Mesh, Part, tolerance_of
 from harness.stored.output import Output
 
 _WORD = re.compile(rb"\S+")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.mesh import Mesh
+from harness.models.flat_faces import Mesh
 from harness.rasterisers.reference import predict
 
 VIEWS = 24

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose
-from harness.models.flat_faces import flat_faces
+from harness.models.flat_faces import Mesh, flat_faces, tolerance_of
 from harness.models.gltf import GltfModel
 from harness.models.in_place import _mixed, retriangulate
-from harness.models.mesh import Mesh, tolerance_of
 from scenes import SceneError
 from tests.harness.test_cli import assert_one_line
 from tests.models.build import KITE, LONG, Builder

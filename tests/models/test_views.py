@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from harness.models import views
+from harness.models.flat_faces import Mesh
 from harness.models.gltf import GltfModel
-from harness.models.mesh import Mesh
 from harness.rasterisers.reference import predict
 from tests.models.build import KITE, LONG, Builder
 from tests.models.test_in_place import plate
