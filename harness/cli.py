@@ -59,10 +59,10 @@ def _options(
 
 
 def _versions() -> str:
-    from harness.rasterisers.opengl import egl
+    from harness.rasterisers.devices import of_egl
 
     lines = [f"raster-harness {__version__} on Python {platform.python_version()}"]
-    devices, problems = egl.probe()
+    devices, problems = of_egl()
     for device in devices:
         driver = [str(device.details.get(name)) for name in ("renderer", "version")]
         lines.append(f"OpenGL on {device.name}: {', '.join(driver)}")

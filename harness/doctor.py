@@ -9,7 +9,7 @@ import importlib.util
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -22,14 +22,12 @@ from harness.errors import HarnessError
 from harness.frame import SUBPIXEL, Frame, bare_frame
 from harness.measuring.timing import self_test
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, Rasteriser
-from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.opengl import egl, osmesa
-from harness.rasterisers.opengl.gl import GLRasteriser
-from harness.rasterisers.reference import Reference, predict
+from harness.rasterisers import Device, Options, Rasteriser, osmesa
+from harness.rasterisers import devices as probed
+from harness.rasterisers.opengl import GLRasteriser
+from harness.rasterisers.reference import Reference, disagreements, predict
 from harness.rasterisers.simulated.building import INSTALL
 from harness.rasterisers.simulated.simulated import DESIGNS, design
-from harness.rasterisers.webgpu import adapters
 from scenes.spec import install
 
 Status = Literal["ok", "warning", "missing"]
@@ -41,10 +39,9 @@ EXTENSIONS = (
     "GL_ARB_ES3_1_compatibility",
     "GL_ARB_compute_shader",
     "GL_ARB_gpu_shader_int64",
-    "GL_ARB_pipeline_statistics_query",
     "GL_ARB_timer_query",
 )
-INSTALL_EGL = f"run: {egl.INSTALL}"
+INSTALL_EGL = f"run: {probed.INSTALL}"
 OPTIONAL = {"gpu0", "zink", "softpipe", "webgpu"}
 TIMEOUT_S = 120.0
 TIMED_PX = 512
@@ -83,7 +80,7 @@ def _egl() -> list[Finding]:
     files = [file for folder in VENDOR_FOLDERS for file in sorted(Path(folder).glob("*.json"))]
     libraries = [json.loads(file.read_bytes())["ICD"]["library_path"] for file in files]
     named = ", ".join(f"{file} ({name})" for file, name in zip(files, libraries, strict=True))
-    found = egl.listing()
+    found = probed.egl_listing()
     shown = ", ".join(
         f"{device['egl_index']}: {'software' if device['software'] else device['file'] or 'GPU'}"
         for device in found["devices"]
@@ -108,7 +105,7 @@ def _devices(rasteriser: str, kind: str) -> Finding:
     ]
     if not devices:
         wanted = "gpu0" if kind == "gpu" else kind
-        told = (egl if rasteriser == "opengl" else adapters).probe()[1]
+        told = (probed.of_egl if rasteriser == "opengl" else probed.of_webgpu)()[1]
         problems = [problem for problem in told if problem.startswith(f"{kind}:")]
         optional = wanted in OPTIONAL or rasteriser in OPTIONAL
         status: Status = "warning" if optional else "missing"
@@ -215,10 +212,7 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
         step = timer.resolution_s
         if timer.timer == "gpu":
             step = _step([drawing.sample(1).gpu or 0.0 for _ in range(8)])
-    traps = [
-        *_statistics(drawn),
-        *_multisampling(opened, bare_frame(TIMED_PX, square, 4), layer),
-    ]
+    traps = _multisampling(opened, bare_frame(TIMED_PX, square, 4), layer)
     details = opened.device.details
     version, lacking = str(details["version"]), set()
     if isinstance(opened, GLRasteriser):
@@ -238,19 +232,6 @@ def _step(seconds: Sequence[float]) -> float:
     return max(1, math.gcd(*(round(each * 1e9) for each in seconds))) * 1e-9
 
 
-def _statistics(drawn: Mapping[str, NDArray[np.int64]]) -> list[str]:
-    """Say what the driver's own number of shader invocations is a number of, if it tells one."""
-    if "driver_fragment_invocations" not in drawn:
-        return []
-    told, pixels, quads = (
-        int(drawn[name].sum()) for name in ("driver_fragment_invocations", "fragments", "quads")
-    )
-    if told in (pixels, 4 * quads):
-        what = "covered pixels alone" if told == pixels else "helper lanes, too"
-        return [f"its own statistics count {what}"]
-    return [f"its own statistics count neither pixels nor lanes: {told / pixels:.2f} a pixel"]
-
-
 def _multisampling(opened: Rasteriser, frame: Frame, layer: NDArray[np.int32]) -> list[str]:
     """Say how often a pixel is shaded that has four samples, all covered."""
     many = Options(samples=4)
@@ -266,7 +247,9 @@ def _draw_roofs(device: Device) -> str:
     opened = rasterisers.get("pyrender")(device)
     square = np.array([[1, 1], [7, 1], [7, 7], [1, 7]], np.int32) * SUBPIXEL
     start = time.perf_counter()
-    opened.image(bare_frame(64, square, 4), np.array([[0, 1, 2], [0, 2, 3]], np.int32), Options())
+    frame, rows = bare_frame(64, square, 4), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    with opened.prepare(frame, rows, Options()) as drawing:
+        drawing.sample(1)
     taken = time.perf_counter() - start
     opened.close()
     return f"{opened.device.details.get('renderer', device.name)}, first frame {taken:.2f} s"

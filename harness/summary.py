@@ -12,9 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from harness.figures import views
-from harness.figures.advice import advice
-from harness.figures.break_even import AFTER, break_even
-from harness.figures.decision import Decision, Standing, decide, explained
 from harness.figures.groups import base_of, groups, time_ratio
 from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
@@ -26,6 +23,7 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
+from harness.figures.verdict import AFTER, Decision, Standing, advice, break_even, decide, explained
 from harness.pictures.style import plain_table
 from harness.stored import atomic
 from harness.stored.folder import Record

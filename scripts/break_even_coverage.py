@@ -12,8 +12,8 @@ import sys
 
 import numpy as np
 
-from harness.figures.break_even import AFTER, break_even
 from harness.figures.intervals import median_interval
+from harness.figures.verdict import AFTER, break_even
 from harness.stored.folder import Record
 
 DRAW_S, LONGER_S, ONCE_S = 1e-3, 0.1, 0.02

@@ -70,7 +70,7 @@ def _scenes(known: list[str], order: int = 1) -> None:
 def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
     for rasteriser in (get(name)(find_device(name)) for name in ("reference", "binning")):
         rasteriser.count(frame, triangles, Options())
-        if rasteriser.pictured:
+        if rasteriser.name == "reference":
             rasteriser.image(frame, triangles, Options())
     lane_maps(frame, triangles)
 

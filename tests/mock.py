@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.rasterisers.base import (
@@ -116,9 +115,6 @@ class MockRasteriser(Rasteriser):
         _fault("time", len(triangles))
         number = (7919 * os.getpid() + 613 * self.runs) % 9973
         return MockDrawing(triangles, 1.0 + 5e-7 * number)
-
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> NDArray[np.uint8]:
-        return np.zeros((frame.height, frame.width, 4), np.uint8)
 
 
 def _fault(stage: str, triangles: int) -> None:

@@ -16,8 +16,8 @@ from typing import Any
 from harness.compare.model import CaseName
 from harness.errors import UsageError
 from harness.machine.processor import label_of, same
-from harness.stored.checking import USUAL_OPTIONS
 from harness.stored.folder import Record, Run
+from harness.stored.schema import USUAL_OPTIONS
 
 ENVIRONMENT = ("harness", "code", "python", "kernel", "cpu", "threads", "governor")
 """What of a run's environment is compared."""

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from harness import errors
 from harness.compare.settings import Settings
-from harness.stored.checking import USUAL_OPTIONS
+from harness.stored.schema import USUAL_OPTIONS
 
 Exact = Literal["equal", "better", "worse", "changed"]
 """What an exact figure did; `changed` where neither direction is better."""

@@ -1,13 +1,4 @@
-"""Costs in their own unit, as criteria predict them: helper lanes, bounding-box tests.
-
-A criterion ranks; an estimate says how many. Where both are drawn in one unit, marks lie on the
-line on which they are equal, and what they are off by is a percentage.
-
-- A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded: 4Q - S lanes
-  are helpers.
-- To first order Q is such that these are H + T: half-perimeters, and one for each triangle.
-- Every pixel centre of a bounding box is tested: the boxes' areas together are A + S.
-"""
+"""Costs in their own unit, as criteria predict them: helper lanes, bounding-box tests."""
 
 from __future__ import annotations
 
@@ -16,19 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 Columns = Mapping[str, Any]
+"""Sums, or (p,) values of polygons, by name."""
 
 
 @dataclass(frozen=True)
 class InUnit:
     """What a criterion says of a counter, in the counter's unit.
 
-    name : its column
+    A criterion ranks; this says how many. Where both are drawn in one unit, marks lie on the line
+    on which they are equal, and what they are off by is a percentage.
+
     measure : the counter
     formula : as it is written
     needs : columns of predictions that `compute` reads
     """
 
-    name: str
     measure: str
     formula: str
     needs: tuple[str, ...]
@@ -36,23 +29,26 @@ class InUnit:
 
 
 ESTIMATES = {
-    each.name: each
-    for each in (
-        InUnit(
-            *("helper_lanes_by_quads", "helper_lanes", "4Q - S", ("expected_quads", "area")),
-            lambda of: 4 * of["expected_quads"] - of["area"],
-        ),
-        InUnit(
-            *("helper_lanes_by_half_perimeter", "helper_lanes", "H + T"),
-            ("half_perimeter", "triangles"),
-            lambda of: of["half_perimeter"] + of["triangles"],
-        ),
-        InUnit(
-            *("bbox_tests_by_overdraw", "bbox_tests", "A + S", ("overdraw", "area")),
-            lambda of: of["overdraw"] + of["area"],
-        ),
-    )
+    # A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded.
+    "helper_lanes_by_quads": InUnit(
+        "helper_lanes",
+        "4Q - S",
+        ("expected_quads", "area"),
+        lambda of: 4 * of["expected_quads"] - of["area"],
+    ),
+    # To first order Q is such that these are half-perimeters, and one for each triangle.
+    "helper_lanes_by_half_perimeter": InUnit(
+        "helper_lanes",
+        "H + T",
+        ("half_perimeter", "triangles"),
+        lambda of: of["half_perimeter"] + of["triangles"],
+    ),
+    # Every pixel centre of a bounding box is tested.
+    "bbox_tests_by_overdraw": InUnit(
+        "bbox_tests", "A + S", ("overdraw", "area"), lambda of: of["overdraw"] + of["area"]
+    ),
 }
+"""By their column; of a counter the exact one first."""
 
 
 def of_measure(measure: str | None) -> list[str]:

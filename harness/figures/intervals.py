@@ -78,11 +78,7 @@ def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, fl
     mean, error = values.mean(), values.std(ddof=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (drawn.mean(axis=1) - mean) / drawn.std(axis=1, ddof=1)
-    t = np.where(np.isnan(t), 0.0, t)
-    low, high = np.quantile(t, [TAIL, 1 - TAIL], method="inverted_cdf")
-    if not (np.isfinite(low) and np.isfinite(high)):
-        return UNKNOWN
-    return float(mean - high * error), float(mean - low * error)
+    return _ends(mean, error, t)
 
 
 def ratio_interval(
@@ -107,11 +103,15 @@ def ratio_interval(
         ratios = drawn.sum(axis=1) / below.sum(axis=1)
         error = _ratio_error(residuals[None], base[None])[0]
         t = (ratios - ratio) / _ratio_error(drawn - ratios[:, None] * below, below)
-    t = np.where(np.isnan(t), 0.0, t)
-    low, high = np.quantile(t, [TAIL, 1 - TAIL], method="inverted_cdf")
+    return _ends(ratio, error, t)
+
+
+def _ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the interval of a value with its standard error, from its resamples' statistics t."""
+    low, high = np.quantile(np.where(np.isnan(t), 0.0, t), [TAIL, 1 - TAIL], method="inverted_cdf")
     if not (np.isfinite(low) and np.isfinite(high)):
         return UNKNOWN
-    return float(ratio - high * error), float(ratio - low * error)
+    return float(value - high * error), float(value - low * error)
 
 
 def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:

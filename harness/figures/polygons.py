@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.correlation import spearman
 from harness.figures.estimates import estimated
 from harness.figures.registry import PREDICTED
 from harness.stored.folder import Record, Run, read_arrays
 
-Columns = dict[str, NDArray[np.float64]]
+Column = NDArray[np.float64]
+Columns = dict[str, Column]
 
 
 def columns_of(run: Run, record: Record) -> Columns | None:
@@ -31,6 +31,21 @@ def ratios(columns: Columns, base: Columns, name: str) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = columns[name] / base[name]
     return np.where(drawn & np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
+
+
+def ranks(values: Column) -> Column:
+    """Return each value's rank from 1 on, the mean of theirs where values are equal."""
+    _, which, times = np.unique(values, return_inverse=True, return_counts=True)
+    mean: Column = (np.cumsum(times) - (times - 1) / 2)[which]
+    return mean
+
+
+def spearman(x: Column, y: Column) -> float:
+    """Return Spearman's coefficient; NaN where either column is constant or shorter than 3."""
+    # SciPy's, with all of `scipy.stats`, takes longer to import than a short run.
+    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return float("nan")
+    return float(np.corrcoef(ranks(x), ranks(y))[0, 1])
 
 
 def rank_correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float | None:

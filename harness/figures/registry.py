@@ -29,7 +29,6 @@ Read = Callable[[Record], float | None]
 PREDICTED = "predicted_"
 """Prefix of a prediction's column where counters stand beside it."""
 
-
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
@@ -38,20 +37,16 @@ LEAST = "least"
 `quads`, and the `shaded` quads and `fragments` of the record's own triangles."""
 
 
-INDEX = "index"
-"""Field of a record of map tiles: the bytes of its triangles, by the packing over them."""
-
-
 @dataclass(frozen=True)
 class Figure:
     """One figure of a record.
 
     name : its key and its column in files
     label, symbol, unit : how tables and plots show it; a ratio's unit is "x"
+    function : record -> value, or None where the record has no such figure
     kind : "counter", "ratio" of exact figures, "prediction", "time", or "count" of something else
     better : "lower" or "higher" is better, or "none" where neither is
     best_case : the value no triangulation can beat, None where it depends on the scene
-    function : record -> value, or None where the record has no such figure
     heading : its heading in the terminal's table; "" leaves it out
     form : how the table writes it
     instead_of : the figure whose place it takes in that table, where there is no room for both
@@ -60,10 +55,10 @@ class Figure:
     name: str
     label: str
     unit: str
-    kind: Kind
-    better: Better
-    best_case: float | None
     function: Read
+    kind: Kind
+    better: Better = "lower"
+    best_case: float | None = None
     symbol: str = ""
     description: str = ""
     heading: str = ""
@@ -92,23 +87,21 @@ class Figure:
     @property
     def is_shared(self) -> bool:
         """Whether every triangulation of a polygon has the same, so that any change is a defect."""
-        own = not self.name.startswith(counters.DRIVER)
-        return self.kind == "counter" and self.better == "none" and own
-
-    @property
-    def is_cost(self) -> bool:
-        """Whether a change for the worse is a regression without being asked for.
-
-        A counter that nobody declared, of a rasteriser of somebody else's, is one like any other.
-        Ratios of counters say nothing that the counters do not, predictions are not measurements,
-        and what a driver says of itself is its opinion.
-        """
-        return self.kind in ("counter", "count") and self.has_direction
+        return self.kind == "counter" and self.better == "none"
 
     @property
     def has_direction(self) -> bool:
         """Whether growth beyond a threshold can be a regression."""
         return self.better != "none" or self.is_shared
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether a change for the worse is a regression without being asked for.
+
+        Ratios of counters say nothing that the counters do not, and predictions are not
+        measurements.
+        """
+        return self.kind in ("counter", "count") and self.has_direction
 
     @property
     def adds_up(self) -> bool:
@@ -176,101 +169,132 @@ def _reference_s(record: Record) -> float | None:
     return statistics.median(reference) if reference else None
 
 
-_RATIO: tuple[str, Kind, Better] = ("x", "ratio", "lower")
-_MS: tuple[str, Kind, Better, float] = ("ms", "time", "lower", 0.0)
-"""Unit, kind, which way is better, and the best case, of several figures."""
+_fragments = _counter("fragments")
 
-_CODED = "differences of indices as varints, as MLT has them"
-
-INDEX_BYTES = (
-    ("index_bytes_raw", "index bytes, raw", "of 16 bits an index, or 32"),
-    ("index_bytes", "index bytes", _CODED),
-    ("index_bytes_gzip", "index bytes, gzip", f"{_CODED}, each tile's packed by gzip"),
-    ("index_bytes_brotli", "index bytes, Brotli", f"{_CODED}, each tile's packed by Brotli"),
-    ("index_bytes_zstd", "index bytes, zstd", f"{_CODED}, each tile's packed by zstd"),
+_METRICS = (
+    Figure(
+        "overshading",
+        "lanes shaded per pixel",
+        "x",
+        _ratio(_shaded_lanes, _fragments),
+        kind="ratio",
+        best_case=1.0,
+        description="lanes shaded for each pixel covered",
+        heading="lanes/px",
+        form="{:.3f}",
+    ),
+    Figure(
+        "regret",
+        "helper lanes above the fewest there are",
+        "x",
+        _regret,
+        kind="ratio",
+        best_case=0.0,
+        description=(
+            "helper lanes more than those of the triangulation that shades the fewest quads, "
+            "in ratio to these, over the polygons of which that is known"
+        ),
+        heading="regret",
+        form="{:.1%}",
+        instead_of="overshading",
+    ),
+    Figure(
+        "above_limit",
+        "lanes per pixel above the limit",
+        "x",
+        _ratio(_lanes_above_limit, _fragments),
+        kind="ratio",
+        best_case=0.0,
+        description=(
+            "lanes shaded for each pixel covered beyond those of the outline drawn in one "
+            "piece: what diagonals cost"
+        ),
+    ),
+    Figure(
+        OUTLINE,
+        "quads of the outline",
+        "quads",
+        _field(OUTLINE),
+        kind="count",
+        better="none",
+        description="2x2 quads that the outlines cover: no triangulation shades fewer",
+    ),
+    Figure(
+        "bbox_overdraw",
+        "tests per pixel",
+        "x",
+        _ratio(_counter("bbox_tests"), _fragments),
+        kind="ratio",
+        best_case=1.0,
+        description="pixel centres tested for each pixel covered",
+    ),
+    Figure(
+        "draw_ms",
+        "draw time",
+        "ms",
+        _field("time", "median_s", scale=1e3),
+        kind="time",
+        best_case=0.0,
+        description="median time of one draw",
+        heading="draw ms",
+        form="{:.3f}",
+    ),
+    Figure(
+        "draw_of_reference",
+        "draw time, ratio to the reference",
+        "x",
+        _ratio(_field("time", "median_s"), _reference_s),
+        kind="time",
+        best_case=0.0,
+        description="median draw over the same run's reference triangle",
+    ),
+    Figure(
+        "triangulate_ms",
+        "time to triangulate",
+        "ms",
+        _field("triangulate_s", scale=1e3),
+        kind="time",
+        best_case=0.0,
+        description="time to triangulate the scene",
+    ),
+    Figure(
+        "triangles",
+        "triangles",
+        "triangles",
+        _field("triangles"),
+        kind="count",
+        description="triangles drawn",
+    ),
+    Figure(
+        "coverage_error",
+        "coverage error",
+        "pixels",
+        _field("coverage_error"),
+        kind="count",
+        best_case=0.0,
+        description="pixels covered too often or not at all: a defect of the triangulation",
+    ),
+    Figure(
+        "proven",
+        "proven optimal",
+        "polygons",
+        _field("proven"),
+        kind="count",
+        better="higher",
+        description="polygons of which no triangulation has less of the criterion, with proof",
+    ),
+    Figure(
+        "t_junctions",
+        "T-junctions",
+        "vertices",
+        _field("t_junctions"),
+        kind="count",
+        best_case=0.0,
+        description="vertices inside a triangle's edge, where cracks can show",
+    ),
 )
-"""Name, label and description of the figures that `harness.figures.index_bytes` computes."""
 
-METRICS = {
-    figure.name: figure
-    for figure in (
-        Figure(
-            *("overshading", "lanes shaded per pixel", *_RATIO, 1.0),
-            _ratio(_shaded_lanes, _counter("fragments")),
-            description="lanes shaded for each pixel covered",
-            heading="lanes/px",
-            form="{:.3f}",
-        ),
-        Figure(
-            *("regret", "helper lanes above the fewest there are", *_RATIO, 0.0),
-            _regret,
-            description=(
-                "helper lanes more than those of the triangulation that shades the fewest quads, "
-                "in ratio to these, over the polygons of which that is known"
-            ),
-            heading="regret",
-            form="{:.1%}",
-            instead_of="overshading",
-        ),
-        Figure(
-            *("above_limit", "lanes per pixel above the limit", *_RATIO, 0.0),
-            _ratio(_lanes_above_limit, _counter("fragments")),
-            description=(
-                "lanes shaded for each pixel covered beyond those of the outline drawn in one "
-                "piece: what diagonals cost"
-            ),
-        ),
-        Figure(
-            *(OUTLINE, "quads of the outline", "quads", "count", "none", None, _field(OUTLINE)),
-            description="2x2 quads that the outlines cover: no triangulation shades fewer",
-        ),
-        Figure(
-            *("bbox_overdraw", "tests per pixel", *_RATIO, 1.0),
-            _ratio(_counter("bbox_tests"), _counter("fragments")),
-            description="pixel centres tested for each pixel covered",
-        ),
-        Figure(
-            *("draw_ms", "draw time", *_MS, _field("time", "median_s", scale=1e3)),
-            description="median time of one draw",
-            heading="draw ms",
-            form="{:.3f}",
-        ),
-        Figure(
-            *("draw_of_reference", "draw time, ratio to the reference", "x", *_MS[1:]),
-            _ratio(_field("time", "median_s"), _reference_s),
-            description="median draw over the same run's reference triangle",
-        ),
-        Figure(
-            *("triangulate_ms", "time to triangulate", *_MS, _field("triangulate_s", scale=1e3)),
-            description="time to triangulate the scene",
-        ),
-        Figure(
-            *("triangles", "triangles", "triangles", "count", "lower", None, _field("triangles")),
-            description="triangles drawn",
-        ),
-        *(
-            Figure(
-                *(name, label, "bytes", "count", "lower", None, _field(INDEX, name)),
-                description=f"bytes of the triangles of map tiles, {how}",
-            )
-            for name, label, how in INDEX_BYTES
-        ),
-        Figure(
-            *("coverage_error", "coverage error", "pixels", "count", "lower", 0.0),
-            _field("coverage_error"),
-            description="pixels covered too often or not at all: a defect of the triangulation",
-        ),
-        Figure(
-            *("proven", "proven optimal", "polygons", "count", "higher", None, _field("proven")),
-            description="polygons of which no triangulation has less of the criterion, with proof",
-        ),
-        Figure(
-            *("t_junctions", "T-junctions", "vertices", "count", "lower", 0.0),
-            _field("t_junctions"),
-            description="vertices inside a triangle's edge, where cracks can show",
-        ),
-    )
-}
+METRICS = {figure.name: figure for figure in _METRICS}
 """Figures derived from records; one added here is in every table, plot, comparison and report."""
 
 
@@ -280,10 +304,10 @@ def _of_counter(counter: counters.Counter) -> Figure:
         counter.name,
         counter.label,
         counter.unit,
-        "counter",
-        counter.better,
-        counter.best_case,
         _counter(counter.name),
+        kind="counter",
+        better=counter.better,
+        best_case=counter.best_case,
         description=counter.description or counter.label,
         heading=counter.heading,
     )
@@ -295,10 +319,8 @@ def _of_criterion(criterion: criteria.Criterion) -> Figure:
         criterion.column,
         criterion.label or criterion.name,
         criterion.unit,
-        "prediction",
-        "lower",
-        None,
         _field("predicted", criterion.column),
+        kind="prediction",
         symbol=criterion.symbol,
         description=f"predicted: {criterion.description}",
     )
@@ -318,7 +340,7 @@ def _of_feature(column: str) -> Figure:
     """Return a prediction that is no criterion: a term of fits, or of a criterion since removed."""
     read = _field("predicted", column)
     label = column.replace("_", " ")
-    return Figure(PREDICTED + column, label, "1", "prediction", "none", None, read)
+    return Figure(PREDICTED + column, label, "1", read, kind="prediction", better="none")
 
 
 def predictions() -> dict[str, Figure]:

@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.index_bytes import index_sizes
-from harness.figures.registry import INDEX, LEAST, OUTLINE
+from harness.figures.registry import LEAST, OUTLINE
 from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.rasterisers.base import Counters
 from harness.rasterisers.counters import CYCLES
-from harness.rasterisers.submission_order import submission
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
 
@@ -95,7 +93,6 @@ def measured(
         "coverage_error": None,
         OUTLINE: _outline_of(triangulation.parts, limits.get(OUTLINE)),
         **_least_of(triangulation.parts, counters, limits.get(LEAST)),
-        **_index_of(case, frame, triangulation),
         **_views_of(frame, counters),
     }
     if coverage is not None and "fragments" in counters:
@@ -113,14 +110,6 @@ def _cycles_of(counters: Counters) -> Record:
 
 def _rounds_of(samples_s: Sequence[float]) -> Record:
     return {"triangulate_samples_s": _rounded(samples_s)} if samples_s else {}
-
-
-def _index_of(case: Case, frame: Frame, triangulation: FrameTriangulation) -> Record:
-    """Return the bytes that a map's tiles would have more if they held these triangles."""
-    if frame.tiles is None or frame.viewing is not None:
-        return {}
-    rows = submission(frame, frame.join(triangulation.parts), case.options)
-    return {INDEX: index_sizes(frame, rows)}
 
 
 def _views_of(frame: Frame, counters: Counters) -> Record:

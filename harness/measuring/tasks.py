@@ -90,13 +90,6 @@ def count(
     return _opened(name, device).count(frame, triangles, options)
 
 
-def image(
-    name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
-) -> NDArray[np.uint8]:
-    """Draw `triangles` on the device and return (height, width, 4) RGBA."""
-    return _opened(name, device).image(frame, triangles, options)
-
-
 def time_group(
     name: str,
     device: Device,

@@ -10,7 +10,7 @@ from harness import __version__
 from harness.measuring.processes import Bench
 from harness.page import profile_data
 from harness.page.page_data import content_of
-from harness.rasterisers.shader_texts import shader
+from harness.rasterisers.base import shader
 from harness.report.page import CHARTS, ELEMENTS, STYLE
 from harness.report.page import PACKAGE as REPORT
 from harness.stored.folder import Run

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.figures.advice import listed
+from harness.figures.verdict import listed
 from harness.frame import SUBPIXEL, Frame, View, frame_of
 from harness.pictures.style import ONE_COLUMN, STYLE, looks, plain_table
 from harness.profile.counted import TERMS, counters, design_of

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.figures.advice import listed
+from harness.figures.verdict import listed
 from harness.pictures.style import plain_table
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import TERMS

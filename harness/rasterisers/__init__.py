@@ -39,12 +39,12 @@ __all__ = [
 GROUP = "raster_harness.rasterisers"
 
 BUILT_IN = {
-    "opengl": "harness.rasterisers.opengl.opengl:OpenGL",
-    "osmesa": "harness.rasterisers.opengl.osmesa:OSMesa",
-    "bounding-box": "harness.rasterisers.opengl.compute:BoundingBox",
-    "scanline": "harness.rasterisers.opengl.compute:Scanline",
+    "opengl": "harness.rasterisers.opengl:OpenGL",
+    "osmesa": "harness.rasterisers.osmesa:OSMesa",
+    "bounding-box": "harness.rasterisers.compute:BoundingBox",
+    "scanline": "harness.rasterisers.compute:Scanline",
     "binning": "harness.rasterisers.binning:Binning",
-    "webgpu": "harness.rasterisers.webgpu.webgpu:WebGPU",
+    "webgpu": "harness.rasterisers.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
     "simulated": "harness.rasterisers.simulated.simulated:Simulated",

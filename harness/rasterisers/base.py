@@ -1,4 +1,4 @@
-"""What every rasteriser can be asked, and how a device is described.
+"""What every rasteriser can be asked, how a device is described, and the order of submission.
 
 A rasteriser lives in a worker process of its own, because its drivers read their settings from
 the environment once, when they are loaded, and because a driver that crashes must cost one case.
@@ -10,17 +10,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
 from harness.rasterisers.counters import Counter
-from harness.rasterisers.submission_order import ORDERS, Order, submission
 
 if TYPE_CHECKING:
     from harness.frame import Frame
+    from scenes.scene import Viewing
 
 Triangles = NDArray[np.int32]
 Image = NDArray[np.uint8]
@@ -28,6 +30,10 @@ Counters = dict[str, NDArray[np.int64]]
 """Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
 gives a total."""
 
+Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
+"""In which triangles are submitted: caches and early tests depend on it; see `Options`."""
+
+ORDERS: tuple[Order, ...] = get_args(Order)
 
 SAMPLES = (1, 4, 8)
 MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
@@ -109,18 +115,17 @@ class Rasteriser(ABC):
 
     Class attributes say what it can do: `name`; `counters`, the names `count` returns;
     `new_counters`, how those are shown that no built-in rasteriser has; `timed`, whether `prepare`
-    works; `pictured`, whether `image` works. Construct it only inside a worker process whose
-    environment has been set to the device's.
+    works. Construct it only inside a worker process whose environment has been set to the
+    device's.
 
-    An implementation fills in `_count` and, where it can, `_prepare` and `_image`; they get the
-    triangles checked and in the order of submission.
+    An implementation fills in `_count` and, where it can, `_prepare`; they get the triangles
+    checked and in the order of submission.
     """
 
     name: ClassVar[str]
     counters: ClassVar[tuple[str, ...]] = ()
     new_counters: ClassVar[tuple[Counter, ...]] = ()
     timed: ClassVar[bool] = True
-    pictured: ClassVar[bool] = True
 
     shades: ClassVar[bool] = False
     """Whether it shades fragments, so that samples a pixel and work a fragment mean something."""
@@ -133,9 +138,6 @@ class Rasteriser(ABC):
 
     deep: ClassVar[bool] = False
     """Whether it has a depth test that it counts with; then it counts `depth_ties`, too."""
-
-    remark: ClassVar[str] = ""
-    """What a record must say about its figures, if anything."""
 
     known: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of the devices it can run on somewhere, whether or not they work here."""
@@ -208,18 +210,6 @@ class Rasteriser(ABC):
             raise UsageError(f"rasteriser {self.name} has no time to measure")
         return self._prepare(frame, self._ready(frame, triangles, options), options)
 
-    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        """Draw once and return the picture, (height, width, 4) RGBA, top row first.
-
-        Raises
-        ------
-        harness.errors.UsageError
-            as for `count`, or if the rasteriser is not pictured
-        """
-        if not self.pictured:
-            raise UsageError(f"rasteriser {self.name} has no picture")
-        return self._image(frame, self._ready(frame, triangles, options), options)
-
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if not self.supports(options):
             raise UsageError(f"{self.name} has {self.lacking}; use opengl for these")
@@ -238,9 +228,6 @@ class Rasteriser(ABC):
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters: ...
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        raise NotImplementedError
-
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
         raise NotImplementedError
 
 
@@ -264,3 +251,111 @@ def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -
     totals = np.zeros(len(frame.offsets) - 1, np.int64)
     np.add.at(totals, frame.owner(triangles), values)
     return totals
+
+
+_SPREAD = (
+    (16, 0x0000FFFF0000FFFF),
+    (8, 0x00FF00FF00FF00FF),
+    (4, 0x0F0F0F0F0F0F0F0F),
+    (2, 0x3333333333333333),
+    (1, 0x5555555555555555),
+)
+"""Of how far and with which mask bits are moved apart."""
+
+
+def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Triangles]:
+    """Split `triangles` so that no batch shades `most` lanes, that no counter of 32 bits wraps.
+
+    With a depth test a batch is a view, of at most 2^28 pixels.
+
+    A triangle touches at most the quads of its bounding box.
+    """
+    from harness.frame import SUBPIXEL
+
+    corners = frame.points[triangles].astype(np.int64)
+    sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
+    lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
+    if frame.depths is not None:  # a view hides only what is drawn in the same batch
+        return [triangles[rows] for rows in frame.draws(triangles)]
+    if not len(lanes) or lanes[-1] < most:
+        return [triangles]
+    return np.split(triangles, np.flatnonzero(np.diff(lanes // (most // 2))) + 1)
+
+
+def submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+    """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
+
+    Tiles and views stay one after another; within each, triangles are ordered. Of a model's views
+    the native order is the model's, or front to back.
+
+    Raises
+    ------
+    ValueError
+        if `triangles` is not an integer (m, 3) array of vertices of the frame
+    """
+    array = np.asarray(triangles)
+    if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
+    if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
+        raise ValueError(f"a triangle names a vertex outside 0..{len(frame.points) - 1}")
+    if frame.viewing is not None and options.order == "native":
+        view = np.searchsorted(frame.viewing.first, frame.owner(array), side="right")
+        array = array[np.lexsort((_places(frame, frame.viewing, array), view))]
+    elif frame.tiles is None:
+        array = _ordered(frame, array, options)
+    else:
+        tiles = [_ordered(frame, array[rows], options) for rows in frame.draws(array)]
+        array = np.concatenate(tiles)
+    return np.ascontiguousarray(array, np.int32)
+
+
+def _places(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
+    """(m,) where each triangle, piece by piece in `array`, is in the order of its view.
+
+    The k-th triangle of a face takes the place of the k-th that the model has there.
+    """
+    if viewing.near_first and viewing.depths is not None:
+        return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
+    owner = frame.owner(array)
+    ordered = np.argsort(owner, kind="stable")
+    number = np.empty(len(array), np.int64)
+    number[ordered] = np.arange(len(array)) - np.searchsorted(owner[ordered], owner[ordered])
+    starts = viewing.rank_starts
+    last = np.diff(starts)[owner] - 1
+    return np.asarray(viewing.ranks[starts[owner] + np.minimum(number, last)])
+
+
+def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:
+    if options.order == "walk":
+        from triangulators.geometry.order import walk
+
+        return walk(array, len(frame.points))
+    if options.order == "vertex-cache":
+        from triangulators.geometry.vertex_cache import vertex_cache_order
+
+        return vertex_cache_order(array, len(frame.points))
+    if options.order == "morton":
+        return array[np.argsort(_morton(frame, array), kind="stable")]
+    if options.order == "shuffled":
+        return np.random.default_rng(options.seed).permutation(array)
+    return array
+
+
+def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
+    """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
+    centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
+    x, y = np.maximum(centre, 0).astype(np.uint64).T
+    return _spread(x) | (_spread(y) << np.uint64(1))
+
+
+def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Put a zero bit between any two of the low 32 bits."""
+    for shift, mask in _SPREAD:
+        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
+    return value
+
+
+@cache
+def shader(name: str) -> str:
+    """Return the text of a file in shaders/, e.g. "draw.wgsl"."""
+    return files("harness.rasterisers").joinpath("shaders", name).read_text(encoding="utf-8")

@@ -101,7 +101,6 @@ class Binning(OnCpu):
         f"tiles_{side}{how}" for side in TILES for how in ("", "_exact")
     )
     timed = False
-    pictured = False
     cuts = True
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:

@@ -17,7 +17,7 @@ class Counter:
     name : its key in records and its column in files
     label, unit : how tables and plots show it
     better : "lower" where less is less work; "none" where every triangulation of a polygon has
-        the same, or where it is only a driver's opinion
+        the same
     best_case : the value no triangulation can beat, None where it depends on the scene
     heading : a shorter label for the terminal's table; "" leaves the counter out of it, unless
         the rasteriser has no other
@@ -32,78 +32,100 @@ class Counter:
     description: str = ""
 
 
-COUNTERS = {
-    counter.name: counter
-    for counter in (
+_TILES = (("", "", "bounding boxes"), ("_exact", ", exactly", "the triangles themselves"))
+
+_COUNTERS = (
+    Counter(
+        CYCLES,
+        "cycles",
+        "cycles",
+        heading="cycles",
+        description="cycles that a simulated design takes, which are its time",
+    ),
+    Counter(
+        "helper_lanes",
+        "helper lanes",
+        "lanes",
+        best_case=0.0,
+        heading="helpers",
+        description="lanes of shaded 2x2 quads that cover nothing",
+    ),
+    Counter(
+        "bbox_tests",
+        "bounding-box tests",
+        "tests",
+        heading="tests",
+        description="pixel centres tested in bounding boxes",
+    ),
+    Counter("rows", "rows walked", "rows", description="pixel rows that triangles reach"),
+    *(
         Counter(
-            *(CYCLES, "cycles", "cycles", "lower", None, "cycles"),
-            description="cycles that a simulated design takes, which are its time",
-        ),
-        Counter(
-            *("helper_lanes", "helper lanes", "lanes", "lower", 0.0, "helpers"),
-            description="lanes of shaded 2x2 quads that cover nothing",
-        ),
-        Counter(
-            *("bbox_tests", "bounding-box tests", "tests", "lower", None, "tests"),
-            description="pixel centres tested in bounding boxes",
-        ),
-        Counter("rows", "rows walked", "rows", description="pixel rows that triangles reach"),
-        *(
-            Counter(
-                f"tiles_{size}{suffix}",
-                f"tiles of {size} px{note}",
-                "tiles",
-                description=f"tiles of {size} x {size} px that {what} touch",
-            )
-            for suffix, note, what in (
-                ("", "", "bounding boxes"),
-                ("_exact", ", exactly", "the triangles themselves"),
-            )
-            for size in (16, 32, 64)
-        ),
-        Counter("tiles", "tiles", "tiles", description="tiles that triangles are put into"),
-        Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
-        Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
-        Counter("beats", "beats", "beats", description="cycles in which quads leave"),
-        Counter(
-            *("traversal_cycles", "traversal", "cycles"),
-            description="cycles in which the rasteriser descends",
-        ),
-        Counter(
-            *("empty_quads", "empty quads", "quads"),
-            description="quads that the rasteriser tries and that cover nothing",
-        ),
-        Counter(
-            *("busiest_pipe_quads", "quads of the busiest pipe", "quads"),
-            description="quads of the pipe that writes most",
-        ),
-        Counter("colour_misses", "misses", "lines", description="lines the colour cache lacks"),
-        Counter("colour_bytes", "colour bytes", "bytes", description="bytes of colour in memory"),
-        Counter("shaded_vertices", "vertices shaded", "vertices", description="vertices shaded"),
-        Counter("quads", "quads", "quads", description="2x2 quads shaded"),
-        Counter(
-            *("partial_quads", "partial quads", "quads", "lower", 0.0),
-            description="2x2 quads shaded of which a lane covers nothing",
-        ),
-        Counter("blocks", "4x4 blocks", "blocks", description="4x4 pixel blocks touched"),
-        Counter("fragments", "fragments", "pixels", "none", description="covered pixels"),
-        Counter("hits", "hits", "pixels", "none", description="covered pixels, found by testing"),
-        Counter(
-            *("depth_ties", "ties of depth", "pixels", "none"),
-            description="depth tests that rounding decides, so that devices may differ",
-        ),
-        Counter(
-            *("samples_passed", "samples passed", "samples", "none"),
-            description="covered samples, by the driver's own query",
-        ),
-    )
-}
+            f"tiles_{size}{suffix}",
+            f"tiles of {size} px{note}",
+            "tiles",
+            description=f"tiles of {size} x {size} px that {what} touch",
+        )
+        for suffix, note, what in _TILES
+        for size in (16, 32, 64)
+    ),
+    Counter("tiles", "tiles", "tiles", description="tiles that triangles are put into"),
+    Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
+    Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
+    Counter("beats", "beats", "beats", description="cycles in which quads leave"),
+    Counter(
+        "traversal_cycles",
+        "traversal",
+        "cycles",
+        description="cycles in which the rasteriser descends",
+    ),
+    Counter(
+        "empty_quads",
+        "empty quads",
+        "quads",
+        description="quads that the rasteriser tries and that cover nothing",
+    ),
+    Counter(
+        "busiest_pipe_quads",
+        "quads of the busiest pipe",
+        "quads",
+        description="quads of the pipe that writes most",
+    ),
+    Counter("colour_misses", "misses", "lines", description="lines the colour cache lacks"),
+    Counter("colour_bytes", "colour bytes", "bytes", description="bytes of colour in memory"),
+    Counter("shaded_vertices", "vertices shaded", "vertices", description="vertices shaded"),
+    Counter("quads", "quads", "quads", description="2x2 quads shaded"),
+    Counter(
+        "partial_quads",
+        "partial quads",
+        "quads",
+        best_case=0.0,
+        description="2x2 quads shaded of which a lane covers nothing",
+    ),
+    Counter("blocks", "4x4 blocks", "blocks", description="4x4 pixel blocks touched"),
+    Counter("fragments", "fragments", "pixels", better="none", description="covered pixels"),
+    Counter(
+        "hits", "hits", "pixels", better="none", description="covered pixels, found by testing"
+    ),
+    Counter(
+        "depth_ties",
+        "ties of depth",
+        "pixels",
+        better="none",
+        description="depth tests that rounding decides, so that devices may differ",
+    ),
+    Counter(
+        "samples_passed",
+        "samples passed",
+        "samples",
+        better="none",
+        description="covered samples, by the driver's own query",
+    ),
+)
+
+COUNTERS = {counter.name: counter for counter in _COUNTERS}
 """Counters of the built-in rasterisers, in the order in which they are shown."""
 
 _learned: dict[str, Counter] = {}
-
-DRIVER = "driver_"
-"""Prefix of counters that are a driver's opinion and not counted by the harness."""
 
 
 def describe(name: str) -> Counter:
@@ -111,10 +133,7 @@ def describe(name: str) -> Counter:
     known = COUNTERS.get(name) or _learned.get(name)
     if known is not None:
         return known
-    words = name.replace("_", " ")
-    if name.startswith(DRIVER):
-        return Counter(name, words, better="none", description="as the driver reports it")
-    return Counter(name, words)
+    return Counter(name, name.replace("_", " "))
 
 
 def learn(counters: Iterable[Counter]) -> None:

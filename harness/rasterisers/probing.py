@@ -1,6 +1,6 @@
-"""Programs that ask drivers what they can open, each in a process and environment of its own.
+"""Runs programs that ask drivers what they can open, each in an environment of its own.
 
-Several of them take seconds, so what they found is kept in the user's cache folder, and asked again
+All of them take seconds, so what they found is kept in the user's cache folder, and asked again
 when drivers, device nodes or the variables that choose between them have changed.
 """
 
@@ -51,12 +51,12 @@ MOST_KEPT = 64
 class Question(NamedTuple):
     """One start of a program that prints a JSON object {"devices": [...], "problems": [...]}.
 
-    mode : its argument
+    arguments : of the program
     environment : variables beside those of this process
     """
 
     program: Path
-    mode: str
+    arguments: tuple[str, ...]
     environment: Mapping[str, str]
 
 
@@ -65,7 +65,7 @@ def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
     kept = _read()
     keys = [_key(question) for question in questions]
     asked = dict(zip(keys, questions, strict=True))
-    running = {key: start(*question) for key, question in asked.items() if key not in kept}
+    running = {key: start(question) for key, question in asked.items() if key not in kept}
     fresh = {key: finish(process) for key, process in running.items()}
     # What gave no answer may give one the next time.
     told = {key: answer for key, answer in fresh.items() if not answer.get("failed")}
@@ -106,7 +106,7 @@ def _key(question: Question) -> str:
     """Return a digest of all that an answer depends on."""
     about = (
         question.program.read_text(),
-        question.mode,
+        question.arguments,
         sorted(question.environment.items()),
         sys.prefix,
         sorted(item for item in os.environ.items() if VARIABLES.match(item[0])),
@@ -121,11 +121,11 @@ def _states() -> Iterator[tuple[str, int]]:
         yield str(path), path.stat().st_mtime_ns
 
 
-def start(program: Path, mode: str, environment: Mapping[str, str]) -> subprocess.Popen[str]:
+def start(question: Question) -> subprocess.Popen[str]:
     """Start a program that prints one JSON object {"devices": [...], "problems": [...]}."""
     return subprocess.Popen(
-        [sys.executable, "-P", str(program), mode],
-        env={**os.environ, **environment},
+        [sys.executable, "-P", str(question.program), *question.arguments],
+        env={**os.environ, **question.environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

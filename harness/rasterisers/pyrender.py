@@ -10,12 +10,15 @@ from __future__ import annotations
 import importlib.util
 import os
 import time
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
-from harness.frame import Frame
+from harness.frame import SUBPIXEL, Frame
+from harness.rasterisers import devices, osmesa
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -26,8 +29,8 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.extrude import Solid, extrude, projected
-from harness.rasterisers.opengl import egl, osmesa
+from harness.rasterisers.depth import DEEPEST
+from harness.rasterisers.reference import colours
 from scenes.spec import install
 from triangulators.devices import is_software, matches
 
@@ -39,6 +42,12 @@ DISTANCE = 1.5
 
 OLD_INFINITY = "infty"
 
+LOWEST, TALLEST = 0.005, 0.035
+"""Heights of roofs, as shares of the viewport's width."""
+
+GOLDEN = 0.6180339887498949
+WALL_SHADE = 0.55
+
 SKY = (0.93, 0.95, 0.98, 1.0)
 
 
@@ -49,7 +58,6 @@ class Pyrender(Rasteriser):
     lacking = "samples and shaders of its own choice"
     counters: ClassVar[tuple[str, ...]] = ()
     deep = True
-    remark = "pyrender draws in perspective and cannot count; its time includes reading back"
     known: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
 
     @classmethod
@@ -58,7 +66,7 @@ class Pyrender(Rasteriser):
         if importlib.util.find_spec("pyrender") is None:
             return []
         found = []
-        for device in egl.probe()[0]:
+        for device in devices.of_egl()[0]:
             if device.name == "llvmpipe" or not device.software:
                 number = str(device.details["egl_index"])
                 platform = {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": number}
@@ -74,7 +82,7 @@ class Pyrender(Rasteriser):
         """Say how to get it."""
         if importlib.util.find_spec("pyrender") is None:
             return f"run: {install('pyrender')}"
-        return f"run: {osmesa.INSTALL if name == 'osmesa' else egl.INSTALL}"
+        return f"run: {osmesa.INSTALL if name == 'osmesa' else devices.INSTALL}"
 
     def __init__(self, device: Device) -> None:
         for key, value in device.environment.items():
@@ -129,11 +137,6 @@ class Pyrender(Rasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self._open((frame.width, frame.height))
         return _Drawn(self, frame, triangles)
-
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        self._open((frame.width, frame.height))
-        with _Drawn(self, frame, triangles) as drawn:
-            return [drawn.draw(scene) for scene in drawn.scenes][-1]
 
     def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if frame.viewing is not None and frame.depths is None:
@@ -212,3 +215,60 @@ def camera_pose(width: float, height: float) -> np.ndarray:
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(away, right), away
     pose[:3, 3] = np.array([width / 2, height / 2, 0.0]) + DISTANCE * max(width, height) * away
     return pose
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Roofs and walls in pixels, z up: positions (v, 3), colours (v, 4) in 0..1, faces (f, 3)."""
+
+    positions: NDArray[np.float32]
+    colours: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+def extrude(frame: Frame, triangles: Triangles) -> Solid:
+    """Raise each polygon to a height of its own; the roof's triangles keep their order."""
+    owner = np.repeat(np.arange(len(frame.offsets) - 1), np.diff(frame.offsets)).astype(np.int32)
+    heights = (LOWEST + (TALLEST - LOWEST) * ((owner * GOLDEN) % 1.0)) * frame.width
+    plan = frame.points / SUBPIXEL
+    roof = np.column_stack([plan, heights])
+    ground = np.column_stack([plan, np.zeros(len(plan))])
+    paint = colours(owner).view(np.uint8).reshape(-1, 4) / 255
+    dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
+
+    # A wall's corners are its own: they have its colour, not the roof's.
+    following = next_in_ring(frame)
+    first = 2 * len(plan) + np.arange(len(plan))
+    top, bottom = len(plan) + np.arange(len(plan)), first
+    walls = np.concatenate(
+        [
+            np.column_stack([bottom, bottom[following], top[following]]),
+            np.column_stack([bottom, top[following], top]),
+        ]
+    )
+    return Solid(
+        positions=np.concatenate([roof, roof, ground]).astype(np.float32),
+        colours=np.concatenate([paint, dark, dark]).astype(np.float32),
+        faces=np.concatenate([triangles, walls]).astype(np.uint32),
+    )
+
+
+def projected(frame: Frame, triangles: Triangles) -> Solid:
+    """Return triangles (m, 3) of a model's views where they are projected, z from 0 down to -1."""
+    assert frame.depths is not None
+    used, faces = np.unique(triangles, return_inverse=True)
+    if not len(used):
+        used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # no renderer takes nothing
+    points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
+    owner = np.searchsorted(frame.offsets, used, side="right").astype(np.int32) - 1
+    paint = colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
+    return Solid(
+        points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
+    )
+
+
+def next_in_ring(frame: Frame) -> NDArray[np.int64]:
+    """Return (n,) for each of the frame's points the next one in its ring."""
+    following = np.arange(1, len(frame.points) + 1, dtype=np.int64)
+    following[frame.ring_ends - 1] = np.concatenate([[0], frame.ring_ends[:-1]])
+    return following

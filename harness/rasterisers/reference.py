@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +22,6 @@ from harness.rasterisers.base import (
     Triangles,
     per_polygon,
 )
-from harness.rasterisers.palette import colours
 
 SHADED = ("fragments", "quads", "helper_lanes", "partial_quads")
 """What a device with quads counts."""
@@ -107,7 +107,9 @@ class Reference(OnCpu):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _Filling(frame, triangles)
 
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        """Draw once and return the picture, (height, width, 4) RGBA, top row first."""
+        triangles = self._ready(frame, triangles, options)
         with _Filling(frame, triangles) as filling:
             filling.sample(1)
             picture = filling.picture[::-1]
@@ -138,3 +140,54 @@ class _Filling(Drawing):
 
     def close(self) -> None:
         self.picture = np.empty((0, 0), np.uint32)
+
+
+def colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
+    """Return an opaque colour for each polygon number, little-endian RGBA in (m,) uint32."""
+    mixed = (polygons.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
+    return (mixed >> np.uint32(8)) | np.uint32(0xFF404040)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """One counter in which a device differs from the reference.
+
+    differing : number of polygons that differ, of `polygons`
+    polygon : the first of them, as numbered in the scene
+    drawn, expected : its count on the device and by the reference
+    """
+
+    counter: str
+    differing: int
+    polygons: int
+    polygon: int
+    drawn: int
+    expected: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.counter} differ in {self.differing} of {self.polygons} polygons; "
+            f"polygon {self.polygon}: {self.drawn} instead of {self.expected}"
+        )
+
+
+def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[Disagreement]:
+    """Compare the counters that both have for each polygon of the frame."""
+    found = []
+    for name in expected:
+        if name not in drawn or drawn[name].shape != expected[name].shape:
+            continue
+        differing = np.flatnonzero(drawn[name] != expected[name])
+        if len(differing):
+            first = int(differing[0])
+            found.append(
+                Disagreement(
+                    counter=name,
+                    differing=len(differing),
+                    polygons=len(expected[name]),
+                    polygon=int(frame.source[first]),
+                    drawn=int(drawn[name][first]),
+                    expected=int(expected[name][first]),
+                )
+            )
+    return found

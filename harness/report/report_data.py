@@ -11,20 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.figures import views
-from harness.figures.advice import advice
-from harness.figures.decision import Standing, decide, explained
 from harness.figures.estimates import ESTIMATES, estimated
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, error_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
+from harness.figures.verdict import Standing, advice, decide, explained
 from harness.machine import state
 from harness.pictures.style import looks
 from harness.report import facts
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings
-from harness.stored.checking import FITS, USUAL_OPTIONS
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
+from harness.stored.schema import FITS, USUAL_OPTIONS
 from harness.study import polygon_ranking
 from harness.study.correlations import Estimate
 from harness.summary import row_of

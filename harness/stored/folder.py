@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.machine import system
 from harness.stored import atomic
-from harness.stored.checking import checked_facts, completed, wrong_field
 
 SCHEMA_VERSION = 1
 
@@ -242,7 +241,7 @@ def _finite(text: str) -> float | None:
 def read_run(path: Path) -> Run:
     """Read the run folder at `path`, or a single `cases.jsonl` file.
 
-    What is damaged is left out, and a problem each: see `harness.stored.checking`.
+    What is damaged is left out, and a problem each: see `harness.stored.schema`.
 
     Raises
     ------
@@ -291,6 +290,8 @@ def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:
     if not isinstance(found, dict):
         problems.append(f"{file} does not hold an object")
         return {}
+    from harness.stored.schema import checked_facts
+
     return checked_facts(found, problems)
 
 
@@ -307,6 +308,8 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
     A case that failed and was run again on resume stands twice.
     """
+    from harness.stored.schema import completed, wrong_field  # loads pydantic
+
     whole = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
     for number, line in enumerate(content[:whole].split(b"\n")[:-1], start=1):

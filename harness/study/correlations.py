@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.figures.correlation import Column, spearman
 from harness.figures.groups import SAME
 from harness.figures.intervals import median_over
+from harness.figures.polygons import Column, spearman
 from harness.figures.registry import find, measures, predictions
 from harness.stored.folder import Record
 from triangulators.criteria import FEATURES_KEPT

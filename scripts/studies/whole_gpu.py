@@ -20,12 +20,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.figures.correlation import spearman
 from harness.figures.intervals import mean_interval, median_over
+from harness.figures.polygons import spearman
 from harness.frame import SUBPIXEL, View, make_frame
-from harness.rasterisers.base import Options
+from harness.rasterisers.base import Options, submission
 from harness.rasterisers.simulated.attila.attila import BINDING, Attila, Parameters
-from harness.rasterisers.submission_order import submission
 from harness.study.design import Design
 from harness.study.subjects import choose_polygons
 from scenes import load

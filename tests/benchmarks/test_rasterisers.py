@@ -18,8 +18,7 @@ from harness.frame import SUBPIXEL, Frame, View, bare_frame, make_frame, on_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Triangles, find_device, get
-from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import disagreements, predict
 from triangulators import triangulate
 
 SIZES = (256, 1024, 4096)

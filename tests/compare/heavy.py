@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.rasterisers.base import Device, Drawing, Options, Triangles
-from harness.rasterisers.opengl.opengl import OpenGL
+from harness.rasterisers.opengl import OpenGL
 
 EXTRA = "HEAVY_EXTRA"
 """Environment variable: the share of a drawing's triangles that is drawn twice, e.g. 0.1."""

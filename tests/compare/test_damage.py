@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from harness.compare import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
-from harness.stored.checking import NUMBERS
+from harness.stored.schema import NUMBERS
 from tests.compare.runs import TRIANGULATORS, read_back, record, write_run
 
 pytestmark = pytest.mark.usefixtures("no_plots")

@@ -136,12 +136,6 @@ def test_a_counter_that_is_no_longer_counted_is_a_regression(tmp_path):
     assert "spills no longer counted" in headline(found)
 
 
-def test_what_a_driver_says_of_itself_is_not_gated(tmp_path):
-    before, after = {"hits": 9, "driver_blocks": 100}, {"hits": 9, "driver_blocks": 200}
-    assert compared(tmp_path, counted(before), counted(after)).exit_code == 0
-    assert compared(tmp_path / "gone", counted(before), counted({"hits": 9})).exit_code == 0
-
-
 @pytest.fixture
 def scenario(request, tmp_path) -> Callable[[str], Any]:
     def call(name: str, settings: Settings):

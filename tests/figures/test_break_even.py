@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from harness.figures.break_even import BreakEven, break_even
 from harness.figures.ratios import RUN_SCATTER
+from harness.figures.verdict import BreakEven, break_even
 from tests.harness.test_summary import printed, record
 
 ROUNDS = 12

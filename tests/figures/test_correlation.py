@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from harness.figures.correlation import ranks, spearman
+from harness.figures.polygons import ranks, spearman
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from harness.figures.advice import advice
-from harness.figures.decision import COUNTED, decide, explained
 from harness.figures.groups import base_of
+from harness.figures.verdict import COUNTED, advice, decide, explained
 from harness.report.report_data import content_of
 from harness.stored.folder import Run
 from harness.summary import WORDS, print_summary

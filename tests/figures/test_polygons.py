@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.figures.correlation import ranks, spearman
 from harness.figures.polygons import (
     columns_of,
     correlation_of_ratios,
     error_of,
     error_of_ratios,
     rank_correlation,
+    ranks,
     ratios,
+    spearman,
 )
 from harness.stored.folder import Run, Store
 

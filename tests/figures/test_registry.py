@@ -69,7 +69,9 @@ def sparkle(monkeypatch: pytest.MonkeyPatch) -> criteria.Criterion:
 def glow(monkeypatch: pytest.MonkeyPatch) -> Figure:
     """A metric that somebody adds."""
     read = lambda each: (each.get("counters") or {}).get("quads")  # noqa: E731
-    new = Figure("glow", "glow of quads", "lumens", "ratio", "lower", 0.0, read, heading="glow")
+    new = Figure(
+        "glow", "glow of quads", "lumens", read, kind="ratio", best_case=0.0, heading="glow"
+    )
     monkeypatch.setitem(registry.METRICS, new.name, new)
     return new
 
@@ -159,10 +161,10 @@ def test_every_figure_has_a_label_and_a_unit():
 
 def test_figures_of_records_are_those_that_they_have():
     assert list(figures_of([])) == []
-    rows = [a_record("fan", 0, {"quads": 5, "driver_blocks": 2})]
+    rows = [a_record("fan", 0, {"quads": 5, "samples_passed": 2})]
     found = figures_of(rows)
     assert next(iter(found)) == "quads"
-    assert found["driver_blocks"].better == "none"
+    assert found["samples_passed"].better == "none"
     assert "bbox_overdraw" not in found
     assert "draw_ms" in found
 

@@ -13,7 +13,7 @@ from harness.figures.intervals import (
     ratio_interval,
 )
 from harness.figures.views import VIEWS, over_views, said
-from harness.stored.checking import wrong_field
+from harness.stored.schema import wrong_field
 from harness.summary import row_of
 
 

@@ -270,12 +270,12 @@ print([name for name in heavy if name in sys.modules])
 def test_limits_of_options_are_those_of_what_they_set():
     from harness import frame
     from harness.commands import options
-    from harness.rasterisers import base, submission_order
+    from harness.rasterisers import base
 
     assert options.RESOLUTIONS == (8, frame.MAX_RESOLUTION)
     assert options.SAMPLES == base.SAMPLES
     assert options.MOST_WORK == base.MAX_WORK
-    assert options.ORDERS == submission_order.ORDERS
+    assert options.ORDERS == base.ORDERS
 
 
 @pytest.mark.parametrize(

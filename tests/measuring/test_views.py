@@ -17,8 +17,8 @@ from harness.measuring.settings import MODEL_TRIANGULATORS
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers.reference import outlines, quads_of
-from harness.stored.checking import wrong_field
 from harness.stored.folder import read_arrays, read_run
+from harness.stored.schema import wrong_field
 from harness.triangulating.recipes import parse_all
 from harness.triangulating.seen import original
 from tests.measuring.test_run import FAST, measure

@@ -14,8 +14,8 @@ from harness.models import views
 from harness.models.in_place import opened
 from harness.models.seen import read
 from harness.rasterisers import Options
+from harness.rasterisers.base import submission
 from harness.rasterisers.reference import predict
-from harness.rasterisers.submission_order import submission
 from harness.triangulating.frames import FrameTriangulation
 from harness.triangulating.seen import in_views, original
 from scenes import Scene, SceneError

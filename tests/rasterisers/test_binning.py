@@ -45,12 +45,9 @@ def test_counts_are_per_polygon_and_larger_tiles_are_fewer(scattered):
     assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()
 
 
-def test_it_has_neither_time_nor_picture(scattered):
+def test_it_has_no_time(scattered):
     frame, triangles = scattered(seed=2, size=64, number=2, grid=1)
     binning = get("binning")(find_device("binning"))
     assert not binning.timed
-    assert not binning.pictured
     with pytest.raises(UsageError, match="no time to measure"):
         binning.prepare(frame, triangles, Options())
-    with pytest.raises(UsageError, match="no picture"):
-        binning.image(frame, triangles, Options())

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
-from harness.rasterisers.opengl.compute import JOB_PIXELS, LANES, split_rows
+from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+from tests.rasterisers import pictures
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
@@ -72,7 +73,7 @@ def test_any_triangle_is_hit_as_by_the_reference(walker, reference, native, loos
 @pytest.mark.parametrize("grid", [1, 128])
 def test_image_covers_the_references_pixels(walker, reference, native, scattered, grid):
     frame, triangles = scattered(seed=9, size=300, number=60, grid=grid)
-    drawn = walker.image(frame, triangles, native)
+    drawn = pictures.image_of(walker, frame, triangles, native)
     expected = reference.image(frame, triangles, native)
     assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
 
@@ -85,7 +86,8 @@ def test_image_of_one_layer_equals_the_references(walker, reference, native, loo
     ]
     frame, triangles = loose(np.array(tiles), 64)
     assert np.array_equal(
-        walker.image(frame, triangles, native), reference.image(frame, triangles, native)
+        pictures.image_of(walker, frame, triangles, native),
+        reference.image(frame, triangles, native),
     )
 
 
@@ -98,7 +100,7 @@ def test_no_triangles_cost_nothing(walker, native, loose):
     frame, _ = loose([[256, 256], [2560, 512], [768, 2048]], 16)
     nothing = np.empty((0, 3), np.int32)
     assert all(not values.any() for values in walker.count(frame, nothing, native).values())
-    assert not walker.image(frame, nothing, native).any()
+    assert not pictures.image_of(walker, frame, nothing, native).any()
 
 
 def test_multisampling_and_work_are_refused(walker, scattered):

@@ -12,8 +12,8 @@ from harness.errors import NoRasteriser
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.rasterisers import Counters, Options, find_device, get
-from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.reference import SHADED
+from harness.rasterisers.reference import SHADED, disagreements
+from tests.rasterisers import pictures
 
 
 def counted_elsewhere(rasteriser: str, name: str, cases: list, options: Options) -> list[Counters]:
@@ -82,7 +82,7 @@ def test_softpipe_counts_the_quads_of_its_own_pictures(scattered):
         for number, triangle in enumerate(triangles):
             case = ("opengl", device, frame, triangle[None], Options())
             drawn = worker.call(tasks.count, *case, timeout_s=120)
-            picture = worker.call(tasks.image, *case, timeout_s=120)[::-1, :, 3] > 0
+            picture = worker.call(pictures.image, *case, timeout_s=120)[::-1, :, 3] > 0
             lanes = picture.reshape(32, 2, 32, 2).sum(axis=(1, 3))
             counted = [drawn[name][number] for name in SHADED]
             quads, partial = (lanes > 0).sum(), ((lanes > 0) & (lanes < 4)).sum()

@@ -9,7 +9,7 @@ import pytest
 
 from harness import doctor, rasterisers
 from harness.frame import bare_frame
-from harness.rasterisers.opengl import egl, osmesa
+from harness.rasterisers import devices, osmesa
 
 
 @pytest.fixture(scope="module")
@@ -30,27 +30,9 @@ def test_what_works_here_is_reported_with_its_figures(findings):
     assert any(name.startswith("bounding-box on") for name in findings)
 
 
-def test_what_a_devices_own_counters_mean_is_told(findings):
-    """llvmpipe calls every lane of a 4x4 block an invocation; softpipe the covered pixels."""
-    llvmpipe = findings["opengl on llvmpipe"].detail
-    assert "its own statistics count neither pixels nor lanes: 1.28 a pixel" in llvmpipe
-    assert "with 4 samples it shades once a pixel" in llvmpipe
-    softpipe = findings["opengl on softpipe"].detail
-    assert "its own statistics count covered pixels alone" in softpipe
-    assert "samples" not in softpipe
-
-
-@pytest.mark.parametrize(
-    ("told", "words"),
-    [(900, ["pixels alone"]), (1200, ["helper lanes, too"]), (1800, ["2.00 a pixel"])],
-)
-def test_statistics_are_of_pixels_of_lanes_or_of_neither(told, words):
-    counted = {"driver_fragment_invocations": told, "fragments": 900, "quads": 300}
-    drawn = {name: np.array([value]) for name, value in counted.items()}
-    (sentence,) = doctor._statistics(drawn)
-    assert all(word in sentence for word in words)
-    del drawn["driver_fragment_invocations"]
-    assert doctor._statistics(drawn) == []
+def test_how_often_a_pixel_of_four_samples_is_shaded_is_told(findings):
+    assert "with 4 samples it shades once a pixel" in findings["opengl on llvmpipe"].detail
+    assert "samples" not in findings["opengl on softpipe"].detail
 
 
 def test_a_device_that_shades_each_sample_is_told():
@@ -78,8 +60,8 @@ def test_whatever_is_not_in_order_comes_with_a_fix(findings):
 
 def test_a_bare_machine_gets_the_lines_that_install_everything(monkeypatch):
     nothing = {"devices": [], "problems": ["libEGL.so.1: cannot open shared object file"]}
-    monkeypatch.setattr(egl, "probe", lambda: ((), ()))
-    monkeypatch.setattr(egl, "listing", lambda: nothing)
+    monkeypatch.setattr(devices, "of_egl", lambda: ((), ()))
+    monkeypatch.setattr(devices, "egl_listing", lambda: nothing)
     monkeypatch.setattr(osmesa.OSMesa, "devices", classmethod(lambda cls: []))
     monkeypatch.setattr(rasterisers.get("pyrender"), "devices", classmethod(lambda cls: []))
     monkeypatch.setattr(doctor, "VENDOR_FOLDERS", ("/nonexistent",))
@@ -95,7 +77,7 @@ def test_a_bare_machine_gets_the_lines_that_install_everything(monkeypatch):
 
 def test_a_driver_that_crashes_is_a_finding_and_not_the_end(monkeypatch):
     device = rasterisers.Device("llvmpipe", True, {}, {"egl_index": 99})
-    monkeypatch.setattr(egl, "probe", lambda: ((device,), ()))
+    monkeypatch.setattr(devices, "of_egl", lambda: ((device,), ()))
     finding = doctor._devices("opengl", "llvmpipe")
     assert finding.status == "missing"
     assert "requested device index 99" in finding.detail

@@ -7,6 +7,7 @@ import psutil
 import pytest
 
 from harness.rasterisers import Options
+from tests.rasterisers import pictures
 
 FRAMES = 1000
 WARM_UP = 100
@@ -26,7 +27,7 @@ def test_a_thousand_frames_leak_nothing(opened, reference, scattered, name):
         size = int(rng.integers(32, 128)) * 2
         frame, triangles = scattered(seed=number, size=size, number=20, grid=1)
         rasteriser.count(frame, triangles, Options())
-        rasteriser.image(frame, triangles, Options())
+        pictures.image_of(rasteriser, frame, triangles, Options())
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
             drawing.sample(2)
     grown = process.memory_info().rss - before

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import Device, Options, get
-from harness.rasterisers.opengl.buffers import batches
-from harness.rasterisers.opengl.opengl import STATISTICS
+from harness.rasterisers.base import batches
 from harness.rasterisers.reference import SHADED
 
 
@@ -28,7 +27,6 @@ def test_counters_equal_the_reference_for_every_polygon(
         assert np.array_equal(drawn[name], exact[name]), name
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
     assert drawn["samples_passed"] == exact["fragments"].sum()
-    assert drawn["driver_blocks"] == exact["blocks"].sum()
 
 
 half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
@@ -125,14 +123,6 @@ def test_two_rasterisers_share_a_process(opened, reference, native, scattered):
         tested = opened("bounding-box").count(frame, triangles, native)
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
-
-
-def test_the_driver_reports_what_was_submitted(llvmpipe, native, scattered):
-    frame, triangles = scattered(seed=12, size=64, number=20, grid=1)
-    counters = llvmpipe.count(frame, triangles, native)
-    assert set(STATISTICS) <= set(counters)
-    assert counters["driver_vertices_submitted"] == 60
-    assert counters["driver_primitives_submitted"] == 20
 
 
 def test_no_triangles_cost_nothing(llvmpipe, native, loose):

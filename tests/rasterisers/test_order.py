@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options
-from harness.rasterisers.submission_order import ORDERS, submission
+from harness.rasterisers.base import ORDERS, submission
 
 
 @settings(deadline=None)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, spans
-from harness.rasterisers.palette import colours
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import colours, predict
 from tests.rasterisers.pixels import SIZE, blocks_touched, covered
 from triangulators import criteria
 

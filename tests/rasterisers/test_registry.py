@@ -11,8 +11,7 @@ import pytest
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
-from harness.rasterisers import Device, Rasteriser, find_device, get, names, probing
-from harness.rasterisers.opengl import egl
+from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names, probing
 from triangulators.devices import matches
 
 
@@ -33,13 +32,13 @@ def test_an_unknown_device_gets_the_nearest_name():
 
 
 def test_a_missing_gpu_is_an_error_and_no_fallback(monkeypatch):
-    monkeypatch.setattr(egl, "probe", lambda: ((Device("llvmpipe", True),), ()))
+    monkeypatch.setattr(devices, "of_egl", lambda: ((Device("llvmpipe", True),), ()))
     with pytest.raises(NoRasteriser, match="device 'gpu0' does not work here"):
         find_device("opengl", "gpu0")
 
 
 def test_a_machine_without_gl_gets_the_line_that_installs_it(monkeypatch):
-    monkeypatch.setattr(egl, "probe", lambda: ((), ("no libEGL",)))
+    monkeypatch.setattr(devices, "of_egl", lambda: ((), ("no libEGL",)))
     for name in (None, "llvmpipe"):
         with pytest.raises(NoRasteriser, match="apt-get install -y libegl1 libgl1 libgl1-mesa-dri"):
             find_device("opengl", name)
@@ -47,7 +46,7 @@ def test_a_machine_without_gl_gets_the_line_that_installs_it(monkeypatch):
 
 def test_the_best_device_comes_first(monkeypatch):
     found = (Device("gpu0", False), Device("llvmpipe", True))
-    monkeypatch.setattr(egl, "probe", lambda: (found, ()))
+    monkeypatch.setattr(devices, "of_egl", lambda: (found, ()))
     assert find_device("opengl").name == "gpu0"
     assert find_device("reference").name == "cpu"
 
@@ -117,13 +116,13 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
         "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
         "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
     }
-    ways = [("zink", {"WAY": "first"}), ("zink", {"WAY": "second"}), ("zink", {"WAY": "second"})]
-    monkeypatch.setattr(egl, "recipes", lambda: ways)
+    ways = [devices.egl_kind("zink", {"WAY": way}) for way in ("first", "second", "second")]
+    monkeypatch.setattr(devices, "_egl_kinds", lambda: ways)
     monkeypatch.setattr(
         probing, "ask", lambda asked: [answers[each.environment["WAY"]] for each in asked]
     )
-    devices, problems = egl.probe.__wrapped__()
-    assert [(device.name, device.environment["WAY"]) for device in devices] == [("zink", "second")]
+    found, problems = devices.of_egl.__wrapped__()
+    assert [(device.name, device.environment["WAY"]) for device in found] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
 
 
@@ -132,10 +131,10 @@ def test_two_gpus_are_numbered(monkeypatch):
         {"renderer": name, "egl_index": k}
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
-    monkeypatch.setattr(egl, "recipes", lambda: [("gpu", {})])
+    monkeypatch.setattr(devices, "_egl_kinds", lambda: [devices.egl_kind("gpu", {})])
     monkeypatch.setattr(probing, "ask", lambda asked: [{"devices": cards, "problems": []}])
-    devices, problems = egl.probe.__wrapped__()
-    assert [(d.name, d.details["egl_index"], d.software) for d in devices] == [
+    found, problems = devices.of_egl.__wrapped__()
+    assert [(d.name, d.details["egl_index"], d.software) for d in found] == [
         ("gpu0", 0, False),
         ("gpu1", 2, False),
     ]
@@ -148,10 +147,10 @@ def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, t
     dies.write_text("import sys; sys.exit('segmentation fault')")
     monkeypatch.setattr(probing, "PROBE_SECONDS", 0.5)
     for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
-        monkeypatch.setattr(egl, "PROBE", program)
-        devices, problems = egl.probe.__wrapped__()
-        assert devices == ()
-        assert all(problem in found for found in problems)
+        monkeypatch.setattr(devices, "PROBE", program)
+        found, problems = devices.of_egl.__wrapped__()
+        assert found == ()
+        assert all(problem in each for each in problems)
 
 
 @pytest.fixture
@@ -173,7 +172,7 @@ def times_asked(program: Path) -> int:
 def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatch, tmp_path):
     monkeypatch.setattr(probing, "ROOT", tmp_path)
     (drivers := tmp_path / "usr/share/vulkan/icd.d").mkdir(parents=True)
-    question = probing.Question(program, "a", {})
+    question = probing.Question(program, ("a",), {})
     for _ in range(3):
         assert probing.ask([question])[0]["devices"] == [{"renderer": "x"}]
     assert times_asked(program) == 1
@@ -183,7 +182,9 @@ def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatc
     monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
     probing.ask([question])
     assert times_asked(program) == 3
-    probing.ask([question._replace(environment={"OTHER": "1"}), question._replace(mode="b")])
+    probing.ask(
+        [question._replace(environment={"OTHER": "1"}), question._replace(arguments=("b",))]
+    )
     assert times_asked(program) == 5
     probing.forget()
     probing.ask([question])
@@ -191,7 +192,7 @@ def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatc
 
 
 def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
-    question = probing.Question(program, "a", {})
+    question = probing.Question(program, ("a",), {})
     for damaged in ("", "[]", '{"x": 1}', '{"x": {"devices": 1}}'):
         probing.ask([question])
         (tmp_path / "cache" / "drivers.json").write_text(damaged)

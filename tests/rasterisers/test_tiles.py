@@ -17,11 +17,11 @@ from harness.measuring.records import _views_of
 from harness.measuring.worker import Worker
 from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, Rasteriser, get
-from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.opengl.buffers import BoundMesh
+from harness.rasterisers.base import submission
+from harness.rasterisers.context import BoundMesh
 from harness.rasterisers.pyrender import Pyrender
-from harness.rasterisers.reference import SHADED, Reference, outlines
-from harness.rasterisers.submission_order import submission
+from harness.rasterisers.reference import SHADED, Reference, disagreements, outlines
+from tests.rasterisers import pictures
 from tests.rasterisers.pixels import covered
 
 NATIVE = Options()
@@ -46,12 +46,12 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
         assert len(exact) >= 1
         assert disagreements(tiles[0], drawn, exact) == []
     # What is drawn later hides what was drawn before, so this is of the order, too.
-    assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+    assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
     # The picture is the viewport's again where no scissor is set, and the other way round.
     whole = replace(tiles[0], scissor=None)
-    image = call(tasks.image, whole, tiles[1], NATIVE)
+    image = call(pictures.image, whole, tiles[1], NATIVE)
     assert np.array_equal(image, reference.image(whole, tiles[1], NATIVE))
-    assert np.array_equal(call(tasks.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
+    assert np.array_equal(call(pictures.image, *tiles, NATIVE), reference.image(*tiles, NATIVE))
 
 
 def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
@@ -161,7 +161,7 @@ class Uncut(Pyrender):
 def test_what_cannot_cut_says_so(tiles):
     uncut: Rasteriser = Uncut()
     with pytest.raises(UsageError, match="pyrender cannot cut at a tile's edge; use opengl"):
-        uncut.image(*tiles, NATIVE)
+        uncut.count(*tiles, NATIVE)
     assert uncut._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
 
 

@@ -16,12 +16,13 @@ from harness.measuring import tasks
 from harness.measuring.worker import Worker
 from harness.models.seen import read
 from harness.rasterisers import Options, get
-from harness.rasterisers.agreement import disagreements
+from harness.rasterisers.reference import disagreements
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from harness.triangulating.seen import in_views, original
 from scenes.scene import Viewing
 from tests.models.test_in_place import plate
+from tests.rasterisers import pictures
 
 NATIVE = Options()
 
@@ -99,7 +100,7 @@ def test_pictures_with_depth_equal_the_reference_but_for_ties(on_device, deep, r
     if not get(rasteriser).deep:
         return
     frame, (rows, _) = deep
-    images = [call(tasks.image, frame, rows, NATIVE), reference.image(frame, rows, NATIVE)]
+    images = [call(pictures.image, frame, rows, NATIVE), reference.image(frame, rows, NATIVE)]
     ties = int(reference.count(frame, rows, NATIVE)["depth_ties"].sum())
     assert (images[0] != images[1]).any(axis=2).sum() <= ties
     # and what is drawn afterwards without depths is not tested

@@ -13,10 +13,9 @@ from harness.errors import NoRasteriser, UsageError
 from harness.frame import on_coarser_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, find_device, get, probing
-from harness.rasterisers.agreement import disagreements
-from harness.rasterisers.reference import SHADED
-from harness.rasterisers.webgpu import adapters
+from harness.rasterisers import Device, Options, devices, find_device, get, probing
+from harness.rasterisers.reference import SHADED, disagreements
+from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles
 
 DEVICES = ("llvmpipe", "lavapipe")
@@ -55,7 +54,7 @@ def test_counters_and_picture_equal_the_reference(on_device, reference, scattere
             assert set(drawn) == set(SHADED)
             assert disagreements(frame, drawn, exact) == []
     for options in (native, Options(work=50), Options(order="shuffled", seed=3)):
-        drawn = on_device(tasks.image, frame, triangles, options)
+        drawn = on_device(pictures.image, frame, triangles, options)
         assert np.array_equal(drawn, reference.image(frame, triangles, native)) or options.seed
 
 
@@ -81,8 +80,8 @@ def test_layers_that_hide_each_other_are_all_counted(on_device, reference, nativ
 def test_nothing_is_drawn_of_no_triangles(on_device, native, loose):
     frame, triangles = loose([[256, 256], [2000, 256], [256, 2000]], 64)
     drawn = on_device(tasks.count, frame, triangles[:0], native)
-    assert [counter.tolist() for counter in drawn.values()] == [[0], [0], [0]]
-    assert not on_device(tasks.image, frame, triangles[:0], native).any()
+    assert [counter.tolist() for counter in drawn.values()] == [[0]] * 4
+    assert not on_device(pictures.image, frame, triangles[:0], native).any()
 
 
 def commands(name: str, device: Device, software: bool) -> tuple[list[int], list[float]]:
@@ -137,7 +136,7 @@ def count_on_a_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, 
     try:
         step = opened._find_step()
         opened._step = step
-        return step, opened.count(*case), opened.image(*case)
+        return step, opened.count(*case), pictures.image_of(opened, *case)
     finally:
         opened._step = 1
         del opened._tally_once
@@ -162,7 +161,7 @@ def test_swiftshader_counts_what_the_reference_does_on_its_grid(
     moved = replace(frame, points=on_coarser_grid(frame.points, 16))
     counted = on_swiftshader(tasks.count, frame, triangles, native)
     assert disagreements(moved, counted, reference.count(moved, triangles, native)) == []
-    picture = on_swiftshader(tasks.image, frame, triangles, native)
+    picture = on_swiftshader(pictures.image, frame, triangles, native)
     assert np.array_equal(picture, reference.image(moved, triangles, native))
 
 
@@ -218,25 +217,25 @@ def adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, s
     ],
 )
 def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, names):
-    monkeypatch.setattr(adapters.sys, "platform", system)
-    monkeypatch.setattr(adapters.egl, "vulkan_environment", lambda places: None)
+    monkeypatch.setattr(devices.sys, "platform", system)
+    monkeypatch.setattr(devices, "vulkan_environment", lambda places: None)
     answer = {"devices": found, "problems": []}
     monkeypatch.setattr(probing, "ask", lambda asked: [answer for _ in asked])
-    devices, problems = adapters.probe.__wrapped__()
+    of_system, problems = devices.of_webgpu.__wrapped__()
     described = [
         f"{device.name}: {device.details['device']} on {device.details['backend_type']}"
-        for device in devices
+        for device in of_system
         if device.name != "llvmpipe"
     ]
     assert described == names
-    assert [device.software for device in devices] == [
-        not device.name.startswith("gpu") for device in devices
+    assert [device.software for device in of_system] == [
+        not device.name.startswith("gpu") for device in of_system
     ]
     assert problems == ()
 
 
 def test_without_wgpu_it_is_said_what_to_install(monkeypatch):
-    monkeypatch.setattr(adapters, "probe", lambda: ((), ("gpu: No module named 'wgpu'",)))
+    monkeypatch.setattr(devices, "of_webgpu", lambda: ((), ("gpu: No module named 'wgpu'",)))
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(NoRasteriser, match=r"pip install .*\[webgpu\]"):
         find_device("webgpu")

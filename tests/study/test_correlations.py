@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.figures.correlation import spearman
 from harness.figures.intervals import mean_interval
+from harness.figures.polygons import spearman
 from harness.study.correlations import (
     FEWEST,
     by_polygon,

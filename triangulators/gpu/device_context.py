@@ -120,7 +120,7 @@ def open_context(name: str) -> Compute:
 
 def _contexts(problems: list[str]) -> Iterator[Any]:
     """Yield a bare context on each of EGL's devices; append why one could not be opened."""
-    import glcontext  # type: ignore[import-untyped]
+    import glcontext
 
     for index in range(MAX_DEVICES):
         try:

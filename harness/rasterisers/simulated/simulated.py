@@ -89,7 +89,8 @@ class Simulated(Rasteriser):
             raise UsageError(f"{self._design.name} cannot cut at a tile's edge")
         return self._design.count(frame, triangles, options)
 
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
+        """Return the picture, (height, width, 4) RGBA, top row first; see `Reference.image`."""
         if not self._design.pictured:
             raise UsageError(f"{self._design.name} has no picture")
-        return self._design.image(frame, triangles)
+        return self._design.image(frame, self._ready(frame, triangles, options))

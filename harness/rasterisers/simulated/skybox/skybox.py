@@ -16,7 +16,7 @@ from harness.errors import UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Image, Options, Triangles, per_polygon
 from harness.rasterisers.counters import CYCLES
-from harness.rasterisers.palette import colours
+from harness.rasterisers.reference import colours
 from harness.rasterisers.simulated.building import Lacking
 from harness.rasterisers.simulated.design import Design
 from harness.rasterisers.simulated.skybox import program

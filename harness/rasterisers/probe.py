@@ -1,8 +1,9 @@
-"""Ask EGL what it can open: run as a program, in the environment of the device looked for.
+"""Ask EGL or WebGPU what it can open: a program, run in the environment of the device looked for.
 
-`python probe.py hardware` opens each EGL device that is not software, `python probe.py software`
-the first that is, `python probe.py list` none; each prints one JSON object. It stands alone, so
-that it starts quickly and so that a driver that crashes takes only the probe with it.
+`probe.py egl hardware` opens each EGL device that is not software, `probe.py egl software` the
+first that is, `probe.py egl list` none; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL)
+opens nothing but the drivers' lists. Each prints one JSON object. It stands alone, so that it
+starts quickly and so that a driver that crashes takes only the probe with it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ EGL_EXTENSIONS = 0x3055
 EGL_DRM_DEVICE_FILE = 0x3233
 STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02, "shading_language": 0x8B8C}
 MAX_DEVICES = 32
+
+ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "backend_type")
+"""What is told of a WebGPU adapter."""
 
 
 def egl_devices() -> list[dict[str, Any]]:
@@ -58,7 +62,7 @@ def egl_devices() -> list[dict[str, Any]]:
 
 def open_device(index: int) -> dict[str, str]:
     """Open an OpenGL context on an EGL device and return the driver's strings."""
-    import glcontext  # type: ignore[import-untyped]
+    import glcontext
 
     context = glcontext.get_backend_by_name("egl")(
         mode="standalone",
@@ -71,8 +75,8 @@ def open_device(index: int) -> dict[str, str]:
     return {key: (get_string(name) or b"").decode() for key, name in STRINGS.items()}
 
 
-def main(kind: str) -> dict[str, Any]:
-    """Probe the devices of one kind; {"devices": [...], "problems": [...]}."""
+def egl(kind: str) -> dict[str, Any]:
+    """Probe the EGL devices of one kind; {"devices": [...], "problems": [...]}."""
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
         found = egl_devices()
@@ -90,5 +94,19 @@ def main(kind: str) -> dict[str, Any]:
     return result
 
 
+def webgpu(backends: str) -> dict[str, Any]:
+    """List the adapters of some backends; {"devices": [...], "problems": [...]}."""
+    try:
+        import wgpu
+        from wgpu.backends.wgpu_native.extras import set_instance_extras
+
+        set_instance_extras(backends=backends.split(","))
+        adapters = wgpu.gpu.enumerate_adapters_sync()
+    except (ImportError, OSError, RuntimeError) as error:
+        return {"devices": [], "problems": [str(error)]}
+    devices = [{name: str(adapter.info[name]) for name in ADAPTER} for adapter in adapters]
+    return {"devices": devices, "problems": []}
+
+
 if __name__ == "__main__":
-    print(json.dumps(main(sys.argv[1])))
+    print(json.dumps({"egl": egl, "webgpu": webgpu}[sys.argv[1]](sys.argv[2])))

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import Counters, Device, Drawing, Image, Options, Sample, Triangles
-from harness.rasterisers.opengl import context
-from harness.rasterisers.opengl.buffers import Upload, batches
-from harness.rasterisers.opengl.context import Context
-from harness.rasterisers.opengl.gl import GLRasteriser
+from harness.rasterisers import context
+from harness.rasterisers.base import Counters, Device, Drawing, Options, Sample, Triangles, batches
+from harness.rasterisers.context import Context, Upload
+from harness.rasterisers.opengl import GLRasteriser
 
 MAX_GROUPS = 65535
 """Workgroups a dispatch may have in one dimension, on every device."""
@@ -70,15 +69,6 @@ class BoundingBox(GLRasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
         return _Dispatched(self.context, self._draw, frame, triangles)
-
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        self.context.activate()
-        with _Dispatched(self.context, self._draw, frame, triangles) as drawing:
-            drawing.picture.clear()
-            drawing.sample(1)
-            pixels = np.frombuffer(drawing.picture.texture.read(), np.uint8)
-        self.context.check("reading the picture")
-        return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
 
 
 class Scanline(BoundingBox):

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from harness.errors import NoRasteriser
 from harness.rasterisers.base import Device
-from harness.rasterisers.opengl.opengl import OpenGL
+from harness.rasterisers.opengl import OpenGL
 
 INSTALL = "apt-get install -y libosmesa6"
 LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")

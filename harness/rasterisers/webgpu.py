@@ -6,7 +6,8 @@ Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measurin
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 from weakref import WeakValueDictionary
@@ -16,21 +17,22 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
+from harness.rasterisers import devices
 from harness.rasterisers.base import (
     Counters,
     Device,
     Drawing,
-    Image,
     Options,
     Rasteriser,
+    Sample,
     Triangles,
+    batches,
+    shader,
 )
-from harness.rasterisers.opengl.buffers import batches
 from harness.rasterisers.reference import SHADED, predict
-from harness.rasterisers.shader_texts import shader
-from harness.rasterisers.webgpu import adapters
-from harness.rasterisers.webgpu.passes import FORMAT, Pass, Target, Timed
 from scenes.spec import install
+
+FORMAT = "rgba8unorm"
 
 TWELVE = 12
 """What the pixels of one quad add to its counter together; see shaders/count.wgsl."""
@@ -48,6 +50,25 @@ STEPS = (1, 2, 4, 8, 16)
 
 PROBE_PX, PROBES = 64, 80
 """Viewport and triangles by which the device's grid is found."""
+
+DRAWN = [
+    {"array_stride": size, "attributes": [{"format": kind, "offset": 0, "shader_location": place}]}
+    for place, (kind, size) in enumerate((("sint32x2", 8), ("uint32", 4)))
+]
+"""The draw's buffers: a vertex's point, and its polygon."""
+
+COUNTED = [
+    {
+        "array_stride": 28,
+        "step_mode": "instance",
+        "attributes": [
+            {"format": "sint32x4", "offset": 0, "shader_location": 0},
+            {"format": "sint32x2", "offset": 16, "shader_location": 1},
+            {"format": "uint32", "offset": 24, "shader_location": 2},
+        ],
+    }
+]
+"""The counting draw's: a triangle's three points, and its polygon."""
 
 LIMITS = ("max-texture-dimension-2d", "max-buffer-size", "max-storage-buffer-binding-size")
 
@@ -69,7 +90,7 @@ class WebGPU(Rasteriser):
     @classmethod
     def devices(cls) -> list[Device]:
         """List GPUs, then adapters that run on the CPU."""
-        return list(adapters.probe()[0])
+        return list(devices.of_webgpu()[0])
 
     @classmethod
     def supports(cls, options: Options) -> bool:
@@ -82,9 +103,9 @@ class WebGPU(Rasteriser):
         if importlib.util.find_spec("wgpu") is None:
             return f"run: {install('webgpu')}"
         if name == "lavapipe":
-            return f"run: {adapters.egl.INSTALL_VULKAN}"
+            return f"run: {devices.INSTALL_VULKAN}"
         if name == "llvmpipe":
-            return f"run: {adapters.egl.INSTALL}"
+            return f"run: {devices.INSTALL}"
         if name == "swiftshader":
             return "run: apt-get install -y chromium, which brings it along"
         return "WebGPU finds no such adapter; install its vendor's driver, or choose another"
@@ -92,21 +113,15 @@ class WebGPU(Rasteriser):
     def __init__(self, device: Device) -> None:
         adapter = _find_adapter(device)
         limits = {name: adapter.limits[name] for name in LIMITS}
-        self._has_timer = "timestamp-query" in adapter.features
-        features = ["timestamp-query"] if self._has_timer else []
-        self._device = adapter.request_device_sync(
-            required_features=features, required_limits=limits
-        )
-        self._period_ns = _timestamp_period(self._device.queue)
+        self.has_timer = "timestamp-query" in adapter.features
+        features = ["timestamp-query"] if self.has_timer else []
+        self.gpu = adapter.request_device_sync(required_features=features, required_limits=limits)
+        self.period_ns = _timestamp_period(self.gpu.queue)
         self._targets: WeakValueDictionary[tuple[int, int], Target] = WeakValueDictionary()
         self.max_size = int(limits["max-texture-dimension-2d"])
         self._step = 1
-        self._draw = self._pipeline(
-            "draw", WRITE_ALL, [(8, "vertex", ["sint32x2"]), (4, "vertex", ["uint32"])]
-        )
-        self._tally = self._pipeline(
-            "count", KEEP_ALPHA, [(28, "instance", ["sint32x4", "sint32x2", "uint32"])]
-        )
+        self.draw = self._pipeline("draw", "shade", WRITE_ALL, DRAWN)
+        self._tally = self._pipeline("count", "count", KEEP_ALPHA, COUNTED)
         step = self._find_step()
         self._step = step or 1
         bits = None if step is None else (SUBPIXEL // step).bit_length() - 1
@@ -120,13 +135,13 @@ class WebGPU(Rasteriser):
                 "max_size": self.max_size,
                 "subpixel_bits": bits,
                 "step": self._step,
-                "timer": self._has_timer,
+                "timer": self.has_timer,
             },
         )
 
     def close(self) -> None:
         """Give the device back."""
-        self._device.destroy()
+        self.gpu.destroy()
 
     def _find_step(self) -> int | None:
         """Return the step of the grid that the device snaps vertices to, in 1/256 px.
@@ -148,7 +163,7 @@ class WebGPU(Rasteriser):
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         frame = self._on_grid(frame)
-        target = self._target(frame)
+        target = self.target(frame)
         polygons = len(frame.offsets) - 1
         totals = np.zeros((polygons, 3), np.int64)
         for part in batches(frame, triangles, MOST_LANES):
@@ -161,33 +176,26 @@ class WebGPU(Rasteriser):
     def _tally_once(self, target: Target, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
-        triangles = self._buffer(rows, "VERTEX")
-        counts = self._buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE")
-        size = self._buffer(_size(frame), "UNIFORM")
-        group = self._group(self._tally, size, counts)
-        encoder = self._device.create_command_encoder()
-        with Pass(encoder, target) as render:
-            render.set_pipeline(self._tally)
-            render.set_bind_group(0, group)
-            render.set_vertex_buffer(0, triangles)
-            if frame.scissor is not None:
-                render.set_scissor_rect(*frame.scissor)
-            render.draw(3, len(part))
-        self._device.queue.submit([encoder.finish()])
-        found = np.frombuffer(self._device.queue.read_buffer(counts), np.uint32).copy()
+        triangles = self.buffer(rows, "VERTEX")
+        counts = self.buffer(np.zeros(3 * (len(frame.offsets) - 1), np.uint32), "STORAGE")
+        size = self.buffer(_size(frame), "UNIFORM")
+        encoder = self.gpu.create_command_encoder()
+        render = target.begin(encoder)
+        render.set_pipeline(self._tally)
+        render.set_bind_group(0, self.group(self._tally, size, counts))
+        render.set_vertex_buffer(0, triangles)
+        if frame.scissor is not None:
+            render.set_scissor_rect(*frame.scissor)
+        render.draw(3, len(part))
+        render.end()
+        self.gpu.queue.submit([encoder.finish()])
+        found = np.frombuffer(self.gpu.queue.read_buffer(counts), np.uint32).copy()
         for buffer in (triangles, counts, size):
             buffer.destroy()
         return found[: 3 * (len(frame.offsets) - 1)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        return self._timed(frame, triangles, options.work)
-
-    def _image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        with self._timed(frame, triangles, options.work) as drawing:
-            drawing.target.clear(self._device)
-            drawing.sample(1)
-            picture = drawing.target.read(self._device)
-        return picture[::-1].copy()
+        return _Timed(self, self._on_grid(frame), triangles, options.work)
 
     def _on_grid(self, frame: Frame) -> Frame:
         """Return the frame on the device's own grid, where it is drawn as it is counted."""
@@ -195,31 +203,7 @@ class WebGPU(Rasteriser):
             return frame
         return replace(frame, points=on_coarser_grid(frame.points, self._step))
 
-    def _timed(self, frame: Frame, triangles: Triangles, work: int) -> Timed:
-        frame = self._on_grid(frame)
-        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
-        view = np.zeros(4, np.float32)
-        view[:2] = _size(frame)
-        view.view(np.uint32)[2] = work
-        buffers = {
-            "points": self._buffer(frame.points.astype(np.int32), "VERTEX"),
-            "polygons": self._buffer(np.repeat(numbers, np.diff(frame.offsets)), "VERTEX"),
-            "indices": self._buffer(triangles.astype(np.uint32), "INDEX"),
-            "view": self._buffer(view, "UNIFORM"),
-        }
-        return Timed(
-            self._device,
-            self._draw,
-            self._group(self._draw, buffers["view"]),
-            self._target(frame),
-            buffers,
-            frame.draws(triangles),
-            scissor=frame.scissor or (0, 0, frame.width, frame.height),
-            one_pass=not self.device.software and _is_immediate(self.device.details),
-            period_ns=self._period_ns if self._has_timer else None,
-        )
-
-    def _target(self, frame: Frame) -> Target:
+    def target(self, frame: Frame) -> Target:
         """Return a picture to draw into, shared with whoever uses one of that size now."""
         if max(frame.width, frame.height) > self.max_size:
             raise UsageError(
@@ -229,38 +213,35 @@ class WebGPU(Rasteriser):
         key = (frame.width, frame.height)
         target = self._targets.get(key)
         if target is None:
-            target = self._targets[key] = Target(self._device, *key)
+            target = self._targets[key] = Target(self.gpu, *key)
         return target
 
-    def _buffer(self, array: NDArray[Any], usage: str) -> Any:
+    def buffer(self, array: NDArray[Any], usage: str) -> Any:
         """Upload an array; an empty one gets four bytes, for WebGPU binds no empty buffers."""
         content = np.ascontiguousarray(array if array.size else np.zeros(1, np.uint32))
-        return self._device.create_buffer_with_data(
+        return self.gpu.create_buffer_with_data(
             data=content, usage=f"{usage}|COPY_SRC" if usage == "STORAGE" else usage
         )
 
-    def _group(self, pipeline: Any, *buffers: Any) -> Any:
+    def group(self, pipeline: Any, *buffers: Any) -> Any:
+        """Bind buffers to a pipeline, by their number."""
         entries = [
             {"binding": number, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
             for number, buffer in enumerate(buffers)
         ]
         layout = pipeline.get_bind_group_layout(0)
-        return self._device.create_bind_group(layout=layout, entries=entries)
+        return self.gpu.create_bind_group(layout=layout, entries=entries)
 
-    def _pipeline(self, name: str, mask: int, buffers: list[tuple[int, str, list[str]]]) -> Any:
-        """Build the pipeline of a file in shaders/.
-
-        buffers : bytes of an element, "vertex" or "instance", and formats of its attributes
-        """
-        module = self._device.create_shader_module(code=shader(f"{name}.wgsl"))
-        entries = {"draw": "shade", "count": "count"}
-        return self._device.create_render_pipeline(
+    def _pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
+        """Build the pipeline of a file in shaders/ whose fragment shader is `entry`."""
+        module = self.gpu.create_shader_module(code=shader(f"{name}.wgsl"))
+        return self.gpu.create_render_pipeline(
             layout="auto",
-            vertex={"module": module, "entry_point": "place", "buffers": _layouts(buffers)},
+            vertex={"module": module, "entry_point": "place", "buffers": buffers},
             primitive={"topology": "triangle-list", "cull_mode": "none"},
             fragment={
                 "module": module,
-                "entry_point": entries[name],
+                "entry_point": entry,
                 "targets": [{"format": FORMAT, "write_mask": mask}],
             },
         )
@@ -299,20 +280,102 @@ def _is_immediate(details: Mapping[str, Any]) -> bool:
     return any(vendor in told for vendor in IMMEDIATE)
 
 
-def _layouts(buffers: list[tuple[int, str, list[str]]]) -> list[dict[str, Any]]:
-    sizes = {"sint32x4": 16, "sint32x2": 8, "uint32": 4}
-    layouts = []
-    location = 0
-    for stride, step, formats in buffers:
-        attributes = []
-        offset = 0
-        for kind in formats:
-            attributes.append({"format": kind, "offset": offset, "shader_location": location})
-            offset += sizes[kind]
-            location += 1
-        layouts.append({"array_stride": stride, "step_mode": step, "attributes": attributes})
-    return layouts
-
-
 def _size(frame: Frame) -> NDArray[np.float32]:
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
+
+
+class Target:
+    """A picture to draw into, freed when nothing refers to it any more."""
+
+    def __init__(self, device: Any, width: int, height: int) -> None:
+        self.size = (width, height)
+        self.texture = device.create_texture(
+            size=(width, height, 1), format=FORMAT, usage="RENDER_ATTACHMENT|COPY_SRC"
+        )
+        self.view = self.texture.create_view()
+
+    def begin(self, encoder: Any, timestamps: Mapping[str, Any] | None = None) -> Any:
+        """Begin a render pass over the picture, whose earlier content stays."""
+        attachment = {"view": self.view, "load_op": "load", "store_op": "store"}
+        return encoder.begin_render_pass(
+            color_attachments=[attachment],
+            **({"timestamp_writes": dict(timestamps)} if timestamps else {}),
+        )
+
+
+class _Timed(Drawing):
+    """One triangulation in buffers of the device, drawn again and again."""
+
+    def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
+        numbers = np.arange(len(frame.offsets) - 1, dtype=np.uint32)
+        view = np.zeros(4, np.float32)
+        view[:2] = _size(frame)
+        view.view(np.uint32)[2] = work
+        self._points = owner.buffer(frame.points.astype(np.int32), "VERTEX")
+        self._polygons = owner.buffer(np.repeat(numbers, np.diff(frame.offsets)), "VERTEX")
+        self._indices = owner.buffer(triangles.astype(np.uint32), "INDEX")
+        self._view = owner.buffer(view, "UNIFORM")
+        self._pipeline = owner.draw
+        self._group = owner.group(owner.draw, self._view)
+        self.gpu = owner.gpu
+        self._draws = frame.draws(triangles)
+        self._scissor = frame.scissor or (0, 0, frame.width, frame.height)
+        self.target = owner.target(frame)
+        self.one_pass = not owner.device.software and _is_immediate(owner.device.details)
+        self.period_ns = owner.period_ns if owner.has_timer else None
+        if self.period_ns is not None:
+            self._queries = self.gpu.create_query_set(type="timestamp", count=2)
+            self._answers = self.gpu.create_buffer(size=16, usage="QUERY_RESOLVE|COPY_SRC")
+
+    def sample(self, repeats: int) -> Sample:
+        """Draw `repeats` times.
+
+        As instances in one pass on a GPU that shades triangles as they come. Others collect
+        triangles before they shade, and leave out what a later one hides: each draw is submitted
+        by itself there.
+        """
+        instances = repeats if self.one_pass else 1
+        passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
+        commands = [
+            self._encode(draws, instances, first=number == 0, last=number == len(passes) - 1)
+            for number, draws in enumerate(passes)
+        ]
+        start = time.perf_counter()
+        for command in commands:
+            self.gpu.queue.submit([command])
+        self.gpu._poll_wait()  # what the standard offers returns some 100 us too late
+        wall = time.perf_counter() - start
+        if self.period_ns is None:
+            return Sample(wall=wall)
+        begin, end = np.frombuffer(self.gpu.queue.read_buffer(self._answers), np.uint64)
+        return Sample(wall=wall, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
+
+    def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
+        """Return one pass's commands, with a timestamp before the first and after the last."""
+        encoder = self.gpu.create_command_encoder()
+        stamps: dict[str, Any] = {}
+        if self.period_ns is not None and (first or last):
+            stamps["query_set"] = self._queries
+            stamps |= {"beginning_of_pass_write_index": 0} if first else {}
+            stamps |= {"end_of_pass_write_index": 1} if last else {}
+        render = self.target.begin(encoder, stamps)
+        render.set_pipeline(self._pipeline)
+        render.set_bind_group(0, self._group)
+        render.set_vertex_buffer(0, self._points)
+        render.set_vertex_buffer(1, self._polygons)
+        render.set_index_buffer(self._indices, "uint32")
+        render.set_scissor_rect(*self._scissor)
+        for rows in draws:
+            render.draw_indexed(3 * (rows.stop - rows.start), instances, 3 * rows.start)
+        render.end()
+        if stamps and last:
+            encoder.resolve_query_set(self._queries, 0, 2, self._answers, 0)
+        return encoder.finish()
+
+    def close(self) -> None:
+        """Free the buffers."""
+        for buffer in (self._points, self._polygons, self._indices, self._view):
+            buffer.destroy()
+        if self.period_ns is not None:
+            self._queries.destroy()
+            self._answers.destroy()

@@ -1,0 +1,413 @@
+"""What the records of a group say together: an order, what to take, when it pays, one sentence.
+
+The first sentence of a report, its ranking, the terminal's table and the pictures are all made of
+`decide`, so that they cannot contradict each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from harness.figures.groups import base_of, time_ratio
+from harness.figures.intervals import student_interval
+from harness.figures.ratios import FASTER, SLOWER, Ratio, Verdict
+from harness.figures.registry import find, measures, value_of
+from harness.rasterisers.counters import CYCLES
+from harness.stored.folder import Record
+
+Kind = Literal["at once", "after", "up to", "not shown", "never"]
+AT_ONCE: Final = "at once"
+AFTER: Final = "after"
+UP_TO: Final = "up to"
+NOT_SHOWN: Final = "not shown"
+NEVER: Final = "never"
+
+FEWEST_ROUNDS = 4
+"""With fewer, how much the time of triangulating scatters cannot be told."""
+
+
+@dataclass(frozen=True)
+class BreakEven:
+    """From which draw on triangulating and drawing take less than the base's, together.
+
+    kind : AT_ONCE: drawing is shown to be faster, triangulating to take no longer; AFTER: drawing
+        is shown to be faster; UP_TO: drawing is shown to be slower and triangulating quicker, so it
+        pays for fewer draws; NOT_SHOWN: no difference of drawing is shown; NEVER: drawing is shown
+        to be slower, and triangulating is not shown to be quicker
+    draws, low, high : of AFTER and UP_TO: draws, with a 95 % interval; infinite where it has no
+        end, None where triangulating was timed once, so that nobody knows
+    """
+
+    kind: Kind
+    draws: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def written(self) -> str:
+        """E.g. after 12 draws (11 to 14); at once; not shown; never (shown to be slower)."""
+        if self.kind == NEVER:
+            return "never (shown to be slower)"
+        if self.draws is None:
+            return self.kind
+        count = self._whole(self.draws)
+        draws = f"{count:,} draw{'' if count == 1 else 's'}"
+        if self.low is None or self.high is None:
+            return f"{self.kind} about {draws} (triangulated once)"
+        if count <= 0 and self.kind == AFTER:
+            return f"{AT_ONCE} ({self._ends(' to ')} draws)"
+        return f"{self.kind} {draws} ({self._ends(' to ')})"
+
+    @property
+    def short(self) -> str:
+        """The same for a narrow column: 12 (11-14)."""
+        if self.draws is None:
+            return self.kind
+        begin = "up to " if self.kind == UP_TO else ""
+        ends = "?" if self.low is None else self._ends("-")
+        return f"{begin}{self._whole(self.draws):,} ({ends})"
+
+    def _whole(self, draws: float) -> int:
+        """The first draw that pays, or the last."""
+        return math.floor(draws) if self.kind == UP_TO else math.ceil(draws)
+
+    def _ends(self, between: str) -> str:
+        """The interval, outwards to whole draws: a narrow one still shows that it is one."""
+        low, high = self.low or 0.0, self.high or 0.0
+        least = f"{max(0, math.ceil(low) - 1):,}"
+        return f"{least} or more" if math.isinf(high) else f"{least}{between}{math.ceil(high):,}"
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    value: float
+    low: float
+    high: float
+
+
+def break_even(record: Record, base: Record | None) -> BreakEven | None:
+    """Return it for two records timed in the same rounds; None where it is not defined.
+
+    It is not for the base itself, nor where drawing or triangulating of either was not timed, or
+    drawing in cycles. A draw saves (1 - ratio) times the base's draw. Both triangulate in the same
+    rounds, too: what one takes longer is the mean of the rounds' differences, with Student's
+    interval.
+    """
+    ratio = time_ratio(record, base)
+    if ratio is None or ratio.exact or base is None or record is base:
+        return None
+    longer = _longer(record, base)
+    if longer is None:
+        return None
+    if ratio.verdict == FASTER:
+        if longer.high <= 0:
+            return BreakEven(AT_ONCE)
+        return _over(AFTER, longer, _saved(ratio, base), _known(record, base))
+    if ratio.verdict == SLOWER:
+        if longer.high >= 0:
+            return BreakEven(NEVER)
+        quicker = _Estimate(-longer.value, -longer.high, -longer.low)
+        saved = _saved(ratio, base)
+        lost = _Estimate(-saved.value, -saved.high, -saved.low)
+        return _over(UP_TO, quicker, lost, _known(record, base))
+    return BreakEven(NOT_SHOWN)
+
+
+def _rounds(record: Record) -> Sequence[float]:
+    return record.get("triangulate_samples_s") or ()
+
+
+def _known(record: Record, base: Record) -> bool:
+    return len(_rounds(record)) == len(_rounds(base)) >= FEWEST_ROUNDS
+
+
+def _longer(record: Record, base: Record) -> _Estimate | None:
+    """Return by how many seconds triangulating takes longer; one value where it was timed once."""
+    if not _known(record, base):
+        seconds, usual = record.get("triangulate_s"), base.get("triangulate_s")
+        if seconds is None or usual is None:
+            return None
+        return _Estimate(*[seconds - usual] * 3)
+    return _Estimate(*student_interval(np.subtract(_rounds(record), _rounds(base))))
+
+
+def _saved(ratio: Ratio, base: Record) -> _Estimate:
+    """Return the seconds that a draw saves: relative errors of both factors add as squares."""
+    times = base["time"]
+    draw_s = times["median_s"]
+    ends = times.get("ci95_s") or (draw_s, draw_s)
+    share = 1 - ratio.value
+    low, high = (
+        math.hypot((share - end) / share, (draw_s - other) / draw_s) if share else math.inf
+        for end, other in ((1 - ratio.high, ends[0]), (1 - ratio.low, ends[1]))
+    )
+    value = draw_s * share
+    first, second = value - abs(value) * low, value + abs(value) * high
+    return _Estimate(value, first, second)
+
+
+def _over(kind: Kind, top: _Estimate, bottom: _Estimate, known: bool) -> BreakEven:
+    """Return `top` over `bottom`, which is above 0, with the interval for independent estimates.
+
+    The ends of both intervals give those of the ratio: MOVER-R (Newcombe, Statistical Methods in
+    Medical Research 25, 2016, after Donner and Zou). There are no fewer than 0 draws.
+    """
+    draws = max(0.0, top.value / bottom.value)
+    if not known:
+        return BreakEven(kind, draws)
+    low = _end(top.value, top.low, bottom.value, bottom.high, -1)
+    high = _end(top.value, top.high, bottom.value, bottom.low, 1)
+    return BreakEven(kind, draws, max(0.0, low), high)
+
+
+def _end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int) -> float:
+    if bottom_end <= 0:
+        return math.inf
+    below = bottom_end * (2 * bottom - bottom_end)
+    inside = (top * bottom) ** 2 - top_end * (2 * top - top_end) * below
+    if below <= 0:  # the saving is known to less than a factor of two
+        return top_end / bottom_end
+    return (top * bottom + sign * math.sqrt(max(0.0, inside))) / below
+
+
+Ground = Literal["faster", "base", "counters", "undecided", "equal", "few", "alone"]
+SHOWN: Final = "faster"
+KEEP: Final = "base"
+COUNTED: Final = "counters"
+OPEN: Final = "undecided"
+EQUAL: Final = "equal"
+FEW: Final = "few"
+ALONE: Final = "alone"
+
+TIME = "draw_ms"
+COVERED = "fragments"
+
+LEAST_PIXELS = 64
+"""Fewer covered pixels than these, all polygons together, say nothing of what is drawn larger."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A record in a ranking.
+
+    cost : its time over the base's, or its main counter's; what rows are in the order of
+    complete : whether it left no polygon out that another did
+    ratio : its paired ratio of times, None where there is none
+    pays : when it has paid, None where that is not defined
+    disagrees : whether its median time is on the other side of the base's than the ratio says
+    """
+
+    record: Record
+    cost: float
+    complete: bool
+    ratio: Ratio | None
+    pays: BreakEven | None
+    disagrees: bool
+
+    @property
+    def name(self) -> str:
+        """Of the triangulator."""
+        return str(self.record["triangulator"])
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What its ratio shows, None where there is none."""
+        return self.ratio.verdict if self.ratio else None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Which triangulator to take, and why.
+
+    standings : every record that was measured: the complete ones first, the cheapest on top
+    base : what they are compared with
+    ground : SHOWN: times show that the choice is faster than the base; KEEP: that all others are
+        slower; COUNTED: they show neither, and the choice has the least of an exact counter among
+        those that are not shown to be slower; OPEN: nothing tells them apart; EQUAL: no counter
+        does, either; FEW: fewer than `LEAST_PIXELS` are covered; ALONE: nothing to choose from.
+        By the last three nothing is advised, and the choice is the base
+    choice : what to take, the base where nothing speaks for another
+    alike : names of others that are not shown to be slower than the choice, where it is shown
+    measure : the main counter, None if nothing was counted
+    timed : whether times of two or more are compared
+    """
+
+    standings: tuple[Standing, ...]
+    base: Standing
+    ground: Ground
+    choice: Standing
+    alike: tuple[str, ...]
+    measure: str | None
+    timed: bool
+
+
+def decide(members: Sequence[Record]) -> Decision | None:
+    """Decide about the records of a group; None if none of them was measured."""
+    good = [record for record in members if record["status"] == "ok"]
+    first = base_of(good)
+    if first is None:
+        return None
+    measure = next(iter(measures(first.get("counters") or ())), None)
+    complete = max(record["polygons"] for record in good)
+    ranked = sorted(
+        (_standing(record, first, complete) for record in good),
+        key=lambda each: (not each.complete, each.cost, each.name),
+    )
+    base = next(each for each in ranked if each.record is first)
+    rivals = [each for each in ranked if each.complete]
+    ground, choice = _choose(rivals, base, measure)
+    alike = [
+        each.name
+        for each in rivals
+        if ground == SHOWN and each is not choice and each is not base and _level(each, choice)
+    ]
+    timed = any(each.ratio is not None and each is not base for each in rivals)
+    return Decision(tuple(ranked), base, ground, choice, tuple(alike), measure, timed)
+
+
+def _standing(record: Record, base: Record, complete: int) -> Standing:
+    """Rank by the paired ratio wherever there is one, as the verdict does.
+
+    Medians of two drawings may be in another order than the rounds that timed both.
+    """
+    ratio = time_ratio(record, base)
+    names = [TIME, *measures(record.get("counters") or ())]
+    cost, usual = value_of(record, names) or 0.0, value_of(base, names)
+    relative = ratio.value if ratio is not None else cost / usual if usual else cost
+    return Standing(
+        record=record,
+        cost=relative,
+        complete=record["polygons"] == complete,
+        ratio=ratio,
+        pays=break_even(record, base),
+        disagrees=ratio is not None and (_median(record) - _median(base)) * (ratio.value - 1) < 0,
+    )
+
+
+def _median(record: Record) -> float:
+    """Return its median time, of a device whose time is a count its cycles."""
+    time = record["time"]
+    return float(time["median_s"] if "median_s" in time else time[CYCLES])
+
+
+def _choose(
+    rivals: Sequence[Standing], base: Standing, measure: str | None
+) -> tuple[Ground, Standing]:
+    others = [each for each in rivals if each is not base]
+    if not others:
+        return ALONE, rivals[0]
+    usual = base if base in rivals else rivals[0]
+    covered = (usual.record.get("counters") or {}).get(COVERED)
+    if covered is not None and covered < LEAST_PIXELS:
+        return FEW, usual
+    shown = [each for each in others if each.verdict == FASTER]
+    if shown:
+        return SHOWN, shown[0]
+    if all(each.verdict == SLOWER for each in others):
+        return KEEP, base
+    open_ = [each for each in rivals if each.verdict != SLOWER]
+    counts = {each.name: _count(each, measure) for each in open_}
+    known = [each for each in open_ if counts[each.name] is not None]
+    # The base first: where nothing is counted less, nothing speaks for a change.
+    known.sort(key=lambda each: (counts[each.name], each is not base))
+    if known and counts[known[0].name] != counts[known[-1].name]:
+        return COUNTED, known[0]
+    every = [each.record.get("counters") or {} for each in rivals]
+    if known and all(counters == every[0] for counters in every):
+        return EQUAL, usual
+    return OPEN, base if base in rivals else open_[0]
+
+
+def _count(each: Standing, measure: str | None) -> int | None:
+    found: int | None = (each.record.get("counters") or {}).get(measure)
+    return found
+
+
+def _level(each: Standing, choice: Standing) -> bool:
+    ratio = time_ratio(each.record, choice.record)
+    return ratio is not None and ratio.verdict != SLOWER
+
+
+def explained(decision: Decision) -> str | None:
+    """Say why times and ratios are in another order, where they are."""
+    apart = [each.name for each in decision.standings if each.disagrees and each.complete]
+    timed = [each for each in decision.standings if each.ratio is not None and each.complete]
+    medians = [_median(each.record) for each in timed]
+    if not apart and medians == sorted(medians):
+        return None
+    why = (
+        "a ratio is taken within rounds, so that what the machine does to both cancels; a median "
+        "is over all rounds. The ratio decides, and the rows are in its order"
+    )
+    if apart:
+        names = ", ".join(apart)
+        return f"{names}: median and ratio to {decision.base.name} seem to disagree: {why}."
+    return f"Medians are in another order than ratios: {why}."
+
+
+def advice(members: Sequence[Record]) -> str:
+    """Return one sentence about the records of a group: which triangulator to take, and why."""
+    decision = decide(members)
+    if decision is None:
+        return "Nothing was measured: every case was skipped or failed."
+    first = decision.choice.record
+    turned = f", turned by {first['rotation']:g} degrees" if first.get("rotation") else ""
+    place = f"{first['device']} ({first['rasteriser']}, {first['resolution']} px{turned})"
+    return f"On {place}, {_advice(decision, first['scene'])}."
+
+
+def _advice(decision: Decision, scene: str) -> str:
+    choice, base = decision.choice, decision.base
+    take = f"triangulate {scene} by {choice.name}"
+    if decision.ground == SHOWN and choice.ratio:
+        ratio = choice.ratio
+        if ratio.exact:
+            return f"{take}: it takes {_share(1 - ratio.value)} fewer cycles than {base.name}"
+        words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
+        words += f"(95 % interval {_share(1 - ratio.high, '')} to {_share(1 - ratio.low)})"
+        if choice.pays is not None and choice.pays.kind in (AT_ONCE, AFTER):
+            words += f", and pays {choice.pays.written}"
+        if decision.alike:
+            words += f"; no difference to {listed(decision.alike)} is shown"
+        return words
+    if decision.ground == KEEP:
+        return f"{take}: every other triangulator is shown to draw slower"
+    if decision.ground == COUNTED:
+        words = f"{take}: it has the least by exact count, {_counted(decision)}"
+        return words + ("; times show none to be faster" if decision.timed else "")
+    if decision.ground == ALONE:
+        return f"{scene} was triangulated by {choice.name} alone, so there is nothing to compare"
+    if decision.ground == FEW:
+        covered = choice.record["counters"][COVERED]
+        return f"nothing is advised for {scene}: it covers {covered:,} pixels, too few to tell"
+    if decision.ground == EQUAL:
+        return f"nothing is advised for {scene}: all counters are equal, and no time differs"
+    counted = ", and none costs less by exact count" if choice.record.get("counters") else ""
+    return f"{take}: no other is shown to be faster{counted}"
+
+
+def _counted(decision: Decision) -> str:
+    measure, choice, base = decision.measure, decision.choice, decision.base
+    assert measure is not None
+    own = choice.record["counters"][measure]
+    words = f"{own:,} {find(measure).label}"
+    usual = (base.record.get("counters") or {}).get(measure)
+    if base is choice or not usual:
+        return words
+    return f"{words}, {_share(1 - own / usual)} fewer than {base.name}"
+
+
+def _share(value: float, unit: str = " %") -> str:
+    return f"{100 * value:.1f}{unit}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a sentence has them: a, b and c."""
+    if len(names) == 1:
+        return names[0]
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,1 +1,0 @@
-"""OpenGL: contexts, devices through EGL and OSMesa, counting by atomics, compute shaders."""

@@ -1,1 +1,0 @@
-"""WebGPU through wgpu: adapters, passes, drawing."""

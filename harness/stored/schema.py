@@ -1,0 +1,175 @@
+"""What a record and a run's facts must be, checked once, where they are read.
+
+A damaged run costs its damaged cases and no more: each thing that is left out is a problem of one
+line.
+"""
+
+from __future__ import annotations
+
+import statistics
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside")
+LISTS = ("warnings", "frames", "resumed", "merged")
+"""Parts of run.json that are tables, and lists."""
+
+MOST = 2**63
+"""No number of a record is as large: what reads them computes with 64 bits."""
+
+Number = Annotated[float, Field(gt=-MOST, lt=MOST, allow_inf_nan=False)]
+Fit = Literal["box", "circle", "tile", "view"]
+FITS: tuple[Fit, ...] = get_args(Fit)
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True, extra="allow", hide_input_in_errors=True)
+
+
+class Options(_Part):
+    """How a frame is drawn: `harness.rasterisers.Options`."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    samples: int = 1
+    work: int = 0
+    order: str = "native"
+    seed: int = 0
+
+
+class Least(_Part):
+    """Sums over the polygons whose fewest quads are known."""
+
+    polygons: Number
+    quads: Number
+    shaded: Number
+    fragments: Number
+
+
+class Cycles(_Part):
+    """The time of a device whose time is a count."""
+
+    timer: Literal["cycles"]
+    cycles: Annotated[int, Field(gt=-MOST, lt=MOST)]
+
+
+class Time(_Part):
+    """Rounds in which a case was timed; sample r of each list is of round r."""
+
+    samples_s: Annotated[list[Number], Field(min_length=1)]
+    median_s: Number = 0.0
+    reference_s: list[Number] = []
+    empty_s: list[Number] = []
+    ci95_s: Annotated[list[Number], Field(min_length=2, max_length=2)] = [0.0, 0.0]
+    epochs: list[Annotated[int, Field(gt=0)]] = []
+
+
+class Record(_Part):
+    """One case. What is None was not measured; fields of other versions are let pass.
+
+    docs/reference/files.md says what each holds.
+    """
+
+    key: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+    scene: str
+    triangulator: str
+    rasteriser: str
+    device: str
+    status: str
+    resolution: Number
+    rotation: Number
+    fit: Fit | None = None
+    options: Options | None = None
+    reason: str | None = None
+    scene_hash: str | None = None
+    host: str | None = None
+    polygons: Number | None = None
+    polygons_skipped: Number | None = None
+    polygons_failed: Number | None = None
+    polygons_cached: Number | None = None
+    vertices: Number | None = None
+    triangles: Number | None = None
+    predicted: dict[str, Number] | None = None
+    counters: dict[str, Number] | None = None
+    triangulate_s: Number | None = None
+    triangulate_samples_s: list[Number] | None = None
+    t_junctions: Number | None = None
+    proven: Number | None = None
+    largest_gap: Number | None = None
+    coverage_error: Number | None = None
+    outline_quads: Number | None = None
+    least: Least | None = None
+    views: dict[str, list[Number] | list[str]] | None = None
+    time: Time | Cycles | None = None
+
+    @model_validator(mode="after")
+    def _views_are_alike(self) -> Record:
+        if self.views and len({len(each) for each in self.views.values()}) > 1:
+            raise ValueError("views")
+        return self
+
+
+NUMBERS = tuple(
+    name for name, field in Record.model_fields.items() if field.annotation in (Number | None,)
+)
+USUAL_OPTIONS = Options().model_dump()
+
+
+def wrong_field(record: dict[str, Any]) -> str | None:
+    """Return the name of the first field that is not what a record has there, else None."""
+    try:
+        Record.model_validate(record)
+    except ValidationError as error:
+        place = error.errors(include_url=False)[0]["loc"]
+        return str(place[0]) if place else "views"
+    return None
+
+
+def completed(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a good record with the usual values of what it does not say."""
+    options = {**USUAL_OPTIONS, **(record.get("options") or {})}
+    usual: dict[str, Any] = {"fit": record.get("fit") or FITS[0], "options": options}
+    if record["status"] == "ok":
+        usual |= {name: record.get(name) or {} for name in ("counters", "predicted")}
+    time = record.get("time")
+    if time and "samples_s" in time and "median_s" not in time:
+        usual["time"] = {**time, "median_s": statistics.median(time["samples_s"])}
+    return {**record, **usual}
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def checked_facts(found: dict[str, Any], problems: list[str]) -> dict[str, Any]:
+    """Return the content of run.json with tables where tables are, all the way to a device's.
+
+    problems : gets a line for each part that is left out
+    """
+    good = dict(found)
+    for names, kind in ((SECTIONS, dict), (LISTS, list)):
+        for name in names:
+            if name in good and not isinstance(good[name], kind):
+                if good[name] is not None:
+                    problems.append(f"run.json: {name} is not usable; ignored")
+                del good[name]
+    good["devices"] = {
+        label: device
+        for label, device in good.get("devices", {}).items()
+        if isinstance(device, dict)
+        and all(isinstance(device.get(part) or {}, dict) for part in ("details", "timer"))
+    }
+    if not all(
+        isinstance(each, str) for each in _listed(good.get("plan", {}).get("triangulators"))
+    ):
+        problems.append("run.json: the plan's triangulators are not usable; ignored")
+        good["plan"] = {**good["plan"], "triangulators": []}
+    environment = dict(good.get("environment", {}))
+    for name, kind in (("git", dict), ("project", dict), ("packages", dict), ("gpus", list)):
+        if not isinstance(environment.get(name), kind):
+            environment.pop(name, None)
+    environment["gpus"] = [g for g in environment.get("gpus", []) if isinstance(g, dict)]
+    good["environment"] = environment
+    good["warnings"] = [line for line in good.get("warnings", []) if isinstance(line, str)]
+    return good
