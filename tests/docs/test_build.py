@@ -54,6 +54,19 @@ def test_the_reference_has_every_command_option_and_name(site):
     assert "paired_ratio" in python
 
 
+def test_the_leaderboard_has_a_row_for_each_result(site):
+    page = (site / "leaderboard.html").read_text()
+    assert "javascripts/sort.js" in page
+    for file in (ROOT / "results" / "devices").glob("*.json"):
+        assert f"<code>{file.stem}</code>" in page
+    cells = r"<td>city</td>\n<td>llvmpipe \(opengl\)</td>\n<td>{}</td>\n<td>(.*?)<"
+    best = re.search(cells.format("optimal:half-perimeter"), page)
+    clipped = set(re.findall(cells.format("ear-clipping"), page))
+    assert best
+    assert float(best[1]) < 1.0
+    assert clipped == {"1.000"}
+
+
 def test_pages_load_nothing_from_elsewhere(site):
     pattern = r'<(?:script|img|iframe|source)[^>]+src="(?:https?:)?//|<link[^>]+stylesheet[^>]+//'
     for page in site.rglob("*.html"):

@@ -1,4 +1,4 @@
-"""Polygons on which something went wrong once, found by studies/hunt.py and agreement.py."""
+"""Polygons on which something went wrong once, found by hunts at random."""
 
 import csv
 from pathlib import Path
