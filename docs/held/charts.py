@@ -13,7 +13,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from docs.held import profiles, tables
+from docs.held import profiles, simulated, tables
 from docs.held.tables import BEST_FOR_H, DEVICES, REFINED, SCENES, SHOWN
 
 INK = "#24292f"
@@ -139,12 +139,36 @@ def thin() -> str:
     return _svg(figure)
 
 
+def hidden() -> str:
+    """Return the chart of cycles in ratio to ear clipping's, by cycles that a quad is shaded for."""
+    figure, axes = _figure(len(simulated.SCENES), "cycles that a quad is shaded for")
+    names = ("optimal:half-perimeter", "flips:l1", "optimal:overdraw")
+    ks = (0.0, *simulated.SHADERS)
+    for ax, (scene, label) in zip(axes, simulated.SCENES.items(), strict=True):
+        for kind, name in enumerate(names):
+            values = [
+                simulated.saved(scene, name, device=f"skybox:shader={k:g}" if k else "skybox")
+                for k in ks
+            ]
+            style = {"color": COLOURS[kind], "marker": MARKS[kind], "markersize": 4}
+            ax.plot(range(len(ks)), values, label=simulated.LABELS[name], **style)
+        quads = simulated.saved(scene, names[0], of="quads")
+        ax.axhline(quads, color=SOFT, linewidth=1, linestyle="--", zorder=0)
+        ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
+        ax.set_title(label, color=INK, fontsize=10)
+        _plain(ax)
+    axes[0].set_ylabel("cycles, ear clipping = 1", color=INK, fontsize=9)
+    axes[-1].legend(fontsize=8, frameon=False, labelcolor=INK)
+    return _svg(figure)
+
+
 CHARTS: dict[str, Callable[[], str]] = {
     "findings-choice": choice,
     "findings-predicted": predicted,
     "findings-regret": regret,
     "findings-devices": devices,
     "devices-thin": thin,
+    "simulated-shader": hidden,
 }
 
 

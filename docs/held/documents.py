@@ -1,6 +1,6 @@
 """Which document cites which figures."""
 
-from docs.held import Held, claims, findings, flips, others, readme
+from docs.held import Held, claims, findings, flips, others, readme, simulated
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "README.md": (readme.HELD, readme.DEFINITIONS),
@@ -9,6 +9,7 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/optimum-on-a-gpu.md": (others.GPU, others.GPU_DESIGN),
+    "docs/studies/skybox.md": (simulated.HELD, simulated.DEFINITIONS),
     "docs/theory.md": ([], others.THEOREMS),
     "harness/study/our_figures.py": (claims.HELD, claims.DEFINITIONS),
 }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import operator
 
-from docs.held import Held, Sentence, Table, flips, profiles, tables
+from docs.held import Held, Sentence, Table, flips, profiles, simulated, tables
 from docs.held.lookups import matched, percent, three, two
 from docs.held.others import states
 from harness.figures.ratios import RUN_SCATTER
 
 FIRST: list[Held] = [
+    simulated.IN_SHORT,
+    simulated.WITH_SHADER,
     Sentence("one CPU, an AMD EPYC {}/{} ({}-bit) unless", tables.processor),
     Sentence(
         "in {} of ear clipping's time for city footprints, in {} for Helsinki's, in {} for letters"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from docs.held import Block, Held, Sentence, Table, flips
+from docs.held import Block, Held, Sentence, Table, flips, simulated
 from docs.held.lookups import two, whole
 from docs.held.tables import BEST_FOR_H, SCENES, drawn, error_of_prediction
 
@@ -32,6 +32,7 @@ def _picture() -> list[str]:
 
 
 HELD: list[Held] = [
+    simulated.IN_SHORT,
     Sentence("cover the same {} pixels.", lambda: _picture()[:1]),
     Sentence(
         "Thin triangles cause many of them: {} on the left, {} on the right.",
