@@ -151,7 +151,7 @@ def hidden() -> str:
                 for k in ks
             ]
             style = {"color": COLOURS[kind], "marker": MARKS[kind], "markersize": 4}
-            ax.plot(range(len(ks)), values, label=simulated.LABELS[name], **style)
+            ax.plot(range(len(ks)), values, label=simulated.LABELS[name].strip("`"), **style)
         quads = simulated.saved(scene, names[0], of="quads")
         ax.axhline(quads, color=SOFT, linewidth=1, linestyle="--", zorder=0)
         ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
