@@ -10,13 +10,13 @@ import numpy as np
 
 from harness import __version__
 from harness.measuring.processes import Bench
+from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
 from harness.profile.counted import IN_PX, TERMS, counters
 from harness.profile.design import DESIGN, Draw, draws, snapped
 from harness.profile.fitting import COSTS, costs_of
-from harness.profile.law import folds_of
 from harness.profile.profile import fitted_of
-from harness.profile.words import BY_TERM
+from harness.profile.words import BY_SUM, BY_TERM
 
 FORMAT = "raster-harness profile page"
 VERSION = 1
@@ -45,6 +45,10 @@ def content_of(bench: Bench, seed: int = 0) -> Content:
         "terms": {
             name: {**term._asdict(), "thin": BY_TERM.get(name, term.noun)}
             for name, term in TERMS.items()
+        },
+        "sums": {
+            name: {"weights": [parts.get(term, 0) for term in TERMS], "words": BY_SUM[name]}
+            for name, parts in law.SUMS.items()
         },
         "in_px": IN_PX,
         "costs": COSTS,
@@ -77,8 +81,9 @@ def _about(draw: Draw) -> Content:
 def _groups(made: Sequence[Draw], places: list[int], seed: int) -> Content:
     """Return places among the draws, with the number of the group and of the fold of each."""
     labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
-    folds = folds_of(labels, seed).tolist()
-    return {"places": places, "labels": labels.tolist(), "folds": folds}
+    folds = law.folds_of(labels, seed).tolist()
+    reach = [law.quantile(int(labels.max()) + 1, each) for each in (law.CONFIDENCE, law.OF_ALL)]
+    return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
 
 
 def _short(rows: Any) -> list[list[float]]:

@@ -65,18 +65,15 @@ def solve(
     nothing gets exactly 0.
     """
     labels = np.unique(groups, return_inverse=True)[1]
-    weight = BETWEEN * np.sqrt(np.bincount(labels))
     least: Any = np.linalg.lstsq if signed else nnls
     fitted = seconds
-    trust = np.ones(len(seconds) + len(weight))
+    trust = np.ones(len(seconds) + labels.max() + 1)
     found = np.zeros(design.shape[1])
     for _ in range(MOST_TURNS):
-        shares = np.column_stack([design, seconds]) / fitted[:, None]
-        mean = np.stack([_means(column, labels) for column in shares.T], axis=1)
-        rows = np.concatenate([shares - mean[labels], weight[:, None] * mean])
+        rows = stacked(np.column_stack([design, seconds]) / fitted[:, None], labels)
         if found.any():
             errors = rows[:, :-1] @ found - rows[:, -1]
-            trust = (1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25
+            trust = trust_in(errors)
         scale = np.maximum(np.abs(rows[:, :-1]).max(axis=0), 1e-300)
         found = least(rows[:, :-1] / scale * trust[:, None], rows[:, -1] * trust)[0] / scale
         before = fitted
@@ -85,6 +82,21 @@ def solve(
         if np.abs(fitted / before - 1.0).max() <= CLOSE:
             break
     return np.asarray(found)
+
+
+def stacked(shares: DesignMatrix, labels: NDArray[np.int64]) -> DesignMatrix:
+    """Return (k, c) rows as deviations from their group's mean, and below these the means, weighed.
+
+    A group's mean counts `BETWEEN` times as much as its draws would.
+    """
+    mean = np.stack([_means(column, labels) for column in shares.T], axis=1)
+    weight = BETWEEN * np.sqrt(np.bincount(labels))
+    return np.concatenate([shares - mean[labels], weight[:, None] * mean])
+
+
+def trust_in(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights of rows with these errors under the soft L1 loss."""
+    return np.asarray((1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25)
 
 
 def _means(values: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -64,6 +64,7 @@ def profile(
         "seed": seed,
         "device": dict(device),
         "terms": _terms(law),
+        "sums": _sums(law),
         "fewest": list(laws.fewest(design[fitted], measured.seconds[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
@@ -145,6 +146,17 @@ def _terms(law: Law) -> list[dict[str, Any]]:
                 "shown": bool(law.shown[place]),
             }
         )
+    return found
+
+
+def _sums(law: Law) -> list[dict[str, Any]]:
+    """Return what is known of terms together that may not be told apart."""
+    found = []
+    for name, parts in laws.SUMS.items():
+        weights = np.array([parts.get(term, 0.0) for term in TERMS])
+        value, low, high = law.sum_of(weights, laws.CONFIDENCE)
+        shown = law.is_shown(weights)
+        found.append({"name": name, "seconds": value, "low": low, "high": high, "shown": shown})
     return found
 
 

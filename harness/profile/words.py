@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from harness.figures.verdict import listed
 from harness.pictures.style import plain_table
 from harness.profile.advice import CRITERIA, SCENES
-from harness.profile.counted import TERMS
+from harness.profile.counted import COARSE, TERMS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,6 +40,11 @@ BY_TERM = {
     "fragments": "covered pixels",
 }
 
+BY_SUM = {
+    "triangle": "A triangle that covers a pixel, with three vertices of its own, costs",
+    "walk": f"Each of the first {COARSE} pixels of a box's width and height costs",
+}
+
 
 def seconds(value: float) -> str:
     """Return seconds as people say them: 53 ns, 1.9 us."""
@@ -63,6 +68,10 @@ def _law(profile: Mapping[str, Any]) -> Iterator[str]:
     yield f"On {profile['device']['name']}:"
     for name, term in shown.items():
         yield TERMS[name].sentence.format(seconds(term["seconds"]))
+    for each in profile["sums"]:
+        if each["shown"]:
+            ends = f"{seconds(each['low'])} to {seconds(each['high'])}"
+            yield f"{BY_SUM[each['name']]} {seconds(each['seconds'])} in all ({ends})."
     nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if nothing:
         yield f"Nothing is shown for {listed(nothing)}."

@@ -78,35 +78,26 @@ def synthetic() -> dict[str, Any]:
     return {"draws": draws, "rows": rows, "epochs": epochs}
 
 
-def chances(epochs: int, groups: int, number: int) -> list[dict[str, list[float]]]:
-    """Return what `law.fit` takes from chance with seed 0."""
-    random = np.random.default_rng(0)
-    return [
-        {
-            "chosen": random.integers(epochs, size=epochs).tolist(),
-            "signs": random.choice([-1.0, 1.0], groups).tolist(),
-        }
-        for _ in range(number)
-    ]
-
-
 def test_its_law_is_that_of_python(browser, page, synthetic):
     browser.open(page, REPORT_READY, fragment="wait")
     fitted = browser.evaluate("state.page.fitted")
     places = fitted["places"]
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draws[place].group for place in places]
-    ours = law.fit(rows[places], epochs[:, places], groups, resamples=20)
+    ours = law.fit(rows[places], epochs[:, places], groups)
     few = law.fewest(rows[places], np.exp(np.log(epochs[:, places]).mean(axis=0)), groups)
-    drawn = chances(len(epochs), max(fitted["labels"]) + 1, 20)
-    given = json.dumps({"epochs": epochs.tolist(), "drawn": drawn})
+    given = json.dumps({"epochs": epochs.tolist()})
     theirs = browser.evaluate(f"{WORLD}; fitAs({given})")
     assert theirs["rows"] == rows.tolist()
     assert theirs["seconds"] == pytest.approx(ours.seconds.tolist(), rel=1e-6)
-    # Student's quantile is expanded in the page.
     for place, end in enumerate(("low", "high")):
-        assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-3, abs=1e-15)
+        assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-5, abs=1e-15)
     assert theirs["shown"] == ours.shown.tolist()
+    for own, parts in zip(theirs["sums"], law.SUMS.values(), strict=True):
+        weights = np.array([parts.get(term, 0.0) for term in TERMS])
+        found = ours.sum_of(weights, law.CONFIDENCE)
+        assert [own["seconds"], own["low"], own["high"]] == pytest.approx(found, rel=1e-5)
+        assert own["shown"] == ours.is_shown(weights)
     assert theirs["r2_over"] == pytest.approx(ours.r2_over, abs=1e-9)
     assert theirs["r2_within"] == pytest.approx(ours.r2_within, abs=1e-9)
     assert [list(TERMS)[place] for place in theirs["fewest"]] == list(few)
@@ -116,7 +107,7 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
     browser.open(page, REPORT_READY, fragment="wait")
     draws, rows, epochs = (synthetic[name] for name in ("draws", "rows", "epochs"))
     groups = [draw.group for draw in draws]
-    ours = law.fit(rows, epochs, groups, resamples=20)
+    ours = law.fit(rows, epochs, groups)
     times = Measured(epochs, np.ones(8), COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
     low, high = ours.intervals.T.tolist()
     shown = {"seconds": ours.seconds.tolist(), "low": low, "high": high}

@@ -37,13 +37,12 @@ function hide() {
   setTimeout(() => { hide.said = $("notice").textContent; turn(false); }, 30);
 }
 
-/* The law of given times, with the given draws from chance. */
-async function fitAs({ epochs, drawn }) {
+/* The law of given times. */
+async function fitAs({ epochs }) {
   const { places, labels, folds } = state.page.fitted;
   const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
   const pick = (values) => places.map((k) => values[k]);
-  const options = { resamples: drawn.length, chance: () => drawn.shift() };
-  const found = await lawOf(pick(rows), epochs.map(pick), labels, folds, options);
+  const found = lawOf(pick(rows), epochs.map(pick), state.page.fitted, state.page.sums);
   const seconds = pick(rows.map((_, k) => Math.exp(mean(epochs.map((row) => Math.log(row[k]))))));
   return { ...found, rows, fewest: await fewestOf(pick(rows), seconds, labels, folds) };
 }

@@ -17,7 +17,7 @@ def opened(browser: Chromium, page: Path, world: str = "") -> None:
     """Open the page without having it begin by itself; `world`: fields for `makeWorld`."""
     browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate(
-        f"{WORLD}; fitting.resamples = 20; PACE.quick = 0.02; $('pace').value = 'quick';"
+        f"{WORLD}; PACE.quick = 0.02; $('pace').value = 'quick';"
         f"makeWorld({{ costs: {json.dumps(COSTS)}, {world} }}); null"
     )
 

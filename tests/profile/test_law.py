@@ -19,10 +19,10 @@ def of() -> Design:
 
 
 def test_costs_are_within_their_intervals_and_what_costs_nothing_is_nothing(of):
-    """The long simulation is kept in results/reference/laws.csv: 1,000 devices."""
+    """The long simulation is kept in results/reference/law-coverage.csv."""
     held, nothing, costs, none = 0, 0, 0, 0
     for seed in range(4):
-        truth, found = go(of, seed, budget_s=0.15, resamples=60)
+        truth, found = go(of, seed, budget_s=0.15)
         inside = (found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1])
         held, costs = held + int(inside[truth > 0].sum()), costs + int((truth > 0).sum())
         nothing += int((~found.shown)[truth == 0].sum())
@@ -56,7 +56,7 @@ def test_a_draw_that_misses_the_law_widens_the_intervals(of):
     for missed in (0.0, 0.05):
         times = of.rows @ truth * np.exp(missed * random.standard_normal(len(of.rows)))
         epochs = times * np.exp(0.005 * random.standard_normal((12, len(times))))
-        found = law.fit(of.rows, epochs, of.groups, resamples=40)
+        found = law.fit(of.rows, epochs, of.groups)
         widths.append(np.ptp(found.intervals[0]) / truth[0])
     assert widths[1] > 3 * widths[0]
 

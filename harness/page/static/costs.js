@@ -93,16 +93,16 @@ function adviceOf(page, coefficients, random = Math.random) {
 }
 
 /* All of it, of a result: null where too few epochs were timed to tell anything. */
-async function profileOf(page, result, rest, options = {}) {
+async function profileOf(page, result, rest) {
   const size = page.draws.length;
   if (!result.times || epochsOf(result).length < LEAST_EPOCHS) return null;
   const measured = measuredOf(result, size), grid = page.grids[result.device.step ?? 1];
   const design = designRows(page, grid.counters, size);
   const { places, labels, folds } = page.fitted;
   const pick = (rows) => places.map((k) => rows[k]);
-  const law = await lawOf(pick(design), measured.epochs.map(pick), labels, folds, { rest: (share) => rest(0.7 * share), ...options });
+  const law = lawOf(pick(design), measured.epochs.map(pick), page.fitted, page.sums);
   const seconds = range(size).map((k) => Math.exp(mean(measured.epochs.map((row) => Math.log(row[k])))));
-  const fewest = await fewestOf(pick(design), pick(seconds), labels, folds, (share) => rest(0.7 + 0.3 * share));
+  const fewest = await fewestOf(pick(design), pick(seconds), labels, folds, rest);
   const { plain } = page;
   const coefficients = coefficientsOf(plain.places.map((k) => grid.predicted[k]), plain.places.map((k) => seconds[k]), plain.labels);
   const twice = range(size).filter((k) => page.draws[k].kind === "twice").map((k) => seconds[k] - measured.empty_s);

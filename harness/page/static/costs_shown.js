@@ -24,6 +24,7 @@ const termsOf = ({ law }) => Object.entries(state.page.terms).map(([name, term],
 function lawWords(profile) {
   const terms = termsOf(profile), nothing = terms.filter((term) => !term.shown).map((term) => term.noun);
   return [...terms.filter((term) => term.shown).map((term) => term.sentence.replace("{}", secondsText(term.seconds))),
+    ...profile.law.sums.filter((each) => each.shown).map((each) => `${each.words} ${secondsText(each.seconds)} in all (${secondsText(each.low)} to ${secondsText(each.high)}).`),
     ...(nothing.length ? [`Nothing is shown for ${listed(nothing)}.`] : [])];
 }
 

@@ -1,10 +1,9 @@
 "use strict";
-/* A device's law, as harness/profile/law.py and harness/study/cost_model.py fit it: coefficients that are not negative,
-   relative errors, intervals over epochs and over what the law misses. Rows are arrays of numbers, one a draw. */
+/* A device's law, as harness/profile/law.py and fitting.py fit it: coefficients that are not negative, relative
+   errors, intervals under errors that the draws of a group share. Rows are arrays of numbers, one a draw. */
 
 const BETWEEN = 0.3, LARGE_ERROR = 0.05, FAR_OFF = 2, CLOSE = 1e-4, MOST_TURNS = 100;
 const SHARE = 0.002;
-const fitting = { resamples: 200 };
 
 const dot = (p, q) => p.reduce((total, value, k) => total + value * q[k], 0);
 const between = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -75,7 +74,7 @@ function gramOf(rows, width, trust) {
   return gram;
 }
 
-/* Coefficients of the columns of `design`; labels: a number for each draw, equal in a group. See cost_model.solve. */
+/* Coefficients of the columns of `design`; labels: a number for each draw, equal in a group. See fitting.solve. */
 function coefficientsOf(design, seconds, labels, signed = false) {
   const size = design[0].length, width = size + 1, groups = Math.max(...labels) + 1;
   const members = new Array(groups).fill(0);
@@ -151,55 +150,65 @@ function explained(seconds, predicted, labels) {
   return [share(logs.map((values) => values.map((value) => value - middle))), share(logs.map((values) => centred(values, labels)))];
 }
 
-function percentile(values, percent) {
-  const sorted = [...values].sort((p, q) => p - q), at = (percent / 100) * (sorted.length - 1), low = Math.floor(at);
-  return sorted[low] + (at - low) * (sorted[Math.min(low + 1, sorted.length - 1)] - sorted[low]);
+const product = (left, right) => left.map((row) => right[0].map((_, j) => row.reduce((total, value, k) => total + value * right[k][j], 0)));
+const transposed = (rows) => rows[0].map((_, j) => rows.map((row) => row[j]));
+
+/* Deviations from their group's mean, and below these the means, weighed: fitting.stacked. */
+function stacked(rows, labels) {
+  const groups = range(Math.max(...labels) + 1).map((label) => rows.filter((_, k) => labels[k] === label));
+  const means = groups.map((own) => own[0].map((_, j) => mean(own.map((row) => row[j]))));
+  return [...rows.map((row, k) => row.map((value, j) => value - means[labels[k]][j])),
+    ...means.map((row, label) => row.map((value) => BETWEEN * Math.sqrt(groups[label].length) * value))];
 }
 
-/* By how much each draw misses the law, relative, over 1 less its leverage, the noise of epochs taken out. */
-function missesOf(design, seconds, fitted, noise) {
-  const kept = range(design[0].length).filter((j) => design.some((row) => row[j]));
-  const rows = design.map((row, k) => kept.map((j) => row[j] / fitted[k]));
-  const scale = kept.map((_, j) => Math.hypot(...rows.map((row) => row[j])));
-  const even = rows.map((row) => row.map((value, j) => value / scale[j]));
-  const gram = gramOf(even.flat(), kept.length, even.map(() => 1));
-  const errors = even.map((row, k) => {
-    const leverage = Math.min(dot(row, solved(gram, row, range(kept.length))), 0.99);
-    return (seconds[k] / fitted[k] - 1) / (1 - leverage);
-  });
-  const missed = Math.max(0, 1 - noise / (mean(errors.map((error) => error * error)) + 1e-30));
-  return errors.map((error) => error * Math.sqrt(missed));
+/* Signed coefficients and their covariance under errors that groups share: law._covariance. */
+function covarianceOf(design, seconds, labels) {
+  const size = design[0].length, free = coefficientsOf(design, seconds, labels, true);
+  const fitted = design.map((row, k) => between(dot(row, free), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
+  const shares = design.map((row, k) => row.map((value) => value / fitted[k]));
+  const rows = stacked(shares.map((row, k) => [...row, seconds[k] / fitted[k]]), labels);
+  const trust = rows.map((row) => (1 + ((dot(row.slice(0, size), free) - row[size]) / LARGE_ERROR) ** 2) ** -0.25);
+  const scale = range(size).map((j) => Math.sqrt(sum(rows.map((row, k) => (row[j] * trust[k]) ** 2))) || 1);
+  const even = rows.map((row, k) => range(size).map((j) => (trust[k] * row[j]) / scale[j]));
+  const gram = product(transposed(even), even), unit = stacked(design.map((_, k) => design.map((__, j) => Number(j === k))), labels);
+  const right = product(transposed(even), unit.map((row, k) => row.map((value) => trust[k] * value)));
+  const moved = transposed(transposed(right).map((column) => solved(gram, column, range(size)).map((value, j) => value / scale[j])));
+  const errors = seconds.map((value, k) => value / fitted[k] - dot(shares[k], free));
+  const followed = product(shares, moved), left = followed.map((row, i) => row.map((value, j) => Number(i === j) - value));
+  // Sums of a group's columns: what an error that a group shares does.
+  const grouped = (matrix) => matrix.map((row) => range(Math.max(...labels) + 1).map((label) => sum(row.filter((_, k) => labels[k] === label))));
+  // Squares within groups, and of their means.
+  const squares = (column) => {
+    const apart = centred(column, labels), within = dot(apart, apart);
+    return [within, dot(column, column) - within];
+  };
+  const expected = [left, grouped(left)].map((matrix) => transposed(matrix).map(squares).reduce(([p, q], [r, s]) => [p + r, q + s], [0, 0]));
+  const told = squares(errors), [[a, c], [b, d]] = expected, whole = a * d - b * c;
+  let own = (told[0] * d - told[1] * b) / whole, shared = (told[1] * a - told[0] * c) / whole;
+  if (Math.min(own, shared) < 0) [own, shared] = [(told[0] + told[1]) / (a + c), 0];
+  const square = (matrix) => product(matrix, transposed(matrix)), [one, other] = [moved, grouped(moved)].map(square);
+  return { free, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
 }
 
-/* One draw from chance for a resample: which epochs, and a sign for each group. */
-const chanceOf = (random) => (epochs, groups) => ({ chosen: range(epochs).map(() => Math.floor(random() * epochs)),
-  signs: range(groups).map(() => (random() < 0.5 ? -1 : 1)) });
-
-/* The law of (draws, terms) rows and seconds of each epoch: {seconds, low, high, shown, r2_over, r2_within}. */
-async function lawOf(design, epochs, labels, folds, { resamples = fitting.resamples, chance = chanceOf(Math.random), rest = () => {} } = {}) {
+/* The law of (draws, terms) rows and seconds of each epoch: {seconds, low, high, shown, sums, r2_over, r2_within}. */
+function lawOf(design, epochs, { labels, folds, reach }, together = {}) {
   const logs = epochs.map((row) => row.map(Math.log));
   const seconds = design.map((_, k) => Math.exp(mean(logs.map((row) => row[k]))));
-  const terms = range(design[0].length), groups = Math.max(...labels) + 1;
-  const free = coefficientsOf(design, seconds, labels, true);
-  const fitted = design.map((row, k) => between(dot(row, free), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
-  const strays = logs.map((row) => row.map((value, k) => value - Math.log(seconds[k])));
-  const freedom = epochs.length - 1, apart = Math.sqrt(epochs.length / freedom) * student(freedom) / NORMAL;
-  const variance = mean(design.map((_, k) => sum(strays.map((row) => row[k] ** 2)) / freedom));
-  const errors = missesOf(design, seconds, fitted, variance / epochs.length);
-  const resampled = [];
-  for (let turn = 0; turn < resamples; turn++) {
-    const { chosen, signs } = chance(epochs.length, groups);
-    const times = fitted.map((value, k) => value * Math.max(1 + signs[labels[k]] * errors[k], 0.01)
-      * Math.exp(apart * mean(chosen.map((epoch) => strays[epoch][k]))));
-    resampled.push(coefficientsOf(design, times, labels, true));
-    if (turn % 10 === 0) await rest(turn / resamples);
-  }
-  const found = coefficientsOf(design, seconds, labels);
-  const end = (percent, bound) => terms.map((j) => Math.max(0, bound(percentile(resampled.map((row) => row[j]), percent), found[j])));
-  const low = end(2.5, Math.min), high = end(97.5, Math.max);
+  const terms = range(design[0].length), found = coefficientsOf(design, seconds, labels);
+  const { free, covariance } = covarianceOf(design, seconds, labels);
+  const ends = (weights, errors) => {
+    const width = errors * Math.sqrt(dot(weights, covariance.map((row) => dot(row, weights)))), value = dot(weights, found), middle = dot(weights, free);
+    return [Math.max(0, Math.min(value, middle - width)), Math.max(value, middle + width)];
+  };
+  const told = (weights) => {
+    const paid = terms.filter((j) => weights[j] > 0), [low, high] = ends(weights, reach[0]);
+    const most = Math.max(...design.map((row, k) => Math.min(...paid.map((j) => row[j] / weights[j])) / seconds[k]));
+    return { seconds: dot(weights, found), low, high, shown: ends(weights, reach[1])[0] * most > SHARE };
+  };
+  const each = terms.map((j) => told(terms.map((k) => Number(j === k))));
   const [r2_over, r2_within] = explained(seconds, heldOut(design, seconds, labels, folds), labels);
-  const shown = terms.map((j) => low[j] * Math.max(...design.map((row, k) => row[j] / seconds[k])) > SHARE);
-  return { seconds: found, low, high, shown, r2_over, r2_within };
+  return { seconds: found, ...Object.fromEntries(["low", "high", "shown"].map((name) => [name, each.map((one) => one[name])])),
+    sums: Object.entries(together).map(([name, { weights, words }]) => ({ name, words, ...told(weights) })), r2_over, r2_within };
 }
 
 /* Places of the fewest terms that predict as well as all: left out one by one, judged in standard errors. */
