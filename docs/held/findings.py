@@ -207,6 +207,7 @@ DEFINITIONS = (
     r"0 to 90 degrees in steps of 5|at 0 degrees",
     r"A = \d+|\b3D models|18 of the 47|the 29 without|All 47",
     r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|16 px|, 24 of each scene",
+    r"by 8 to 17 %(?s:.*?)group of draws|misses by 33 %",  # of laws.py, and its profile
     r"with 2 % of the resamples|it is 1 % now",
     r"costs at most 1 %\s+more quads|correlation of 0\.95 or more",
     r"3 % of one drawing's|Of 11 findings|below 1 % are not|within 3 % of each other",
