@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 from docs.held import Held, Sentence
 from docs.held.lookups import (
@@ -11,7 +12,7 @@ from docs.held.lookups import (
     some,
     text,
 )
-from harness.figures.ratios import NORMAL, RUN_SCATTER
+from harness.figures.ratios import RUN_SCATTER
 from scripts.studies import states as studied
 
 
@@ -72,7 +73,7 @@ def apart() -> list[str]:
 
 def _apart(file: str, *, scattered: bool) -> tuple[str, str]:
     found: list[bool] = []
-    held = NORMAL * RUN_SCATTER
+    held = NormalDist().inv_cdf(0.975) * RUN_SCATTER
     for name in studied.NAMES:
         runs = []
         for run in _runs(file):

@@ -7,6 +7,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from harness.compare import times
 from harness.compare.matching import (
     Match,
@@ -34,7 +36,7 @@ from harness.compare.model import (
 from harness.compare.settings import Settings, require_known
 from harness.figures import processors
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
-from harness.machine import state
+from harness.figures.run_state import state_of
 from harness.machine.environment import commit_of
 from harness.stored.folder import Record, Run
 
@@ -66,7 +68,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
         cases=tuple(cases),
         totals=totals([case.counters for case in cases if case.status == "compared"]),
         drifts=tuple(drifts),
-        notes=tuple(_notes(base, head, machines_differ)),
+        notes=(*_notes(base, head, machines_differ), *_pairs_left(matches)),
         changes=(*plan_changes(base, head), *environment_changes(base.facts, head.facts)),
     )
     return replace(found, verdict=_verdict(found))
@@ -156,7 +158,10 @@ def _timed(
     groups: dict[str, dict[int, times.Pair]] = defaultdict(dict)
     for number, (found, case) in enumerate(zip(matches, cases, strict=True)):
         if case.status == "compared" and found.base and found.head:
-            pair = times.read_pair(found.base, found.head, same_work=_same_work(case.counters))
+            same_work = _same_work(case.counters)
+            pair = times.read_pair(
+                found.base, found.head, same_work=same_work, machines_differ=machines_differ
+            )
             if isinstance(pair, times.Pair):
                 groups[case.name.where][number] = pair
             elif pair is not None:
@@ -213,9 +218,26 @@ def _notes(base: Run, head: Run, machines_differ: bool) -> list[str]:
     notes += [
         f"{name}: {line}"
         for name, run in (("BASE", base), ("HEAD", head))
-        for line in state.words(run.facts.get("state"))
+        for line in state_of(run.facts, run.records).words
     ]
     return notes
+
+
+def _pairs_left(matches: Sequence[Match]) -> list[str]:
+    """Say how many pairs a comparison of the same rounds rests on, where it is not all."""
+    masks = [
+        pair.kept
+        for found in matches
+        if found.base and found.head
+        for pair in [times.read_pair(found.base, found.head, same_work=False)]
+        if isinstance(pair, times.Pair) and pair.kept is not None
+    ]
+    count, left = (sum(map(size, masks)) for size in (len, np.count_nonzero))
+    if left == count:
+        return []
+    return [
+        f"{left} of {count} pairs of samples are compared: in the others a draw waited for a core"
+    ]
 
 
 def _verdict(found: Comparison) -> Verdict:

@@ -33,7 +33,9 @@ from scipy import stats
 
 from harness.compare.model import Against, Drift, Outcome, TimeChange
 from harness.compare.settings import Settings
+from harness.figures import run_state
 from harness.figures.ratios import paired_ratio
+from harness.figures.run_state import ENOUGH, kept_pairs
 from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
@@ -74,6 +76,9 @@ class Pair:
     same_work : the counters of both runs are equal, so the same was drawn
     same_rounds : both were timed in the same rounds
     parts : rounds of each of their epochs, and of each process, where there were any
+    kept : (r,) of the same rounds, those that a ratio rests on; None: all
+    unlike : why the machine's states in the two runs, made apart, cannot be compared; "" if they
+        can
     """
 
     base: Samples
@@ -82,6 +87,8 @@ class Pair:
     same_work: bool
     same_rounds: bool = False
     parts: Parts = (None, None)
+    kept: NDArray[np.bool_] | None = None
+    unlike: str = ""
 
     @cached_property
     def log_ratio(self) -> float:
@@ -94,7 +101,9 @@ class Pair:
         return None if self.reference is None else log_ratio(*self.reference)
 
 
-def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChange | None:
+def read_pair(
+    base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
+) -> Pair | TimeChange | None:
     """Return the times of a case, why they cannot be compared, or None if neither run has any."""
     before, after = base.get("time") or {}, head.get("time") or {}
     if not before and not after:
@@ -119,7 +128,10 @@ def read_pair(base: Record, head: Record, *, same_work: bool) -> Pair | TimeChan
         return Pair(first, second, None, same_work)
     same_rounds = len(first) == len(second) and np.array_equal(*references)
     parts = (after.get("epochs"), after.get("processes")) if same_rounds else (None, None)
-    return Pair(first, second, references, same_work, same_rounds, parts)
+    whole = len(first) == len(before.get("samples_s") or ())
+    kept = kept_pairs(before, after) if same_rounds and whole else None
+    unlike = "" if same_rounds else run_state.apart(before, after, machines_differ=machines_differ)
+    return Pair(first, second, references, same_work, same_rounds, parts, kept, unlike)
 
 
 def judge_group(
@@ -130,9 +142,15 @@ def judge_group(
     q-values are still to be corrected, for which the cases of all groups are needed.
     """
     if all(pair.same_rounds for pair in pairs):
-        changes = [judge_rounds(pair.base, pair.head, settings, pair.parts) for pair in pairs]
+        changes = [
+            judge_rounds(pair.base, pair.head, settings, pair.parts, pair.kept) for pair in pairs
+        ]
         together = [(pair.base, pair.head) for pair in pairs]
-        return changes, drift_of_rounds(where, together, settings, pairs[0].parts)
+        every = [pair.kept for pair in pairs if pair.kept is not None]
+        kept = np.all(every, axis=0) if every else None
+        if kept is None or kept.sum() < ENOUGH:
+            kept = None
+        return changes, drift_of_rounds(where, together, settings, pairs[0].parts, kept)
     ratios = np.array([pair.log_ratio for pair in pairs])
     known = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
     same = np.array([pair.same_work for pair in pairs])
@@ -207,6 +225,8 @@ def _judge(
 
     Its drift lies between `drifts`, with standard deviation `deviation`.
     """
+    if pair.unlike:
+        return _undecided(pair.base, pair.head, pair.unlike)
     raw = pair.log_ratio
     margin = _normal(settings.confidence) * deviation
     least, most = raw - max(drifts), raw - min(drifts)
@@ -317,14 +337,21 @@ def decide(
 
 
 def judge_rounds(
-    base: Samples, head: Samples, settings: Settings, parts: Parts = (None, None)
+    base: Samples,
+    head: Samples,
+    settings: Settings,
+    parts: Parts = (None, None),
+    kept: NDArray[np.bool_] | None = None,
 ) -> TimeChange:
     """Judge one case by its rounds' ratios; element r of both is of round r.
 
-    parts : rounds of each epoch and of each process, in order, where the run had any. The
-    q-value is still to be corrected for the number of cases.
+    parts : rounds of each epoch and of each process, in order, where the run had any
+    kept : (r,) the rounds that count: what the machine did to a pair, it did to both, unless one of
+        them waited for a core. The q-value is still to be corrected for the number of cases.
     """
-    ratio = paired_ratio(head, base, *parts)
+    ratio = paired_ratio(head, base, *parts, kept)
+    if kept is not None:
+        base, head = base[kept], head[kept]
     threshold = settings.time_threshold_of(paired=True)
     value, low, high = (math.log(x) for x in (ratio.value, ratio.low, ratio.high))
     outcome, reason = decide(value, value, low, high, threshold)
@@ -349,10 +376,12 @@ def drift_of_rounds(
     pairs: Sequence[tuple[Samples, Samples]],
     settings: Settings,
     parts: Parts = (None, None),
+    kept: NDArray[np.bool_] | None = None,
 ) -> Drift:
     """Judge what all cases of a group did together: the median case of each round."""
     logs = np.median([np.log(head / base) for base, head in pairs], axis=0)
-    together = paired_ratio(np.exp(logs), np.ones(len(logs)), *parts)
+    together = paired_ratio(np.exp(logs), np.ones(len(logs)), *parts, kept)
+    logs = logs if kept is None else logs[kept]
     value, low, high = (math.log(x) for x in (together.value, together.low, together.high))
     outcome, reason = decide(value, value, low, high, settings.time_threshold_of(paired=True))
     if outcome in ("regressed", "improved") and sign_test(logs) > Q_VALUE:

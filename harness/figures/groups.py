@@ -9,6 +9,7 @@ from typing import Any
 
 from harness.errors import unknown
 from harness.figures.ratios import Ratio, of_any_run, paired_ratio
+from harness.figures.run_state import QUIET, kept_pairs
 from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record, Run
 
@@ -70,10 +71,13 @@ def with_base(run: Run, name: str) -> Run:
     return replace(run, records=[{**record, "base": name} for record in run.records])
 
 
-def time_ratio(record: Record, base: Record | None) -> Ratio | None:
+def time_ratio(record: Record, base: Record | None, among: int = 1) -> Ratio | None:
     """Return the paired ratio of two records' times, None where they are not comparable.
 
-    Its interval is that of a run like theirs, not of theirs alone (`of_any_run`).
+    Its interval is that of a run like theirs, not of theirs alone (`of_any_run`). It shows nothing
+    where the run's state was not quiet.
+
+    among : how many there are of which one is chosen by its ratio
     """
     if base is None or record.get("polygons") != base.get("polygons"):
         return None
@@ -88,7 +92,9 @@ def time_ratio(record: Record, base: Record | None) -> Ratio | None:
     if len(times["samples_s"]) != len(base_times["samples_s"]):
         return None
     parts = times.get("epochs"), times.get("processes")
-    return of_any_run(paired_ratio(times["samples_s"], base_times["samples_s"], *parts))
+    kept = kept_pairs(times, base_times)
+    found = paired_ratio(times["samples_s"], base_times["samples_s"], *parts, kept, among)
+    return replace(of_any_run(found, among), quiet=record.get("state", QUIET) == QUIET)
 
 
 def _has_rounds(times: dict[str, Any]) -> bool:

@@ -26,8 +26,8 @@ UNKNOWN = (float("nan"), float("nan"))
 """Ends of an interval that the values do not tell."""
 
 
-def median_interval(samples: list[float]) -> tuple[float, float]:
-    """Return the exact order-statistics 95 % confidence interval of the median.
+def median_interval(samples: list[float], confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the exact order-statistics confidence interval of the median, by default of 95 %.
 
     It assumes nothing of the distribution; with fewer than six samples there is none and the
     range is returned. Source: David & Nagaraja, Order Statistics, section 7.1.
@@ -38,14 +38,16 @@ def median_interval(samples: list[float]) -> tuple[float, float]:
     n = len(ordered)
     # Largest k with P(Binomial(n, 1/2) < k) <= 2.5 %: the k-th smallest and k-th largest.
     below = bdtr(np.arange(n), n, 0.5)
-    k = int(np.searchsorted(below, (1 - CONFIDENCE) / 2, side="right"))
+    k = int(np.searchsorted(below, (1 - confidence) / 2, side="right"))
     if k == 0:
         return ordered[0], ordered[-1]
     return ordered[k - 1], ordered[n - k]
 
 
-def student_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the mean of independent values and the ends of Student's 95 % interval of it.
+def student_interval(
+    values: Sequence[float] | NDArray[np.float64], confidence: float = CONFIDENCE
+) -> tuple[float, float, float]:
+    """Return the mean of independent values and the ends of Student's interval of it.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def student_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[flo
     count = len(values)
     if count < 2:
         raise ValueError("one value tells no interval")
-    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * np.std(values, ddof=1) / count**0.5
+    reach = float(stdtrit(count - 1, 0.5 + confidence / 2)) * np.std(values, ddof=1) / count**0.5
     middle = float(np.mean(values))
     return middle, middle - float(reach), middle + float(reach)
 

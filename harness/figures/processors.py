@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.machine import state
+from harness.figures.run_state import state_of
 from harness.machine.processor import differ, label_of
 from harness.stored.folder import Record, Run
 from triangulators.devices import is_software
@@ -58,4 +58,4 @@ def machine_words(run: Run) -> list[str]:
     devices = ", ".join(dict.fromkeys(str(each["device"]) for each in timed))
     label = label_of(run.facts)
     lines = [f"times of {devices} are of this processor: {label}"] if timed and label else []
-    return lines + state.words(run.facts.get("state"))
+    return lines + state_of(run.facts, run.records).words

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.intervals import median_interval, student_interval
+from harness.figures.intervals import CONFIDENCE, median_interval, student_interval
 
 Verdict = Literal["faster", "slower", "no difference shown"]
 FASTER: Final = "faster"
@@ -19,12 +20,17 @@ UNDECIDED: Final = "no difference shown"
 
 @dataclass(frozen=True)
 class Ratio:
-    """Time of one drawing over that of another, with its 95 % confidence interval."""
+    """Time of one drawing over that of another, with its 95 % confidence interval.
+
+    rounds : that it rests on
+    quiet : whether the run's state lets times show anything
+    """
 
     value: float
     low: float
     high: float
     rounds: int
+    quiet: bool = True
 
     @classmethod
     def of_counts(cls, count: int, base: int) -> Ratio:
@@ -40,6 +46,8 @@ class Ratio:
     @property
     def verdict(self) -> Verdict:
         """What the interval shows of the first drawing against the second."""
+        if not self.quiet:
+            return UNDECIDED
         return FASTER if self.high < 1 else SLOWER if self.low > 1 else UNDECIDED
 
 
@@ -52,9 +60,6 @@ trust this"); other runs, in four processes each, and runs on another CPU were t
 FEWEST_EPOCHS = 4
 """With fewer, how much epochs differ cannot be told."""
 
-
-NORMAL = 1.959963985
-"""The normal distribution's 97.5 % quantile."""
 
 FOLDS = 6
 """Parts of rounds that were all timed in one epoch."""
@@ -78,6 +83,8 @@ def paired_ratio(
     base: Sequence[float] | NDArray[np.float64],
     epochs: Sequence[int] | None = None,
     processes: Sequence[int] | None = None,
+    kept: NDArray[np.bool_] | None = None,
+    among: int = 1,
 ) -> Ratio:
     """Return the ratio of `samples` to `base`; element r of both comes from round r.
 
@@ -91,6 +98,9 @@ def paired_ratio(
     order-statistics interval, in which the place of the buffers is a constant that is not seen.
 
     epochs, processes : rounds of each epoch and of each process, in order
+    kept : (r,) the rounds that count, all if None
+    among : ratios of which this is chosen by its value: the interval is one of as many that hold
+        all at once, by Sidak's inequality, which is exact for independent ones and wide for others
 
     Raises
     ------
@@ -100,31 +110,46 @@ def paired_ratio(
     if len(samples) != len(base) or len(samples) == 0:
         raise ValueError(f"{len(samples)} and {len(base)} samples are not rounds of one group")
     ratios = np.asarray(samples, np.float64) / np.asarray(base, np.float64)
+    if kept is not None:
+        epochs, processes = _parts_of(kept, epochs), _parts_of(kept, processes)
+        ratios = ratios[kept]
     count = len(ratios)
+    confidence = CONFIDENCE ** (1 / max(1, among))
     ends = np.cumsum(epochs if epochs is not None and sum(epochs) == count else [count])
     medians = np.array([np.median(part) for part in np.split(np.log(ratios), ends[:-1])])
     if processes is not None and len(processes) > 1 and sum(processes) == count:
         # An epoch belongs to the process in which it ended.
         of = np.searchsorted(np.cumsum(processes), ends)
         medians = np.array([medians[of == process].mean() for process in np.unique(of)])
-        return _of_logs(medians, count)
+        return _of_logs(medians, count, confidence)
     if len(medians) >= FEWEST_EPOCHS:
-        return _of_logs(medians, count)
-    low, high = median_interval(ratios.tolist())
+        return _of_logs(medians, count, confidence)
+    low, high = median_interval(ratios.tolist(), confidence)
     return Ratio(float(np.median(ratios)), low, high, len(ratios))
 
 
-def of_any_run(ratio: Ratio) -> Ratio:
+def _parts_of(kept: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int] | None:
+    """Return how many rounds each part keeps, without those that keep none."""
+    if parts is None or sum(parts) != len(kept):
+        return None
+    left = [int(part.sum()) for part in np.split(kept, np.cumsum(parts)[:-1])]
+    return [rounds for rounds in left if rounds]
+
+
+def of_any_run(ratio: Ratio, among: int = 1) -> Ratio:
     """Return a run's ratio with the interval in which another run, too, may find it.
 
     Two independent errors: what the run's own interval tells, and `RUN_SCATTER`.
+
+    among : as of `paired_ratio`
     """
     middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
-    reach = NORMAL * RUN_SCATTER
+    quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, among)) / 2)
+    reach = quantile * RUN_SCATTER
     low, high = (middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach))
-    return Ratio(ratio.value, float(np.exp(low)), float(np.exp(high)), ratio.rounds)
+    return replace(ratio, low=float(np.exp(low)), high=float(np.exp(high)))
 
 
-def _of_logs(logs: NDArray[np.float64], rounds: int) -> Ratio:
-    value, low, high = np.exp(student_interval(logs)).tolist()
+def _of_logs(logs: NDArray[np.float64], rounds: int, confidence: float) -> Ratio:
+    value, low, high = np.exp(student_interval(logs, confidence)).tolist()
     return Ratio(value, low, high, rounds)

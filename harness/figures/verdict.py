@@ -17,6 +17,7 @@ from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import student_interval
 from harness.figures.ratios import FASTER, SLOWER, Ratio, Verdict
 from harness.figures.registry import find, measures, value_of
+from harness.figures.run_state import QUIET, State
 from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
@@ -235,6 +236,10 @@ class Decision:
     alike : names of others that are not shown to be slower than the choice, where it is shown
     measure : the main counter, None if nothing was counted
     timed : whether times of two or more are compared
+    saving : of SHOWN: the choice's ratio to the base, with an interval that holds for the best of
+        all others at once: the best of several noisy ratios looks better than it is
+    state : the state that the machine was in (`run_state`); where it was not quiet, times show
+        nothing, and rows are in the order of the main counter
     """
 
     standings: tuple[Standing, ...]
@@ -244,6 +249,8 @@ class Decision:
     alike: tuple[str, ...]
     measure: str | None
     timed: bool
+    saving: Ratio | None = None
+    state: State = QUIET
 
 
 def decide(members: Sequence[Record]) -> Decision | None:
@@ -260,14 +267,24 @@ def decide(members: Sequence[Record]) -> Decision | None:
     )
     base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
-    ground, choice = _choose(rivals, base, measure)
+    ground, choice, saving = _choose(rivals, base, measure)
     alike = [
         each.name
         for each in rivals
         if ground == SHOWN and each is not choice and each is not base and _level(each, choice)
     ]
     timed = any(each.ratio is not None and each is not base for each in rivals)
-    return Decision(tuple(ranked), base, ground, choice, tuple(alike), measure, timed)
+    return Decision(
+        tuple(ranked),
+        base,
+        ground,
+        choice,
+        tuple(alike),
+        measure,
+        timed,
+        saving,
+        first.get("state", QUIET) if timed else QUIET,
+    )
 
 
 def _standing(record: Record, base: Record, complete: int) -> Standing:
@@ -276,16 +293,22 @@ def _standing(record: Record, base: Record, complete: int) -> Standing:
     Medians of two drawings may be in another order than the rounds that timed both.
     """
     ratio = time_ratio(record, base)
-    names = [TIME, *measures(record.get("counters") or ())]
+    counted = measures(record.get("counters") or ())
+    quiet = ratio is None or ratio.quiet
+    names = [TIME, *counted] if quiet or not counted else counted
     cost, usual = value_of(record, names) or 0.0, value_of(base, names)
-    relative = ratio.value if ratio is not None else cost / usual if usual else cost
+    relative = cost / usual if usual else cost
+    if ratio is not None and (ratio.quiet or not counted):
+        relative = ratio.value
     return Standing(
         record=record,
         cost=relative,
         complete=record["polygons"] == complete,
         ratio=ratio,
         pays=break_even(record, base),
-        disagrees=ratio is not None and (_median(record) - _median(base)) * (ratio.value - 1) < 0,
+        disagrees=ratio is not None
+        and ratio.quiet
+        and (_median(record) - _median(base)) * (ratio.value - 1) < 0,
     )
 
 
@@ -297,30 +320,32 @@ def _median(record: Record) -> float:
 
 def _choose(
     rivals: Sequence[Standing], base: Standing, measure: str | None
-) -> tuple[Ground, Standing]:
+) -> tuple[Ground, Standing, Ratio | None]:
     others = [each for each in rivals if each is not base]
     if not others:
-        return ALONE, rivals[0]
+        return ALONE, rivals[0], None
     usual = base if base in rivals else rivals[0]
     covered = (usual.record.get("counters") or {}).get(COVERED)
     if covered is not None and covered < LEAST_PIXELS:
-        return FEW, usual
-    shown = [each for each in others if each.verdict == FASTER]
-    if shown:
-        return SHOWN, shown[0]
+        return FEW, usual, None
+    for each in others:
+        if each.verdict == FASTER:
+            saving = time_ratio(each.record, base.record, among=len(others))
+            if saving is not None and saving.verdict == FASTER:
+                return SHOWN, each, saving
     if all(each.verdict == SLOWER for each in others):
-        return KEEP, base
+        return KEEP, base, None
     open_ = [each for each in rivals if each.verdict != SLOWER]
     counts = {each.name: _count(each, measure) for each in open_}
     known = [each for each in open_ if counts[each.name] is not None]
     # The base first: where nothing is counted less, nothing speaks for a change.
     known.sort(key=lambda each: (counts[each.name], each is not base))
     if known and counts[known[0].name] != counts[known[-1].name]:
-        return COUNTED, known[0]
+        return COUNTED, known[0], None
     every = [each.record.get("counters") or {} for each in rivals]
     if known and all(counters == every[0] for counters in every):
-        return EQUAL, usual
-    return OPEN, base if base in rivals else open_[0]
+        return EQUAL, usual, None
+    return OPEN, base if base in rivals else open_[0], None
 
 
 def _count(each: Standing, measure: str | None) -> int | None:
@@ -337,6 +362,8 @@ def explained(decision: Decision) -> str | None:
     """Say why times and ratios are in another order, where they are."""
     apart = [each.name for each in decision.standings if each.disagrees and each.complete]
     timed = [each for each in decision.standings if each.ratio is not None and each.complete]
+    if decision.state != QUIET:
+        return None
     medians = [_median(each.record) for each in timed]
     if not apart and medians == sorted(medians):
         return None
@@ -364,8 +391,8 @@ def advice(members: Sequence[Record]) -> str:
 def _advice(decision: Decision, scene: str) -> str:
     choice, base = decision.choice, decision.base
     take = f"triangulate {scene} by {choice.name}"
-    if decision.ground == SHOWN and choice.ratio:
-        ratio = choice.ratio
+    if decision.ground == SHOWN and decision.saving:
+        ratio = decision.saving
         if ratio.exact:
             return f"{take}: it takes {_share(1 - ratio.value)} fewer cycles than {base.name}"
         words = f"{take}: it is shown to save {_share(1 - ratio.value)} of {base.name}'s draw time "
@@ -379,16 +406,31 @@ def _advice(decision: Decision, scene: str) -> str:
         return f"{take}: every other triangulator is shown to draw slower"
     if decision.ground == COUNTED:
         words = f"{take}: it has the least by exact count, {_counted(decision)}"
-        return words + ("; times show none to be faster" if decision.timed else "")
+        return words + (f"; {_times(decision)}" if decision.timed else "")
     if decision.ground == ALONE:
         return f"{scene} was triangulated by {choice.name} alone, so there is nothing to compare"
     if decision.ground == FEW:
         covered = choice.record["counters"][COVERED]
         return f"nothing is advised for {scene}: it covers {covered:,} pixels, too few to tell"
     if decision.ground == EQUAL:
-        return f"nothing is advised for {scene}: all counters are equal, and no time differs"
+        times = "no time differs" if decision.state == QUIET else _times(decision)
+        return f"nothing is advised for {scene}: all counters are equal, and {times}"
+    if decision.timed and decision.state != QUIET:
+        return f"{take}: no other costs less by exact count; {_times(decision)}"
     counted = ", and none costs less by exact count" if choice.record.get("counters") else ""
     return f"{take}: no other is shown to be faster{counted}"
+
+
+def _times(decision: Decision) -> str:
+    """Say why times decided nothing."""
+    if decision.state != QUIET:
+        return (
+            f"its times are {decision.state} and show nothing, so measure again when nothing else "
+            "runs"
+        )
+    if any(each.verdict == FASTER for each in decision.standings if each.complete):
+        return "times show none to be faster, the best of so many taken as such"
+    return "times show none to be faster"
 
 
 def _counted(decision: Decision) -> str:

@@ -17,6 +17,7 @@ from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures import processors
 from harness.figures.registry import figures, figures_of, find
+from harness.figures.run_state import state_of
 from harness.history.change_points import changes_of_exact, changes_of_noisy
 from harness.machine.processor import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
@@ -123,7 +124,11 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[S
     found = []
     for metric in metrics:
         if metric == TIME:
-            found += _times(_on_their_processor(runs))
+            quiet = [
+                run if state_of(run.facts, run.records).is_quiet else replace(run, records=[])
+                for run in runs
+            ]
+            found += _times(_on_their_processor(quiet))
         else:
             found += [_series(name, metric, records) for name, records in cases.items()]
     return [series for series in found if np.isfinite(series.values).any()]

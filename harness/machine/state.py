@@ -4,7 +4,7 @@ Neighbours on the host of a virtual machine, or a slower clock, change how long 
 and ratios of times with it, by some per cent: draws that wait for memory lose more than others. The
 load average does not show it; the reference draw of the same rounds does. No number of rounds
 averages it out. So the best reference draw of each machine and device is kept, beside the model
-database, and a run says how it compares.
+database, and `harness.figures.run_state` judges a run by how its own compare.
 """
 
 from __future__ import annotations
@@ -22,16 +22,7 @@ from harness.machine.processor import processor
 
 FILE = "reference-draws.json"
 
-QUIET = 1.45
-"""Reference draw over the best up to which runs of a quiet machine scatter: 0.68 to 0.95 ms in ten
-runs of five scenes on a virtual machine. It shares rounds, and so caches, with other draws."""
-
-SENSITIVITY = 0.12
-"""How much a ratio's logarithm may move for one of the reference draw's, at the most that was
-measured: the best for H against ear clipping, city at 1024 px on llvmpipe, moves from 0.842 to
-0.890 where a program that copies memory lengthens the reference draw from 0.8 to 1.31 ms."""
-
-OF = ("rasteriser", "device", "resolution", "samples", "work")
+OF = ("rasteriser", "device", "resolution", "samples", "work", "timer")
 """What a reference draw's time depends on, besides the machine."""
 
 
@@ -40,20 +31,18 @@ def default_path() -> Path:
     return system.cache_file(FILE)
 
 
-def state_of(records: Iterable[Mapping[str, Any]], path: Path) -> list[dict[str, Any]]:
-    """Return how each device did in a run's records, and keep the best in the file at `path`.
+def reference_draws(records: Iterable[Mapping[str, Any]], path: Path) -> list[dict[str, Any]]:
+    """Return how long each device's reference draw took, and keep the best in the file at `path`.
 
     One entry for each of `OF`: `reference_s`, the median of the run's reference draws; `best_s`,
     the least that the machine has reached, this run included; `runs`, how many it was compared
-    with; `slower`, their ratio; `ratios_off`, by what share ratios of times may differ from those
-    of a quiet machine, 0 where the ratio is within what quiet runs scatter.
+    with; `slower`, their ratio.
     """
     found: dict[tuple[Any, ...], dict[str, list[float]]] = {}
     for record in records:
-        reference = (record.get("time") or {}).get("reference_s")
-        if reference:
-            options = record.get("options") or {}
-            values = {**record, **options}
+        times = record.get("time") or {}
+        if reference := times.get("reference_s"):
+            values = {**record, **(record.get("options") or {}), "timer": times.get("timer")}
             groups = found.setdefault(tuple(values.get(name) for name in OF), {})
             groups[str(reference)] = reference  # cases that were timed together share it
     draws = {
@@ -65,14 +54,12 @@ def state_of(records: Iterable[Mapping[str, Any]], path: Path) -> list[dict[str,
 
 
 def _entry(key: tuple[Any, ...], second: float, best: float, runs: int) -> dict[str, Any]:
-    slower = second / best
     return {
         **dict(zip(OF, key, strict=True)),
         "reference_s": second,
         "best_s": best,
         "runs": runs,
-        "slower": slower,
-        "ratios_off": math.expm1(SENSITIVITY * math.log(slower)) if slower > QUIET else 0.0,
+        "slower": second / best,
     }
 
 
@@ -115,26 +102,3 @@ def _checked(best: float, runs: int) -> tuple[float, int]:
     if not (0 < best < math.inf and runs >= 1):
         raise ValueError("no draw")
     return float(best), int(runs)
-
-
-def words(state: object) -> list[str]:
-    """Say, a line each, which devices were slower than a quiet machine's, of a run's `state`.
-
-    What is no entry of `state_of`, in a file that was changed, is passed over.
-    """
-    lines = []
-    for entry in state if isinstance(state, list) else []:
-        try:
-            off, now, best = (
-                float(entry[name]) for name in ("ratios_off", "reference_s", "best_s")
-            )
-            where = f"{entry['rasteriser']} on {entry['device']}, {entry['resolution']} px"
-        except (KeyError, TypeError, ValueError):
-            continue
-        if off > 0:
-            lines.append(
-                f"{where}: the machine was slower than it can be: {now * 1e3:.3g} ms for the "
-                f"reference draw in place of {best * 1e3:.3g} ms. Ratios of times may be off by "
-                f"about {off:.1%}, most of them towards 1; measure again when it is quiet"
-            )
-    return lines

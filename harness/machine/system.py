@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -72,6 +73,55 @@ def limit_memory(size: int) -> None:
         return
     with contextlib.suppress(OSError, ValueError):  # macOS knows the limit and refuses to set it
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
+
+
+cpu_clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.process_time
+"""Seconds that all threads of this process computed; Windows tells them in steps of 16 ms, too
+coarse for one polygon, so that it is the wall clock there."""
+
+
+class WaitedFor:
+    """How long the threads of this process have waited for a core; Linux alone tells.
+
+    Files stay open, for opening them anew would take longer than some draws do.
+    """
+
+    def __init__(self) -> None:
+        self._owner = os.getpid()
+        self._files: dict[str, int] = {}
+
+    def read(self) -> dict[str, int] | None:
+        """Return the nanoseconds so far by thread, None where the system does not tell.
+
+        It is the second number of `schedstat`: time on a run queue, not on a core.
+        """
+        if os.getpid() != self._owner:  # what a fork took along tells of another process
+            self.close()
+            self._owner = os.getpid()
+        found: dict[str, int] = {}
+        try:
+            for thread in os.listdir("/proc/self/task"):  # noqa: PTH208 - before each draw
+                if thread not in self._files:
+                    path = f"/proc/self/task/{thread}/schedstat"
+                    self._files[thread] = os.open(path, os.O_RDONLY)
+                try:
+                    found[thread] = int(os.pread(self._files[thread], 64, 0).split()[1])
+                except ProcessLookupError:  # it has ended since
+                    os.close(self._files.pop(thread))
+        except (OSError, ValueError, IndexError):
+            return None
+        return found
+
+    def close(self) -> None:
+        """Close the files."""
+        for descriptor in self._files.values():
+            os.close(descriptor)
+        self._files.clear()
+
+
+def stolen_s() -> float:
+    """Return the seconds that the host has taken from all cores; 0 where the system tells none."""
+    return float(getattr(psutil.cpu_times(), "steal", 0.0))
 
 
 def lead_group() -> None:

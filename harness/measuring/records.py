@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.figures.registry import LEAST, OUTLINE
+from harness.figures.run_state import undisturbed
 from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
@@ -187,6 +188,7 @@ def time_fields(
     return {
         "timer": test.timer,
         "samples_s": _rounded(times.samples_s),
+        **_waiting_of(times),
         "median_s": times.median_s,
         "ci95_s": list(times.ci95_s),
         "repeats": times.repeats,
@@ -200,6 +202,17 @@ def time_fields(
     }
 
 
+def _waiting_of(times: Times) -> dict[str, Any]:
+    """Return what is kept beside CPU time: the wall clock, waiting, and how many samples waited."""
+    if not times.wall_s:
+        return {}
+    found: dict[str, Any] = {"wall_s": _rounded(times.wall_s)}
+    if len(times.waited_s) == len(times.samples_s):
+        found["waited_s"] = _rounded(times.waited_s)
+        found["disturbed"] = int((~undisturbed({**found, "samples_s": times.samples_s})).sum())
+    return {**found, "stolen_s": times.stolen_s, "timing_s": times.timing_s}
+
+
 def _rounded(seconds: Sequence[float]) -> list[float]:
     """Round to six digits: more than any timer resolves, and half the size on disk."""
     return [float(f"{value:.6g}") for value in seconds]
@@ -209,7 +222,7 @@ def time_warnings(times: Times) -> list[str]:
     """Say, a line each, what makes these samples less trustworthy."""
     found = []
     median = times.median_s
-    low, high = np.percentile(times.samples_s, [25, 75])
+    low, high = np.percentile(times.undisturbed_s, [25, 75])
     if median < SHORT_DRAW_S:
         found.append(f"draws are short ({median * 1e6:.1f} us): mostly the cost of a draw call")
     if high - low > SCATTER * median:

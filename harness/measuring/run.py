@@ -17,10 +17,11 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured, UsageError
+from harness.figures.run_state import judge
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
 from harness.machine import environment, system
 from harness.machine.processor import label_of, processor, same
-from harness.machine.state import default_path, state_of
+from harness.machine.state import default_path, reference_draws
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
@@ -213,7 +214,8 @@ def _measure(
             facts["devices"] |= bench.describe()
             facts["seconds"] = {**bench.seconds, "all": time.perf_counter() - began}
             facts["interrupted"] = bench.stopping
-            facts["state"] = state_of(records.values(), default_path())
+            draws = reference_draws(records.values(), default_path())
+            facts["state"] = {**judge(records.values(), draws).to_json(), "draws": draws}
             store.write_facts(facts)
         if not bench.stopping:
             store.drop_counted()

@@ -317,7 +317,7 @@ class SceneRun:
         settings, backend = self.plan.timing, group.backend
         test = self.bench.open(backend).timer
         assert test is not None
-        if test.gpu_s is not None and test.timer == "wall":
+        if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
             self.reporter.detail(f"{backend.label}: times are the wall clock's; {test.reason}")
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:

@@ -146,7 +146,7 @@ def _test_timer(rasteriser: Rasteriser) -> TimerTest:
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
             drawing.sample(1)  # what is compiled or allocated at the first draw
             if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
-                return self_test(drawing)
+                return self_test(drawing, software=rasteriser.device.software)
         layers *= 4
 
 

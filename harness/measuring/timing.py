@@ -27,14 +27,23 @@ import numpy as np
 
 from harness.figures.intervals import median_interval
 from harness.figures.ratios import paired_ratio
+from harness.figures.run_state import ENOUGH, undisturbed
+from harness.machine import system
 from harness.measuring.settings import TimingSettings
 from harness.rasterisers.base import Sample
 
-Timer = Literal["gpu", "wall"]
+Timer = Literal["gpu", "cpu", "wall"]
 
 EMPTY = "(empty)"
 REFERENCE = "(reference)"
 """Names of the two drawings that every round times beside the candidates."""
+
+ACCOUNTED = 0.5
+"""Least share of a known big draw's time that its process must have computed, or waited for a core:
+else the draw is computed elsewhere, and its process's CPU time says nothing."""
+
+COARSE_S = 1e-4
+"""Steps of a CPU clock from which the wall clock is used: batches would have to be too long."""
 
 AGREEMENT = 0.30
 """GPU timer and wall clock may differ by this much on the self-test's draw."""
@@ -65,7 +74,7 @@ class TimerTest:
     """What the timer self-test found on a device.
 
     timer : the one to use
-    gpu_s, wall_s : seconds of one known big draw; gpu_s is None where there is no GPU timer
+    gpu_s, cpu_s, wall_s : seconds of one known big draw; None where there is no such timer
     resolution_s : smallest step of the timer in use
     reason : why it was chosen
     """
@@ -75,6 +84,7 @@ class TimerTest:
     gpu_s: float | None
     resolution_s: float
     reason: str
+    cpu_s: float | None = None
 
 
 @dataclass
@@ -82,6 +92,9 @@ class Times:
     """Samples of one drawing: seconds of one draw, one a round.
 
     repeats : draws a sample averages over
+    wall_s, waited_s : of the same draws, by the wall clock and waiting for a core; [] where the
+        timer is not the CPU's, or the system does not tell
+    stolen_s, timing_s : seconds that the host took from all cores meanwhile, and how long it was
     precision_reached : whether the interval of the median became narrow enough in time
     epochs : rounds of each epoch, in order; one alone where drawings were never prepared anew
     processes : rounds of each process, where there were several
@@ -92,40 +105,78 @@ class Times:
     epochs: list[int] = field(default_factory=list)
     precision_reached: bool = False
     processes: list[int] = field(default_factory=list)
+    wall_s: list[float] = field(default_factory=list)
+    waited_s: list[float] = field(default_factory=list)
+    stolen_s: float = 0.0
+    timing_s: float = 0.0
+
+    def add(self, sample: Sample, timer: Timer) -> None:
+        """Add a batch's seconds by draw."""
+        self.samples_s.append(_seconds(sample, timer) / self.repeats)
+        if timer == "cpu":
+            self.wall_s.append(sample.wall / self.repeats)
+            if sample.waited is not None:
+                self.waited_s.append(sample.waited / self.repeats)
 
     @classmethod
     def of_processes(cls, parts: Sequence[Times]) -> Times:
         """Return the times of one drawing in several processes, one after the other."""
         return cls(
-            parts[0].repeats,
-            [sample for part in parts for sample in part.samples_s],
-            [rounds for part in parts for rounds in part.epochs],
-            all(part.precision_reached for part in parts),
-            [len(part.samples_s) for part in parts] if len(parts) > 1 else [],
+            repeats=parts[0].repeats,
+            samples_s=[sample for part in parts for sample in part.samples_s],
+            wall_s=[sample for part in parts for sample in part.wall_s],
+            waited_s=[sample for part in parts for sample in part.waited_s],
+            stolen_s=sum(part.stolen_s for part in parts),
+            timing_s=sum(part.timing_s for part in parts),
+            epochs=[rounds for part in parts for rounds in part.epochs],
+            precision_reached=all(part.precision_reached for part in parts),
+            processes=[len(part.samples_s) for part in parts] if len(parts) > 1 else [],
         )
 
     @property
+    def undisturbed_s(self) -> list[float]:
+        """The samples that did not wait for a core, if there are enough of them, else all."""
+        kept = undisturbed({"samples_s": self.samples_s, "waited_s": self.waited_s})
+        if kept.sum() < ENOUGH:
+            return self.samples_s
+        return [sample for sample, good in zip(self.samples_s, kept, strict=True) if good]
+
+    @property
     def median_s(self) -> float:
-        """Median seconds of one draw."""
-        return statistics.median(self.samples_s)
+        """Median seconds of one draw, undisturbed."""
+        return statistics.median(self.undisturbed_s)
 
     @property
     def ci95_s(self) -> tuple[float, float]:
         """Distribution-free 95 % confidence interval of the median, in seconds."""
-        return median_interval(self.samples_s)
+        return median_interval(self.undisturbed_s)
 
 
-def self_test(big_draw: Timeable) -> TimerTest:
-    """Draw something known and big; believe the GPU timer only if the wall clock agrees.
+def self_test(big_draw: Timeable, *, software: bool = False) -> TimerTest:
+    """Draw something known and big; believe a timer only if it sees the whole of it.
 
-    Some drivers time a part of the work only: llvmpipe's timer sees the last tile alone.
+    What the CPU draws (`software`) is timed by the CPU time of all threads of its process: other
+    programs take the core, and the wall clock takes that for the draw's. A GPU's timer must agree
+    with the wall clock, for some drivers time a part of the work only.
     """
     repeats = 1
     while big_draw.sample(repeats).wall < 0.02 and repeats < 1 << 16:
         repeats *= 2
     samples = [big_draw.sample(repeats) for _ in range(5)]
     wall = statistics.median(sample.wall for sample in samples) / repeats
-    resolution = _clock_resolution()
+    resolution = _clock_resolution(time.perf_counter)
+    if software and all(sample.cpu is not None for sample in samples):
+        cpu = statistics.median(sample.cpu or 0.0 for sample in samples) / repeats
+        step = _clock_resolution(time.process_time)
+        figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
+        if step > COARSE_S:
+            reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
+        elif any(_accounted(sample) >= ACCOUNTED for sample in samples):
+            reason = f"the process computed for {figures}"
+            return TimerTest("cpu", wall, None, step, reason, cpu)
+        else:
+            reason = f"the process computed for only {figures}"
+        return TimerTest("wall", wall, None, resolution, reason, cpu)
     gpu_samples = [sample.gpu for sample in samples if sample.gpu is not None]
     if not gpu_samples:
         return TimerTest("wall", wall, None, resolution, "the device has no GPU timer")
@@ -154,7 +205,7 @@ def time_together(
     of the budget is drawn, or when `settings.budget_s` times the number of drawings has passed; not
     before there are `settings.epochs` where `renew` is given, unless `settings.limit_s` is over.
     """
-    start = clock()
+    start, stolen_s = clock(), system.stolen_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
     times: dict[str, Times] = {}
     draw_s: dict[str, float] = {}
@@ -183,9 +234,7 @@ def time_together(
             drawings = epochs.begin(order)
         shuffler.shuffle(order)
         for name in order:
-            entry = times[name]
-            sample = drawings[name].sample(entry.repeats)
-            entry.samples_s.append(_seconds(sample, test.timer) / entry.repeats)
+            times[name].add(drawings[name].sample(times[name].repeats), test.timer)
         epochs.rounds[-1] += 1
         rounds = len(times[order[0]].samples_s)
         over = clock() >= latest
@@ -204,6 +253,8 @@ def time_together(
             ):
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
+                    entry.stolen_s = system.stolen_s() - stolen_s
+                    entry.timing_s = clock() - start
                 return times
 
 
@@ -306,15 +357,22 @@ def _warm_up(
 def _seconds(sample: Sample, timer: Timer) -> float:
     if timer == "gpu" and sample.gpu is not None:
         return sample.gpu
+    if timer == "cpu" and sample.cpu is not None:
+        return sample.cpu
     return sample.wall
 
 
-def _clock_resolution() -> float:
-    """Measure the wall clock's smallest visible step in seconds."""
+def _accounted(sample: Sample) -> float:
+    """Return the share of a sample's time in which its process computed or waited for a core."""
+    return ((sample.cpu or 0.0) + (sample.waited or 0.0)) / sample.wall
+
+
+def _clock_resolution(clock: Callable[[], float]) -> float:
+    """Measure a clock's smallest visible step in seconds."""
     steps = []
     for _ in range(20):
-        first = time.perf_counter()
-        while (second := time.perf_counter()) <= first:
+        first = clock()
+        while (second := clock()) <= first:
             pass
         steps.append(second - first)
     return min(steps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
 from harness.figures.ratios import FEWEST_EPOCHS, Ratio, paired_ratio
+from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.settings import TimingSettings
 from harness.measuring.timing import EMPTY, Times
@@ -43,6 +44,7 @@ class Measured:
     empty_s : median seconds of a draw of nothing
     control : one draw in ratio to itself under another name
     rounds : of each epoch
+    disturbed : what the machine's state was, if it was not quiet, else ""
     """
 
     epochs: NDArray[np.float64]
@@ -50,6 +52,7 @@ class Measured:
     empty_s: float
     control: Ratio
     rounds: list[int]
+    disturbed: str = ""
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -64,6 +67,8 @@ class Measured:
     @property
     def trouble(self) -> str:
         """Why the times cannot be trusted; "" where nothing is wrong."""
+        if self.disturbed:
+            return self.disturbed
         if self.drift > MOST_DRIFT:
             return f"the machine's speed changed by a factor of {self.drift:.2f} meanwhile"
         apart = min(abs(self.control.low - 1.0), abs(self.control.high - 1.0))
@@ -130,7 +135,28 @@ def measure(
             f"{sum(times[name].median_s for name in names):.3g} s, most of all {longest}; draw "
             "longer, e.g. --budget 4"
         )
-    return of_times(times, names)
+    found = of_times(times, names)
+    state = judge(
+        {
+            "rasteriser": backend.rasteriser,
+            "device": backend.device.name,
+            "scene": "the design",
+            "triangulator": name,
+            "time": {
+                "timer": "cpu" if each.wall_s else "wall",
+                "samples_s": each.samples_s,
+                "waited_s": each.waited_s,
+                "processes": each.processes,
+                "stolen_s": each.stolen_s,
+                "timing_s": each.timing_s,
+            },
+        }
+        for name, each in times.items()
+        if name in names
+    )
+    if state.is_quiet:
+        return found
+    return replace(found, disturbed=f"the times are {state.state}: {'; '.join(state.why)}")
 
 
 def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:

@@ -7,6 +7,7 @@ So nothing here may import a GL library at module level.
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
+from harness.machine import system
 from harness.rasterisers.counters import Counter
 
 if TYPE_CHECKING:
@@ -83,13 +85,40 @@ class Device:
 
 @dataclass(frozen=True)
 class Sample:
-    """Seconds that a batch of equal draws took, by the wall clock and by the GPU's timer.
+    """Seconds that a batch of equal draws took.
 
-    gpu is None where the device has no timer.
+    wall : by the wall clock
+    gpu : by the GPU's timer, None where the device has none
+    cpu : that all threads of this process were on a core
+    waited : that its threads waited for one, None where the system does not tell
     """
 
     wall: float
     gpu: float | None = None
+    cpu: float | None = None
+    waited: float | None = None
+
+
+class Stopwatch:
+    """Times a batch from where it is made to `stop`, by the clocks of a `Sample` but the GPU's."""
+
+    _queues = system.WaitedFor()
+
+    def __init__(self) -> None:
+        # What takes longest to read is outside of what is timed.
+        self._waited = self._queues.read()
+        self._cpu = time.process_time()
+        self._wall = time.perf_counter()
+
+    def stop(self) -> Sample:
+        """Return the seconds since."""
+        wall = time.perf_counter() - self._wall
+        cpu = time.process_time() - self._cpu
+        before, after = self._waited, self._queues.read()
+        waited = None
+        if before is not None and after is not None:
+            waited = 1e-9 * sum(total - before.get(thread, 0) for thread, total in after.items())
+        return Sample(wall=wall, cpu=cpu, waited=waited)
 
 
 class Drawing(ABC):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ctypes
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 from weakref import WeakValueDictionary
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import Sample, Triangles, shader
+from harness.rasterisers.base import Sample, Stopwatch, Triangles, shader
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -246,7 +246,7 @@ class Context:
         """
         self.wait()
         with self.queries(calls) as timers:
-            start = time.perf_counter()
+            watch = Stopwatch()
             for call in range(calls):
                 timers.begin(call, TIME_ELAPSED)
                 draw()
@@ -255,10 +255,10 @@ class Context:
             self.ctx.finish()
             # zink's glFinish does not wait for what was flushed before it; a result does.
             elapsed = timers.result(calls - 1)
-            wall = time.perf_counter() - start
+            sample = watch.stop()
             elapsed += sum(timers.result(call) for call in range(calls - 1))
         self.check("timing")
-        return Sample(wall=wall, gpu=elapsed * 1e-9)
+        return replace(sample, gpu=elapsed * 1e-9)
 
     def check(self, doing: str) -> None:
         """Raise RuntimeError if OpenGL has noted an error since the last check."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -27,6 +26,7 @@ from harness.rasterisers.base import (
     Options,
     Rasteriser,
     Sample,
+    Stopwatch,
     Triangles,
 )
 from harness.rasterisers.depth import DEEPEST
@@ -194,11 +194,11 @@ class _Drawn(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw all `repeats` times; each frame is read back, which waits for it."""
         self.owner._open(self.size)
-        start = time.perf_counter()
+        watch = Stopwatch()
         for _ in range(repeats):
             for scene in self.scenes:
                 self.draw(scene)
-        return Sample(wall=time.perf_counter() - start)
+        return watch.stop()
 
     def close(self) -> None:
         for scene in self.scenes:

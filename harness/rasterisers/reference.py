@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -19,6 +18,7 @@ from harness.rasterisers.base import (
     OnCpu,
     Options,
     Sample,
+    Stopwatch,
     Triangles,
     per_polygon,
 )
@@ -127,10 +127,10 @@ class _Filling(Drawing):
         self._rasterise(self.triangles[:0])  # compiles
 
     def sample(self, repeats: int) -> Sample:
-        start = time.perf_counter()
+        watch = Stopwatch()
         for _ in range(repeats):
             self._rasterise(self.triangles)
-        return Sample(wall=time.perf_counter() - start)
+        return watch.stop()
 
     def _rasterise(self, triangles: Triangles) -> None:
         if self.frame.depths is not None:

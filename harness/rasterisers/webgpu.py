@@ -6,7 +6,6 @@ Its shaders, shaders/count.wgsl and shaders/draw.wgsl, are those of the measurin
 from __future__ import annotations
 
 import importlib.util
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -25,6 +24,7 @@ from harness.rasterisers.base import (
     Options,
     Rasteriser,
     Sample,
+    Stopwatch,
     Triangles,
     batches,
     shader,
@@ -340,15 +340,15 @@ class _Timed(Drawing):
             self._encode(draws, instances, first=number == 0, last=number == len(passes) - 1)
             for number, draws in enumerate(passes)
         ]
-        start = time.perf_counter()
+        watch = Stopwatch()
         for command in commands:
             self.gpu.queue.submit([command])
         self.gpu._poll_wait()  # what the standard offers returns some 100 us too late
-        wall = time.perf_counter() - start
+        sample = watch.stop()
         if self.period_ns is None:
-            return Sample(wall=wall)
+            return sample
         begin, end = np.frombuffer(self.gpu.queue.read_buffer(self._answers), np.uint64)
-        return Sample(wall=wall, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
+        return replace(sample, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
 
     def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
         """Return one pass's commands, with a timestamp before the first and after the last."""

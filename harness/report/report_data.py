@@ -15,8 +15,8 @@ from harness.figures.estimates import ESTIMATES, estimated
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, error_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
+from harness.figures.run_state import state_of
 from harness.figures.verdict import Standing, advice, decide, explained
-from harness.machine import state
 from harness.pictures.style import looks
 from harness.report import facts
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
@@ -94,7 +94,7 @@ def content_of(run: Run) -> Content:
     content["key_facts"] = facts.key_rows(run)
     content["warnings"] = [
         *run.facts.get("warnings", []),
-        *state.words(run.facts.get("state")),
+        *state_of(run.facts, run.records).words,
         *run.problems,
     ]
     return content

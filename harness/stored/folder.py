@@ -269,6 +269,8 @@ def read_run(path: Path) -> Run:
         )
     if isinstance(facts.get("base"), str):
         records = [{**record, "base": facts["base"]} for record in records]
+    if (state := (facts.get("state") or {}).get("state")) is not None:
+        records = [{**record, "state": state} for record in records]
     return Run(path, facts, records, problems)
 
 

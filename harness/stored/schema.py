@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside")
+SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside", "state")
 LISTS = ("warnings", "frames", "resumed", "merged")
 """Parts of run.json that are tables, and lists."""
 
@@ -61,6 +61,8 @@ class Time(_Part):
     median_s: Number = 0.0
     reference_s: list[Number] = []
     empty_s: list[Number] = []
+    wall_s: list[Number] = []
+    waited_s: list[Number] = []
     ci95_s: Annotated[list[Number], Field(min_length=2, max_length=2)] = [0.0, 0.0]
     epochs: list[Annotated[int, Field(gt=0)]] = []
 

@@ -52,7 +52,7 @@ def gain_table(runs: Sequence[Sequence[Record]], bases: Sequence[str]) -> pd.Dat
 
 def _row(record: Record, base: Record | None, name: str) -> dict[str, object] | None:
     ratio = time_ratio(record, base)
-    if ratio is None or base is None:
+    if ratio is None or base is None or not ratio.quiet:
         return None
     lanes = [find("helper_lanes")(entry) for entry in (record, base)]
     return {

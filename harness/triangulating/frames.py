@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, box
 
 from harness.frame import Frame
+from harness.machine.system import cpu_clock
 from harness.triangulating.cached import Lookup
 from harness.triangulating.recipes import Recipe
 from triangulators import Skipped, vertices
@@ -41,7 +41,7 @@ class FrameTriangulation:
     """What one triangulator made of the polygons of a frame.
 
     parts : for each polygon its (m, 3) int32 triangles, or None where it gave none
-    seconds : wall time of the triangulator alone, without checks and without compiling
+    seconds : CPU time of the triangulator alone, without checks and without compiling
     samples_s : the same in each of several rounds, in which others were timed, too; [] if it was
         timed once
     skipped, failed : (polygon number in the frame, reason)
@@ -191,10 +191,10 @@ def time_in_rounds(
 
 
 def _seconds_of(recipe: Recipe, polygon: Polygon) -> float:
-    start = time.perf_counter()
+    start = cpu_clock()
     with suppress(Exception, SystemExit, GeneratorExit):  # it is told where triangles are kept
         recipe.triangulate_with_gap(polygon)
-    return time.perf_counter() - start
+    return cpu_clock() - start
 
 
 def _batch(
@@ -207,13 +207,13 @@ def _batch(
     if not polygons:
         return {}
     arrays = ragged(polygons)
-    start = time.perf_counter()
+    start = cpu_clock()
     try:
         found, done = recipe.attempt(arrays)
     except Exception:  # one by one, each can say what is wrong
         return {}
     if done.any():
-        result.seconds += time.perf_counter() - start
+        result.seconds += cpu_clock() - start
     return {place: found[place] for place in np.flatnonzero(done).tolist()}
 
 
@@ -231,7 +231,7 @@ def _compute(
 ) -> _Computed:
     """Run the triangulator; without triangles `result` is told why."""
     part, junctions, gap = None, 0, None
-    start = time.perf_counter()
+    start = cpu_clock()
     try:
         part, gap = recipe.triangulate_with_gap(polygon)
     except Skipped as reason:
@@ -239,7 +239,7 @@ def _compute(
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
         result.failed.append((number, told_of(error)))
         result.trace = result.trace or "".join(traceback.format_exception(error))
-    seconds = time.perf_counter() - start
+    seconds = cpu_clock() - start
     if part is not None:
         part, junctions, problem = check(polygon, part)
         if problem:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import accumulate, chain, cycle
@@ -407,7 +408,7 @@ def test_the_step_of_a_coarse_clock_is_the_least_that_is_seen(monkeypatch):
     ticks = chain.from_iterable([end] * 3 for end in ends)
     with monkeypatch.context() as patch:
         patch.setattr("harness.measuring.timing.time.perf_counter", lambda: next(ticks))
-        assert _clock_resolution() == 1.0
+        assert _clock_resolution(time.perf_counter) == 1.0
 
 
 def test_a_batch_as_long_as_a_hundred_steps_of_the_timer_is_long_enough():

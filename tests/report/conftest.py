@@ -55,6 +55,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     reporter = Reporter(quiet=True, console=Console(quiet=True))
     run(plan, path, reporter, open_worker=lambda *_: Inline())
+    facts = json.loads((path / "run.json").read_text())
+    facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
+    (path / "run.json").write_text(json.dumps(facts))
     write_report(read_run(path))
     return path
 

@@ -83,7 +83,7 @@ def test_the_sentence_names_the_fastest_and_its_interval(copy):
     rewrite(copy, records)
     answer = content_of(read_run(copy))["groups"][0]["answer"]
     assert "by optimal:half-perimeter: it is shown to save 20.0 % of ear-clipping's" in answer
-    assert "(95 % interval 19.5 to 20.5 %)" in answer
+    assert "(95 % interval 19.4 to 20.6 %)" in answer
 
 
 def test_the_sentence_does_not_name_a_winner_where_none_is_shown(copy):

@@ -1,0 +1,221 @@
+"""Tells the state a machine was in while it measured: one rule, for all who speak of times.
+
+A CPU rasteriser is timed by its process's CPU time, so a sample that waited for a core is not
+longer for that, but it lost its caches meanwhile. Neighbours on the core or in its cache make all
+draws longer and ratios of them other ones, and nothing waits: the reference draw of the same rounds
+tells that, set against the best that this machine has done.
+
+Where a run's state is not quiet, nothing is shown by its times. Two versions that were timed in
+the same rounds are exempt, for what the machine did, it did to both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+State = Literal["quiet", "disturbed", "not to be trusted"]
+QUIET: Final = "quiet"
+DISTURBED: Final = "disturbed"
+UNTRUSTED: Final = "not to be trusted"
+_ORDER: tuple[State, ...] = get_args(State)
+
+WAITED = 0.02
+"""Share of its time that a sample may wait for a core and still count as undisturbed."""
+
+ENOUGH = 12
+"""Undisturbed rounds that are enough to leave the others out."""
+
+FEW = 0.10
+"""Share of samples that are disturbed on a quiet machine, too: the system has work of its own."""
+
+STOLEN = 0.05
+"""The same of the time of a core that the host takes."""
+
+SLOWER = 1.35
+"""Reference draw over the best one up to which a machine is quiet, and ratios of times do not move:
+the best for H against ear clipping, city at 1024 px on llvmpipe, 0.837 to 0.847 where the
+reference draw took 0.70 to 0.92 ms, 0.862 and more from 1.06 ms on."""
+
+MOST_NAMED = 3
+"""Drawings of two modes that a line names."""
+
+MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
+"""Two modes: each has so many of the samples; the upper is so many times the lower; and they are so
+many standard deviations of their own apart. Halves of one normal distribution are 2.7 apart, of a
+uniform one 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108, 1994)."""
+
+REMEDY = (
+    "what is said rests on exact counters; measure again when nothing else runs, or let --beside "
+    "compare two versions"
+)
+
+
+@dataclass(frozen=True)
+class RunState:
+    """What state a run was in, and why, a clause each."""
+
+    state: State
+    why: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it JSON-ready."""
+        return {**asdict(self), "why": list(self.why)}
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether its times can show anything."""
+        return self.state == QUIET
+
+    @property
+    def words(self) -> list[str]:
+        """Say it in a line, none of a quiet run."""
+        if self.is_quiet:
+            return []
+        return [f"the run's times are {self.state}: {'; '.join(self.why)}. So {REMEDY}"]
+
+
+def undisturbed(times: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return which (r,) samples of a record's `time` waited for a core for no more than `WAITED`.
+
+    All, where it is not known.
+    """
+    samples = np.asarray(times.get("samples_s") or (), np.float64)
+    waited = np.asarray(times.get("waited_s") or (), np.float64)
+    if len(waited) != len(samples):
+        return np.ones(len(samples), np.bool_)
+    kept: NDArray[np.bool_] = waited <= WAITED * samples
+    return kept
+
+
+def kept_pairs(times: Mapping[str, Any], base: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return which (r,) rounds a ratio rests on: those that disturbed neither, if there are enough.
+
+    Raises
+    ------
+    ValueError
+        if both are not of as many rounds
+    """
+    own, other = undisturbed(times), undisturbed(base)
+    if len(own) != len(other):
+        raise ValueError(f"{len(own)} and {len(other)} samples are not rounds of one group")
+    kept: NDArray[np.bool_] = own & other
+    return kept if kept.sum() >= ENOUGH else np.ones(len(kept), np.bool_)
+
+
+def two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the middles of the two modes that samples sit in, None where they have one.
+
+    They are split where that leaves the least variance within (N. Otsu, IEEE Transactions on
+    Systems, Man and Cybernetics 9, 1979), by logarithm.
+    """
+    values = np.asarray(samples, np.float64)
+    logs = np.sort(np.log(values[values > 0]))
+    count = len(logs)
+    least = max(3, int(np.ceil(MODE_SHARE * count)))
+    splits = np.arange(least, count - least + 1)
+    if count < ENOUGH or not len(splits):
+        return None
+    sums, squares = np.cumsum(logs), np.cumsum(logs**2)
+    below, above = sums[splits - 1] / splits, (sums[-1] - sums[splits - 1]) / (count - splits)
+    within = squares[-1] - splits * below**2 - (count - splits) * above**2
+    split = int(splits[np.argmin(within)])
+    halves = logs[:split], logs[split:]
+    low, high = (float(np.median(half)) for half in halves)
+    width = np.sqrt((halves[0].var() + halves[1].var()) / 2)
+    if high - low < max(np.log(MODE_GAP), MODE_WIDTHS * width):
+        return None
+    return float(np.exp(low)), float(np.exp(high))
+
+
+def judge(
+    records: Iterable[Mapping[str, Any]], draws: Sequence[Mapping[str, Any]] = ()
+) -> RunState:
+    """Tell the state from the records of a run and its reference draws (`machine.state`)."""
+    found: dict[str, State] = {}
+    devices: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for record in records:
+        if times := record.get("time"):
+            where = f"{record.get('rasteriser')} on {record.get('device')}"
+            name = f"{record.get('triangulator')} of {record.get('scene')}"
+            devices.setdefault(where, {})[f"{name}, {record.get('resolution')} px"] = times
+    for where, drawings in devices.items():
+        found |= {f"{where}: {why}": state for why, state in _of_samples(drawings).items()}
+    for draw in draws:
+        if draw["slower"] > SLOWER:
+            own = f"{draw['rasteriser']} on {draw['device']}, {draw['resolution']} px"
+            took = f"{draw['reference_s'] * 1e3:.3g} ms, {draw['slower']:.2g} times the best"
+            found[f"{own}: the reference draw took {took} of this machine"] = DISTURBED
+    return RunState(max(found.values(), key=_ORDER.index, default=QUIET), tuple(found))
+
+
+def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
+    """Say what disturbed the samples of a device's drawings, whose `time` it is."""
+    found: dict[str, State] = {}
+    masks = {name: undisturbed(times) for name, times in drawings.items()}
+    count = sum(len(good) for good in masks.values())
+    waited = count - sum(int(good.sum()) for good in masks.values())
+    if waited > FEW * count:
+        few = any(good.sum() < min(ENOUGH, len(good)) for good in masks.values())
+        share = f"{waited} of {count} samples waited for a core"
+        found[share] = UNTRUSTED if few else DISTURBED
+    sit: dict[str, State] = {}
+    for name, times in drawings.items():
+        samples, good = _of_one_process(times), masks[name]
+        if modes := two_modes(samples[good] if good.sum() >= ENOUGH else samples):
+            low, high = (f"{second * 1e3:.3g}" for second in modes)
+            # CPU time has no mode of the scheduler's; other clocks take its slices for the draw's.
+            state: State = DISTURBED if times.get("timer") == "cpu" else UNTRUSTED
+            sit[f"{name} ({low} and {high} ms)"] = state
+    if sit:
+        more = f" and {len(sit) - MOST_NAMED} more" if len(sit) > MOST_NAMED else ""
+        names = ", ".join(list(sit)[:MOST_NAMED])
+        found[f"times sit in two modes: {names}{more}"] = max(sit.values(), key=_ORDER.index)
+    for times in drawings.values():
+        stolen, wall = times.get("stolen_s") or 0.0, times.get("timing_s") or 0.0
+        if stolen > STOLEN * wall > 0:
+            found[f"the host took {stolen / wall:.0%} of a core"] = DISTURBED
+    return found
+
+
+def _of_one_process(times: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return (r,) samples without what processes differ by: where their memory lies is no mode."""
+    samples = np.asarray(times.get("samples_s") or (), np.float64)
+    processes = times.get("processes") or []
+    if len(processes) < 2 or sum(processes) != len(samples):
+        return samples
+    parts = np.split(samples, np.cumsum(processes)[:-1])
+    return np.concatenate([part * np.median(samples) / np.median(part) for part in parts])
+
+
+def state_of(facts: Mapping[str, Any], records: Iterable[Mapping[str, Any]]) -> RunState:
+    """Return the state that a run's `run.json` tells; where it tells none, what its samples do."""
+    told = facts.get("state")
+    if isinstance(told, Mapping) and told.get("state") in get_args(State):
+        why = told.get("why")
+        return RunState(told["state"], tuple(map(str, why if isinstance(why, list) else ())))
+    return judge(records)
+
+
+def apart(base: Mapping[str, Any], head: Mapping[str, Any], *, machines_differ: bool) -> str:
+    """Say why the times of two runs that were made apart cannot be compared; "" if they can.
+
+    base, head : `time` of the same case in both
+    machines_differ : then reference draws differ for that
+    """
+    for name, times in (("BASE", base), ("HEAD", head)):
+        if problems := _of_samples({"it": times}):
+            return f"{name} was disturbed ({next(iter(problems))}); use run --beside"
+    medians = [np.median(times.get("reference_s") or [np.nan]) for times in (base, head)]
+    for slow, fast in pairwise([*medians, medians[0]]):
+        if slow > SLOWER * fast and not machines_differ:
+            return (
+                f"two states of the machine (reference draw {medians[0] * 1e3:.3g} ms in BASE, "
+                f"{medians[1] * 1e3:.3g} ms in HEAD); use run --beside"
+            )
+    return ""

@@ -1,0 +1,132 @@
+"""Measure the same scenes while the machine is in seven states, and judge what is said of it.
+
+Each run is compared with a quiet one of its kind: no false regression, and no first sentence that
+shows by times what the quiet ones do not. It takes some four hours, alone on the machine. What is
+done is in the folder: the same command goes on.
+
+    PYTHONPATH=. python scripts/states_matrix.py --scenes city,own.geojson --out states
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from harness.errors import REGRESSION
+from harness.figures.advice import advice
+from harness.figures.groups import groups
+from harness.stored.folder import read_run
+
+LOOP = "while True: pass"
+COPY = "a = bytearray(1 << 28)\nwhile True: b = bytes(a)"
+COMPILE = "import compileall\nwhile True: compileall.compile_dir('harness', quiet=2, force=True)"
+STATES: dict[str, tuple[str, ...]] = {
+    "quiet": (),
+    "loop": (LOOP,),
+    "loops": (LOOP,) * 4,
+    "copying": (COPY,),
+    "compiling": (COMPILE,),
+    "midway": (f"import time\ntime.sleep(6)\n{LOOP}",) * 2,
+    "half-core": (LOOP,),
+}
+"""What runs beside, in Python; half-core is held to the core of the loop by its affinity."""
+
+RUNS = 5
+KINDS: dict[str, tuple[str, ...]] = {"quick": ("--quick",), "default": ()}
+FIELDS = ("scene", "kind", "state", "run", "told", "compare", "shown", "wrong")
+SHOWN = re.compile(
+    r"by (\S+): it is shown to save [\d.]+ % of .*?interval (-?[\d.]+) to (-?[\d.]+)"
+)
+
+
+def main() -> None:
+    """Read the command line, run what is missing, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", default="city")
+    parser.add_argument("--states", default=",".join(STATES))
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--out", type=Path, default=Path("results/states"))
+    chosen = parser.parse_args()
+    rows = []
+    for scene in chosen.scenes.split(","):
+        for kind in chosen.kinds.split(","):
+            quiet: list[Path] = []
+            for state in ("quiet", *(s for s in chosen.states.split(",") if s != "quiet")):
+                for number in range(chosen.runs):
+                    name = f"{Path(scene).stem}-{kind}-{state}-{number}"
+                    folder = measured(scene, kind, state, chosen.out / name)
+                    if state == "quiet":
+                        quiet.append(folder)
+                    rows.append([scene, kind, state, number, *judged(folder, quiet)])
+    with (chosen.out / "states.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([FIELDS, *rows])
+    false = sum(row[5] == REGRESSION for row in rows)
+    wrong = sum(row[-1] for row in rows)
+    print(f"{len(rows)} runs: {false} false regressions, {wrong} first sentences that are wrong")
+
+
+@contextlib.contextmanager
+def beside(state: str) -> Iterator[None]:
+    """Have the programs of a state run, and end them."""
+    programs = [subprocess.Popen([sys.executable, "-c", text]) for text in STATES[state]]
+    if state == "half-core":
+        for program in programs:
+            os.sched_setaffinity(program.pid, {0})
+    try:
+        time.sleep(1.0 if programs else 0.0)
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
+
+
+def measured(scene: str, kind: str, state: str, folder: Path) -> Path:
+    """Return the folder of a run in a state, which is made unless it is there."""
+    done = folder.with_suffix(".done")
+    if not done.exists():
+        resume = ["--resume" if (folder / "run.json").exists() else "--out", str(folder)]
+        command = [sys.executable, "-m", "harness", "run", "-q", "--scene", scene, *KINDS[kind]]
+        held = ["taskset", "-c", "0"] if state == "half-core" else []
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with beside(state):
+            subprocess.run([*held, *command, *resume], check=True, stdout=subprocess.DEVNULL)
+        done.touch()
+    return folder
+
+
+def judged(folder: Path, quiet: list[Path]) -> list[object]:
+    """Return a run's state, what `compare` says of it after a quiet one, and of its sentence."""
+    run = read_run(folder)
+    told = (run.facts.get("state") or {}).get("state")
+    base = next((path for path in quiet if path != folder), None)
+    code: int | str = ""
+    if base is not None:
+        command = [sys.executable, "-m", "harness", "compare", str(base), str(folder)]
+        code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
+    own, others = shown(folder), [each for each in map(shown, quiet) if each]
+    wrong = own is not None and not any(
+        own[0] == name and own[1] <= high and low <= own[2] for name, low, high in others
+    )
+    return [told, code, " ".join(map(str, own or ())), wrong]
+
+
+def shown(folder: Path) -> tuple[str, float, float] | None:
+    """Return the triangulator that a run's first sentence shows to save, and the interval, in %."""
+    for members in groups(read_run(folder).records):
+        if found := SHOWN.search(advice(members)):
+            return found[1], float(found[2]), float(found[3])
+    return None
+
+
+if __name__ == "__main__":
+    main()
