@@ -21,8 +21,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from harness.errors import REGRESSION
-from harness.figures.advice import advice
 from harness.figures.groups import groups
+from harness.figures.verdict import advice
 from harness.stored.folder import read_run
 
 LOOP = "while True: pass"

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from harness.figures.advice import advice
-from harness.figures.decision import COUNTED, EQUAL, SHOWN, decide
 from harness.figures.ratios import of_any_run, paired_ratio
 from harness.figures.run_state import (
     DISTURBED,
@@ -24,6 +22,7 @@ from harness.figures.run_state import (
     two_modes,
     undisturbed,
 )
+from harness.figures.verdict import COUNTED, EQUAL, SHOWN, advice, decide
 
 EPOCHS, ROUNDS = 6, 72
 DRAW_S = 2e-3
