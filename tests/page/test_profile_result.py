@@ -42,7 +42,6 @@ def brief(monkeypatch):
     monkeypatch.setattr(design, "draws", DRAWS)
     monkeypatch.setattr("harness.page.profile_result.counters", counted_once)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
-    monkeypatch.setattr("harness.profile.law.RESAMPLES", 20)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
 

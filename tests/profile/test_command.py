@@ -27,7 +27,6 @@ def brief(monkeypatch):
     """Workers are in this process, few follow each other, and advice looks at few polygons."""
     monkeypatch.setattr(measured, "EPOCHS", 6)
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
-    monkeypatch.setattr("harness.profile.law.RESAMPLES", 30)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "POLYGONS", 8)
 
