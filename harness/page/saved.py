@@ -17,6 +17,7 @@ from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.page.device_summaries import browser
 from harness.stored.folder import file_stem
+from harness.stored.schema import MOST
 
 VERSION = 1
 MOST_BYTES = 256 * 2**20
@@ -26,7 +27,7 @@ Long = Annotated[str, StringConstraints(max_length=10_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
 Whole = Annotated[int, Field(ge=0, le=2**53)]
 Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(gt=-MOST, lt=MOST, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 
 

@@ -107,7 +107,9 @@ class Record(_Part):
 
     @model_validator(mode="after")
     def _views_are_alike(self) -> Record:
-        if self.views and len({len(each) for each in self.views.values()}) > 1:
+        views = self.views or {}
+        named = {name for name, each in views.items() if any(isinstance(one, str) for one in each)}
+        if len({len(each) for each in views.values()}) > 1 or not named <= {"names"}:
             raise ValueError("views")
         return self
 

@@ -72,9 +72,7 @@ COMMANDS = {
         records,
         ("run", *SCENE, *REFERENCE, "--resume", "out"),
     ),
-    "triangulate": Command(
-        ("triangulate", "city:buildings=2000", "-o", "out.glb", "--no-cache", "-q"), digest
-    ),
+    "triangulate": Command(("triangulate", "city:buildings=2000", "-o", "out.glb", "-q"), digest),
     "merge": Command(("merge", "RUN", "SECOND", "--hosts", "a,b", "-o", "out", "-q"), records),
     "import": Command(("import", "saved.json", "-o", "out", "-q"), records),
     "report": Command(("report", "RUN", "-o", "out.html"), digest),

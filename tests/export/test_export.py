@@ -323,7 +323,7 @@ class TestErrors:
     def test_triangulator(self, tmp_path):
         message = self.refused(tmp_path, "paper", tmp_path / "a.obj", "delauny")
         assert "delaunay" in message
-        self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal", "beauty")
+        self.refused(tmp_path, "paper", tmp_path / "a.obj", "optimal", "prettiness")
 
     def test_height(self, tmp_path):
         out = tmp_path / "a.obj"

@@ -86,7 +86,7 @@ def test_a_pipe_is_no_result_of_a_page(tmp_path):
 @pytest.mark.parametrize(
     "command",
     [
-        *("report {}", "page {}", "gains {} --out gains", "history {}", "compare {} {}"),
+        *("report {}", "page {}", "study gains {} --out gains", "history {}", "compare {} {}"),
         *("merge {} {} --hosts a,b --out merged", "run --resume {}"),
     ],
 )

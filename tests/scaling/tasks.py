@@ -38,10 +38,10 @@ def crash_on_far(*arguments: Any) -> Any:
 
     triangulate = export.triangulate_many
 
-    def triangulate_or_crash(polygons: Any, *more: Any) -> Any:
+    def triangulate_or_crash(polygons: Any, *more: Any, **how: Any) -> Any:
         if (polygons.coordinates[:, 0] > FAR).any():
             ctypes.string_at(0)
-        return triangulate(polygons, *more)
+        return triangulate(polygons, *more, **how)
 
     export.triangulate_many = triangulate_or_crash
     try:

@@ -115,7 +115,7 @@ class Stopped(distributed.Nanny):
         super().__init__(*arguments, **options)
 
 distributed.deploy.local.Nanny = Stopped
-sys.argv = ["harness", "triangulate", "in", "-o", "out", "--dask", "local:1", "--no-cache"]
+sys.argv = ["harness", "triangulate", "in", "-o", "out", "--dask", "local:1"]
 if __name__ == "__main__":
     main()
 """

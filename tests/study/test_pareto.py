@@ -186,7 +186,7 @@ def test_a_mixture_is_one_case_however_its_weights_are_written(harness, block):
     assert harness("run", "--resume", "results", "--quiet")[0] == 0
     assert len(read_run(Path("results")).records) == 3
     assert harness("compare", "results", "results", "--gate", "counters")[0] == 0
-    mesh = ("triangulate", str(block), "-o", "block.obj", "--no-cache", "--quiet")
+    mesh = ("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
     assert "mixed=1/0.5/0" in harness("list", "criteria")[1]
     code, _, err = harness(*mesh, "--criterion", "mixed=1/0.5")

@@ -38,7 +38,7 @@ LEAST: dict[str, tuple[str, ...]] = {
     "report": ("RUN",),
     "inspect": ("block.geojson",),
     "check-evidence": ("block.geojson",),
-    "triangulate": ("block.geojson", "-o", "out.obj", "--no-cache"),
+    "triangulate": ("block.geojson", "-o", "out.obj"),
     "study gains": ("RUN", "--out", "gains"),
     "study all": ("none.geojson", "--out", "study", "--quick"),
     "page": ("RUN",),
