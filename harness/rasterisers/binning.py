@@ -51,26 +51,40 @@ def count_tiles(
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
     for t in range(len(triangles)):
-        for k in range(3):
-            corners[k, 0] = points[triangles[t, k], 0]
-            corners[k, 1] = points[triangles[t, k], 1]
-        doubled = (corners[1, 0] - corners[0, 0]) * (corners[2, 1] - corners[0, 1]) - (
-            corners[1, 1] - corners[0, 1]
-        ) * (corners[2, 0] - corners[0, 0])
-        if doubled == 0:
-            continue
-        if doubled < 0:
-            for axis in range(2):
-                corners[1, axis], corners[2, axis] = corners[2, axis], corners[1, axis]
-        left, right = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
-        bottom, top = corners[:, 1].min() // side, (corners[:, 1].max() - 1) // side
-        left, right = max(left, window[0]), min(right, window[2])
-        bottom, top = max(bottom, window[1]), min(top, window[3])
+        left, right, bottom, top = tile_box(points, triangles[t], side, window, corners)
         counts[t, 0] = max(0, right - left + 1) * max(0, top - bottom + 1)
         for row in range(bottom, top + 1):
             low, high = tile_span(corners, row, side, left, right)
             counts[t, 1] += max(0, high - low + 1)
     return counts
+
+
+@njit(error_model="numpy")
+def tile_box(
+    points: NDArray[np.int32],
+    triangle: NDArray[np.int32],
+    side: int,
+    window: NDArray[np.int64],
+    corners: NDArray[np.int64],
+) -> tuple[int, int, int, int]:
+    """First and last column, first and last row of the tiles that a triangle's box has in `window`.
+
+    A triangle without area has none. `corners` (3, 2) gets its corners, counter-clockwise.
+    """
+    for k in range(3):
+        corners[k, 0] = points[triangle[k], 0]
+        corners[k, 1] = points[triangle[k], 1]
+    doubled = (corners[1, 0] - corners[0, 0]) * (corners[2, 1] - corners[0, 1]) - (
+        corners[1, 1] - corners[0, 1]
+    ) * (corners[2, 0] - corners[0, 0])
+    if doubled == 0:
+        return 0, -1, 0, -1
+    if doubled < 0:
+        for axis in range(2):
+            corners[1, axis], corners[2, axis] = corners[2, axis], corners[1, axis]
+    left, right = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
+    bottom, top = corners[:, 1].min() // side, (corners[:, 1].max() - 1) // side
+    return max(left, window[0]), min(right, window[2]), max(bottom, window[1]), min(top, window[3])
 
 
 @njit(error_model="numpy", inline="always")

@@ -67,6 +67,20 @@ class Time(_Part):
     epochs: list[Annotated[int, Field(gt=0)]] = []
 
 
+class Views(_Part):
+    """Of a scene in several views: their names, and of each counter a list, one a view."""
+
+    __pydantic_extra__: dict[str, list[Number]]
+
+    names: list[str] | list[Number] = []
+
+    @model_validator(mode="after")
+    def _are_alike(self) -> Views:
+        if len({len(getattr(self, name)) for name in self.model_fields_set}) > 1:
+            raise ValueError("lists of several lengths")
+        return self
+
+
 class Record(_Part):
     """One case. What is None was not measured; fields of other versions are let pass.
 
@@ -102,16 +116,8 @@ class Record(_Part):
     coverage_error: Number | None = None
     outline_quads: Number | None = None
     least: Least | None = None
-    views: dict[str, list[Number] | list[str]] | None = None
+    views: Views | None = None
     time: Time | Cycles | None = None
-
-    @model_validator(mode="after")
-    def _views_are_alike(self) -> Record:
-        views = self.views or {}
-        named = {name for name, each in views.items() if any(isinstance(one, str) for one in each)}
-        if len({len(each) for each in views.values()}) > 1 or not named <= {"names"}:
-            raise ValueError("views")
-        return self
 
 
 NUMBERS = tuple(
@@ -125,8 +131,7 @@ def wrong_field(record: dict[str, Any]) -> str | None:
     try:
         Record.model_validate(record)
     except ValidationError as error:
-        place = error.errors(include_url=False)[0]["loc"]
-        return str(place[0]) if place else "views"
+        return str(error.errors(include_url=False)[0]["loc"][0])
     return None
 
 

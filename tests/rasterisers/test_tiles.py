@@ -64,7 +64,8 @@ def test_softpipe_rounds_edges_otherwise_in_tiles_too(tiles, reference):
     assert disagreements(tiles[0], drawn, exact)
     for name in SHADED:
         assert drawn[name].sum() == pytest.approx(exact[name].sum(), rel=0.01)
-        assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=0.03)
+        within = 0.03 if name == "partial_quads" else 0.02  # it is of the fewest
+        assert drawn[name][100:].sum() == pytest.approx(exact[name][100:].sum(), rel=within)
 
 
 def test_the_reference_counts_pixels_of_the_window_alone(reference, tiles):

@@ -144,13 +144,13 @@ def test_sources_are_held_against_one_digest(tmp_path, monkeypatch):
     (tmp_path / "src").mkdir()
     (tmp_path / "src" / "a.cpp").write_text("int a;\n")
     monkeypatch.setenv("ITS_SOURCES", str(tmp_path))
-    wrong = Tree("ITS_SOURCES", ("src",), "0" * 64, "clone it")
+    wrong = Tree("ITS_SOURCES", "clone it", ("src",), "0" * 64)
     assert "is not as it was published: clone it" in str(wrong.problem())
     with pytest.raises(NoRasteriser, match="clone it"):
         wrong.folder()
     # `sha256sum src/a.cpp | sha256sum`
     digest = "fb3315490ee3f4e3dc5ed456de18e740d0eb7b0558926e7aee7b60eba4fbca56"
-    right = Tree("ITS_SOURCES", ("src",), digest, "clone it")
+    right = Tree("ITS_SOURCES", "clone it", ("src",), digest)
     assert right.problem() is None
     assert right.folder() == tmp_path
     (tmp_path / "src" / "b.cpp").touch()

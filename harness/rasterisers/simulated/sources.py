@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,75 +17,74 @@ from harness.rasterisers.simulated.building import Lacking
 
 
 @dataclass(frozen=True)
-class Sources:
+class _Sources(ABC):
     """The sources of one design.
 
     variable : names their folder
-    digests : a file as sha256sum writes it, of all files that are used
     get : how to get them, as an order
     """
 
     variable: str
-    digests: Path
     get: str
+
+    def problem(self) -> Lacking | None:
+        """Say what is wrong with them, or None."""
+        given = os.environ.get(self.variable)
+        if not given:
+            return Lacking(f"{self.variable} is not set", self.get)
+        wrong = self._wrong(Path(given))
+        return Lacking(f"{self.variable}: {wrong}", self.get) if wrong else None
+
+    def folder(self) -> Path:
+        """Return the folder; raises NoRasteriser where `problem` says something."""
+        if problem := self.problem():
+            raise NoRasteriser(str(problem))
+        return Path(os.environ[self.variable])
+
+    @abstractmethod
+    def _wrong(self, root: Path) -> str | None:
+        """Say in a clause what of the folder is not as it was published, or None."""
+
+
+@dataclass(frozen=True)
+class Sources(_Sources):
+    """Some files, each held against a digest.
+
+    digests : a file as sha256sum writes it, of all files that are used
+    """
+
+    digests: Path
 
     def files(self) -> dict[str, str]:
         """Return the SHA-256 of each file that is used, by its name in the folder."""
         lines = self.digests.read_text().splitlines()
         return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines)}
 
-    def problem(self) -> Lacking | None:
-        """Say what is wrong with them, or None."""
-        given = os.environ.get(self.variable)
-        if not given:
-            return Lacking(f"{self.variable} is not set", self.get)
+    def _wrong(self, root: Path) -> str | None:
         for name, digest in self.files().items():
-            file = Path(given) / name
+            file = root / name
             if not file.is_file():
-                return Lacking(f"{self.variable}: there is no {file}", self.get)
+                return f"there is no {file}"
             if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-                return Lacking(f"{self.variable}: {file} is not as it was published", self.get)
+                return f"{file} is not as it was published"
         return None
-
-    def folder(self) -> Path:
-        """Return the folder; raises NoRasteriser where `problem` says something."""
-        if problem := self.problem():
-            raise NoRasteriser(str(problem))
-        return Path(os.environ[self.variable])
 
 
 @dataclass(frozen=True)
-class Tree:
-    """The sources of a design of many files, held against one digest of all that its folders hold.
+class Tree(_Sources):
+    """Many files, held against one digest of all that their folders hold.
 
-    variable : names their folder
-    parts : the folders in it that are used
+    parts : the folders that are used
     digest : SHA-256 of a line a file, sorted by name, as sha256sum writes them
-    get : how to get them, as an order
     """
 
-    variable: str
     parts: tuple[str, ...]
     digest: str
-    get: str
 
-    def problem(self) -> Lacking | None:
-        """Say what is wrong with them, or None."""
-        given = os.environ.get(self.variable)
-        if not given:
-            return Lacking(f"{self.variable} is not set", self.get)
-        root = Path(given)
+    def _wrong(self, root: Path) -> str | None:
         files = (file for part in self.parts for file in (root / part).rglob("*"))
         found = hashlib.sha256()
         for file in sorted(file for file in files if file.is_file()):
             name = file.relative_to(root).as_posix()
             found.update(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {name}\n".encode())
-        if found.hexdigest() != self.digest:
-            return Lacking(f"{self.variable}: {root} is not as it was published", self.get)
-        return None
-
-    def folder(self) -> Path:
-        """Return the folder; raises NoRasteriser where `problem` says something."""
-        if problem := self.problem():
-            raise NoRasteriser(str(problem))
-        return Path(os.environ[self.variable])
+        return None if found.hexdigest() == self.digest else f"{root} is not as it was published"

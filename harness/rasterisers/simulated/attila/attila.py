@@ -18,6 +18,7 @@ from harness.errors import HarnessError, UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Options, Triangles
 from harness.rasterisers.counters import CYCLES
+from harness.rasterisers.reference import SHADED
 from harness.rasterisers.simulated.attila import program
 from harness.rasterisers.simulated.building import Lacking
 from harness.rasterisers.simulated.design import Design
@@ -71,7 +72,7 @@ class Attila(Design):
     parameters = Parameters
     choices: ClassVar[dict[str, tuple[Any, ...]]] = {"bound": tuple(BINDING)}
     counters = (
-        *("fragments", "quads", "helper_lanes", "partial_quads"),
+        *SHADED,
         *(*STATISTICS, "busiest_pipe_quads"),
     )
 

@@ -18,10 +18,10 @@ from harness.rasterisers.simulated.sources import Tree
 TOOLS = ("g++", "make", "bison", "flex")
 SOURCES = Tree(
     "RASTER_HARNESS_ATTILA",
-    ("src", "test/config"),
-    "17620373f4eb3e78a9dd9b2e63fb74a21a34218a94e6ce8564bc7a2148862a46",
     "clone attila-gpu/attila-sim, check out commit a64b572, build nothing in it, "
     "and let the variable name the folder",
+    ("src", "test/config"),
+    "17620373f4eb3e78a9dd9b2e63fb74a21a34218a94e6ce8564bc7a2148862a46",
 )
 SHIPPED = Path("test", "config", "bGPU.ini")
 """The configuration that the authors' own regression tests run with."""

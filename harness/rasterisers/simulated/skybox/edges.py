@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.rasterisers.base import Triangles
-from harness.rasterisers.binning import tile_span
+from harness.rasterisers.binning import tile_box, tile_span
 from triangulators.compute.kernels import njit
 
 LIMIT = 2**31
@@ -136,21 +136,7 @@ def bins(
     corners = np.zeros((3, 2), np.int64)
     number = 0
     for t in range(len(triangles)):
-        for k in range(3):
-            corners[k, 0] = points[triangles[t, k], 0]
-            corners[k, 1] = points[triangles[t, k], 1]
-        doubled = (corners[1, 0] - corners[0, 0]) * (corners[2, 1] - corners[0, 1]) - (
-            corners[1, 1] - corners[0, 1]
-        ) * (corners[2, 0] - corners[0, 0])
-        if doubled == 0:
-            continue
-        if doubled < 0:
-            for axis in range(2):
-                corners[1, axis], corners[2, axis] = corners[2, axis], corners[1, axis]
-        left, right = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
-        bottom, top = corners[:, 1].min() // side, (corners[:, 1].max() - 1) // side
-        left, right = max(left, window[0]), min(right, window[2])
-        bottom, top = max(bottom, window[1]), min(top, window[3])
+        left, right, bottom, top = tile_box(points, triangles[t], side, window, corners)
         for row in range(bottom, top + 1):
             low, high = left, right
             if exact:

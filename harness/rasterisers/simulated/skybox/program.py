@@ -20,8 +20,8 @@ WRAPPER = (HERE / "top.sv", HERE / "bench.cpp")
 TOOLS = ("verilator", "g++", "make")
 SOURCES = Sources(
     "RASTER_HARNESS_SKYBOX",
-    HERE / "sources.sha256",
     "clone vortexgpgpu/skybox at commit d06a9982 and let the variable name its folder",
+    HERE / "sources.sha256",
 )
 RTL = Path("hw", "rtl")
 COUNTS = ("nodes", "tested_blocks", "beats", "quads", "partial_quads", "fragments")

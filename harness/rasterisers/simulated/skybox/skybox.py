@@ -16,7 +16,7 @@ from harness.errors import UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Image, Options, Triangles, per_polygon
 from harness.rasterisers.counters import CYCLES
-from harness.rasterisers.reference import colours
+from harness.rasterisers.reference import SHADED, colours
 from harness.rasterisers.simulated.building import Lacking
 from harness.rasterisers.simulated.design import Design
 from harness.rasterisers.simulated.skybox import program
@@ -65,7 +65,7 @@ class Skybox(Design):
         "bins": ("bbox", "exact"),
     }
     counters = (
-        *("fragments", "quads", "helper_lanes", "partial_quads"),
+        *SHADED,
         *("tiles", "nodes", "tested_blocks", "beats"),
     )
     cuts = True
