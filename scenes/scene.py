@@ -52,8 +52,9 @@ class Tiling:
 class Viewing:
     """Views of a model in space; a scene's polygons are its flat faces, each in its own plane.
 
-    A view is a picture of the faces whose front is turned to the camera, each a piece of it. Its
-    last piece is the rest: triangles that are in no such face, where there is nothing to choose.
+    A view is a picture of the faces whose front is turned to the camera, each a piece of it. Flat
+    faces that are no polygons are pieces, too. Its last piece is the rest: triangles that are in no
+    face, where there is nothing to choose.
 
     pixels : side of a picture
     names : of the v views, the way to the camera, for example "1 2 3"
@@ -61,12 +62,14 @@ class Viewing:
     depths : (n,) int32, of the vertices, 0 to 2**24 from near to far; None without a depth test
     offsets : (p + 1,) int64; piece k has points[offsets[k]:offsets[k + 1]]
     ring_ends : (r,) int64, where in `points` each ring ends; the rest has one for all
-    source : (p,) int64, which polygon of the scene each is; the rest has the number after the last
+    source : (p,) int64, which polygon of the scene each is; the rest has the number after the last,
+        and the faces that are no polygons those that follow
     first : (v + 1,) int64; view k has the pieces first[k]:first[k + 1]
     given : for each polygon its triangles in the model, (m, 3) int32 rows of its vertices
-    rest : for each piece that is the rest of a view, its triangles
+    rest : for each piece that is the rest of a view or no polygon, its triangles in the model
     ranks : the place of each given triangle of each piece in the order of the model, piece by piece
     near_first : whether triangles are drawn front to back, and not in the model's order
+    bound : of each face that is no polygon, (n, 2) whole points in its plane and (m, 3) triangles
     """
 
     pixels: int
@@ -81,11 +84,13 @@ class Viewing:
     rest: dict[int, NDArray[np.int32]]
     ranks: NDArray[np.int64]
     near_first: bool = False
+    bound: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...] = ()
 
     @cached_property
     def rank_starts(self) -> NDArray[np.int64]:
         """(p + 1,) where in `ranks` those of each piece begin."""
-        sizes = np.array([len(rows) for rows in self.given] + [0])[self.source]
+        of_bound = [len(rows) for _, rows in self.bound]
+        sizes = np.array([*(len(rows) for rows in self.given), 0, *of_bound])[self.source]
         for piece, rows in self.rest.items():
             sizes[piece] = len(rows)
         return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)

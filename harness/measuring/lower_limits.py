@@ -77,7 +77,7 @@ def limits(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[n
         return outlines(frame, parts)
     if frame.viewing.depths is not None:
         return np.full(len(parts), -1)
-    rest = np.isin(np.arange(len(parts)), list(frame.viewing.rest))
+    rest = frame.viewing.source == len(frame.viewing.given)
     return np.where(rest, quads_of(frame, parts), outlines(frame, parts))
 
 

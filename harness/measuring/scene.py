@@ -236,7 +236,8 @@ class SceneRun:
             if recipe.base == ORIGINAL:
                 return original(frame)
             faces = frame.flat.polygons
-            return in_views(frame, self.bench.triangulate(recipe.before_turning, faces, tick))
+            done = self.bench.triangulate(recipe.before_turning, faces, tick)
+            return in_views(frame, done, recipe)
         if not recipe.upright:
             return self.bench.triangulate(recipe, frame.polygons, tick)
         upright = frame_of(self.scene, replace(frame.view, rotation=0.0))

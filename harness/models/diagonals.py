@@ -102,7 +102,7 @@ def choose(faces: Faces, criterion: str) -> Chosen:
     corner = result[rest].astype(np.int32).reshape(-1)
     _flip(faces.points, corner, link(corner), cost)
     result[rest] = corner.reshape(-1, 3)
-    changed = np.asarray(_gains(faces.points, faces.triangles, result, faces.starts, cost))
+    changed = np.asarray(gains(faces.points, faces.triangles, result, faces.starts, cost))
     same = ~np.repeat(changed, sizes)
     result[same] = faces.triangles[same]
     return Chosen(result, changed, int((~left).sum()))
@@ -135,7 +135,7 @@ def _take(
 
 
 @njit(nogil=True)
-def _gains(
+def gains(
     points: np.ndarray, before: np.ndarray, after: np.ndarray, starts: np.ndarray, cost: Cost
 ) -> np.ndarray:
     """(f,) whether each face's triangles cost less, by more than the rounding of its points."""

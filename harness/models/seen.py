@@ -32,16 +32,20 @@ Ints = NDArray[np.int64]
 class Flat:
     """Faces in which there is a choice, and what is left.
 
-    polygons : in px of which 1/256 is a step of the face's coordinates
-    given : for each its triangles in the model, (m, 3) rows of its vertices
+    Those whose outline is no polygon, for it touches itself or has vertices within, come last.
+
+    polygons : of the others, in px of which 1/256 is a step of the face's coordinates
+    bound : (k, 2) points of each that is none, as `Faces` has them
+    given : for each face its triangles in the model, (m, 3) rows of its vertices
     slots : (t,) which triangles of the part these are, face after face
-    vertices : (n,) which vertex of the part each vertex of a polygon is
-    begins : (f + 1,) where in `vertices` each polygon begins
-    rings : (r,) vertices of each ring; rings_of : (f,) rings of each polygon
+    vertices : (n,) which vertex of the part each vertex of a face is
+    begins : (f + 1,) where in `vertices` each face begins
+    rings : (r,) vertices of each ring; rings_of : (f,) rings of each face, 1 where it is no polygon
     loose : (u,) which triangles of the part are in none of the faces
     """
 
     polygons: list[shapely.Polygon]
+    bound: list[Floats]
     given: list[NDArray[np.int32]]
     slots: Ints
     vertices: Ints
@@ -52,29 +56,35 @@ class Flat:
 
 
 def flat_of(part: Part) -> Flat:
-    """Return the faces of a part whose outlines are valid polygons through all their vertices."""
+    """Return the faces of a part; polygons are those with a valid outline through all vertices."""
     count = len(part.mesh.triangles)
     if part.left:
         none = np.empty(0, np.int64)
-        return Flat([], [], none, none, np.zeros(1, np.int64), none, none, np.arange(count))
+        return Flat([], [], [], none, none, np.zeros(1, np.int64), none, none, np.arange(count))
     faces, _ = flat_faces(part.mesh)
     found = outlines(faces)
     coordinates, ring_ends, polygon_ends = found.polygons
     begins = np.r_[0, np.r_[0, ring_ends][polygon_ends]].astype(np.int64)
+    others = np.setdiff1d(np.arange(len(faces.starts) - 1), found.face).tolist()
+    spans = [slice(*faces.starts[face : face + 2]) for face in [*found.face.tolist(), *others]]
+    within = [np.unique(faces.triangles[span]) for span in spans[len(found.face) :]]
+    sizes = np.array([len(each) for each in within], np.int64)
+    vertices = np.concatenate([found.vertices, *within]).astype(np.int64)
+    begins = np.concatenate([begins, begins[-1] + np.cumsum(sizes)])
     place = np.zeros(len(faces.points), np.int64)
-    place[found.vertices] = np.arange(len(found.vertices)) - np.repeat(begins[:-1], np.diff(begins))
-    spans = [slice(*faces.starts[face : face + 2]) for face in found.face.tolist()]
+    place[vertices] = np.arange(len(vertices)) - np.repeat(begins[:-1], np.diff(begins))
     slots = np.concatenate([np.empty(0, np.int64), *(faces.slots[span] for span in spans)])
     alone = np.ones(count, np.bool_)
     alone[slots] = False
     return Flat(
         polygons=list(shapes(coordinates / SUBPIXEL, ring_ends, polygon_ends)),
+        bound=[faces.points[each] for each in within],
         given=[place[faces.triangles[span]].astype(np.int32) for span in spans],
         slots=slots,
-        vertices=faces.vertices[found.vertices],
+        vertices=faces.vertices[vertices],
         begins=begins,
-        rings=np.diff(ring_ends, prepend=0).astype(np.int64),
-        rings_of=np.diff(polygon_ends, prepend=0).astype(np.int64),
+        rings=np.concatenate([np.diff(ring_ends, prepend=0), sizes]).astype(np.int64),
+        rings_of=np.concatenate([np.diff(polygon_ends, prepend=0), sizes > 0]).astype(np.int64),
         loose=np.flatnonzero(alone),
     )
 
@@ -84,6 +94,9 @@ DEPTHS = ("none", "file", "front")
 
 NEAREST, FARTHEST = 1.1, 1000.0
 """Radii from the middle at which a camera may stand."""
+
+LEAST_TOLD = 0.005
+"""Share of a model's area from which on it is told what is left as it is."""
 
 MOST, MOST_PIECES = 20_000_000, 500_000
 """Vertices and faces of all views together; criteria take some 50 us a face."""
@@ -126,12 +139,16 @@ def read(
     made = _Views(pixels, distance, depth)
     polygons: list[shapely.Polygon] = []
     given: list[NDArray[np.int32]] = []
+    bound: list[tuple[Floats, NDArray[np.int32]]] = []
     things = []
     for part in (part for parts in groups for part in parts):
         flat = flat_of(part)
-        things += [_thing(part, flat, len(polygons), matrix) for matrix in part.placements]
+        first = (len(polygons), len(bound))
+        things += [_thing(part, flat, first, matrix) for matrix in part.placements]
+        count = len(flat.polygons)
         polygons += flat.polygons
-        given += flat.given
+        given += flat.given[:count]
+        bound += zip(flat.bound, flat.given[count:], strict=True)
     ball = ball_of([thing.corners.reshape(-1, 3) for thing in things])
     if ball is None:
         raise SceneError(f"{path} shows nothing: no triangle of it has an extent")
@@ -145,7 +162,7 @@ def read(
         licence="as the file's",
         parameters={"views": views, "pixels": pixels, "distance": distance, "depth": depth},
         notes=(_note(things, len(polygons), views),),
-        viewing=made.finished(tuple(given)),
+        viewing=made.finished(tuple(given), tuple(bound)),
     )
 
 
@@ -163,21 +180,21 @@ def _refuse(views: int, pixels: int, distance: float, depth: str) -> None:
 class _Thing(NamedTuple):
     """A part at one of its places.
 
-    first : number of its first face in the scene
+    first : in the scene, numbers of its first polygon and of its first face that is none
     points : (n, 3) its vertices; corners : (m, 3, 3) of its triangles
     triangle_fronts, face_fronts : where the fronts of triangles and faces point, not of unit length
     """
 
     part: Part
     flat: Flat
-    first: int
+    first: tuple[int, int]
     points: Floats
     corners: Floats
     triangle_fronts: Floats
     face_fronts: Floats
 
 
-def _thing(part: Part, flat: Flat, first: int, matrix: Floats) -> _Thing:
+def _thing(part: Part, flat: Flat, first: tuple[int, int], matrix: Floats) -> _Thing:
     points = placed(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -191,10 +208,24 @@ def _thing(part: Part, flat: Flat, first: int, matrix: Floats) -> _Thing:
 
 def _note(things: list[_Thing], faces: int, views: int) -> str:
     areas = [np.nan_to_num(np.linalg.norm(each.triangle_fronts, axis=1)) for each in things]
-    flat = sum(float(area[each.flat.slots].sum()) for each, area in zip(things, areas, strict=True))
-    whole = sum(float(area.sum()) for area in areas)
-    share = flat / whole if whole else 0.0
-    return f"{faces} flat faces with a choice of diagonals, {share:.0%} of the area; {views} views"
+    flat = bound = 0.0
+    for each, area in zip(things, areas, strict=True):
+        of_faces = area[each.flat.slots]
+        count = sum(len(rows) for rows in each.flat.given[: len(each.flat.polygons)])
+        flat += float(of_faces[:count].sum())
+        bound += float(of_faces[count:].sum())
+    whole = sum(float(area.sum()) for area in areas) or 1.0
+    note = f"{faces} flat faces with a choice of diagonals, {flat / whole:.0%} of the area"
+    if bound:
+        note += (
+            f"; in {bound / whole:.0%} of it faces are no polygons (their outline touches itself, "
+            "or vertices lie within): optimal and flips turn diagonals there, as triangulate does, "
+            "other triangulators leave them"
+        )
+    left = 1.0 - (flat + bound) / whole
+    if left >= LEAST_TOLD:
+        note += f"; {left:.0%} of it is in no flat face and stays as it is"
+    return f"{note}; {views} views"
 
 
 class _Views:
@@ -227,10 +258,16 @@ class _Views:
             self._put(grid[own], depths[own])
             self._sizes.append(np.diff(flat.begins)[front])
             self._rings.append(flat.rings[np.repeat(front, flat.rings_of)])
-            self._sources.append(thing.first + np.flatnonzero(front))
+            count = len(flat.polygons)
+            bound = np.flatnonzero(front[count:])
+            of_bound = rest + 1 + thing.first[1] + bound
+            of_polygons = thing.first[0] + np.flatnonzero(front[:count])
+            self._sources.append(np.concatenate([of_polygons, of_bound]))
             counts = [len(rows) for rows in flat.given]
             self._ranks.append(base + flat.slots[np.repeat(front, counts)])
             pieces += int(front.sum())
+            for piece, face in zip(range(pieces - len(bound), pieces), bound.tolist(), strict=True):
+                self._rest[piece] = flat.given[count + face]
             seen = flat.loose[turned[flat.loose]]
             loose.add(thing.part.mesh.triangles[seen], grid, depths, base + seen)
             base += len(thing.corners)
@@ -265,7 +302,11 @@ class _Views:
             grid = np.rint(flat * (self._pixels * SUBPIXEL))
         return np.nan_to_num(grid).astype(np.int32), np.nan_to_num(np.rint(deep)).astype(np.int32)
 
-    def finished(self, given: tuple[NDArray[np.int32], ...]) -> Viewing:
+    def finished(
+        self,
+        given: tuple[NDArray[np.int32], ...],
+        bound: tuple[tuple[Floats, NDArray[np.int32]], ...],
+    ) -> Viewing:
         """Return all views."""
         sizes = np.concatenate(self._sizes)
         count = len(self._first) - 1
@@ -280,6 +321,7 @@ class _Views:
             first=np.array(self._first, np.int64),
             given=given,
             rest=self._rest,
+            bound=bound,
             ranks=np.concatenate(self._ranks),
             near_first=self._depth == DEPTHS[2],
         )

@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.errors import UsageError
 from harness.frame import Frame
 from harness.triangulating.frames import FrameTriangulation, predict_polygons
+from harness.triangulating.recipes import ORIGINAL, Recipe
+from scenes.scene import Viewing
+
+_AS_IT_CAME = Recipe(ORIGINAL)
+
+Rows = NDArray[np.int32]
+
+TURNING = ("optimal", "flips")
+"""Triangulators that turn diagonals where a face is no polygon, too, as `triangulate` does."""
 
 
-def in_views(frame: Frame, flat: FrameTriangulation) -> FrameTriangulation:
+def in_views(
+    frame: Frame, flat: FrameTriangulation, recipe: Recipe = _AS_IT_CAME
+) -> FrameTriangulation:
     """Return the triangulation of a frame's pieces that follows from that of its flat faces.
 
     A face is triangulated once, in its plane, and drawn so in each view. What no face has, the rest
-    of a view, keeps its triangles. Seconds are those of the faces, once.
+    of a view, keeps its triangles. By a recipe of `TURNING` a face gets what `triangulate` gives
+    it, also one that is no polygon. Seconds are those of the polygons, once.
     """
     viewing = frame.viewing
     assert viewing is not None
     sources = viewing.source.tolist()
-    parts = [
-        viewing.rest[piece] if piece in viewing.rest else flat.parts[source]
-        for piece, source in enumerate(sources)
-    ]
+    turned = _turned(frame, viewing, flat.parts, recipe)
+
+    def triangles(piece: int, source: int) -> Rows | None:
+        if source in turned:
+            return turned[source]
+        return viewing.rest[piece] if piece in viewing.rest else flat.parts[source]
+
+    parts = [triangles(piece, source) for piece, source in enumerate(sources)]
     skipped, failed = dict(flat.skipped), dict(flat.failed)
     gaps = _gaps(flat)
+    if gaps:
+        gaps |= {source: math.inf for source in turned if source > len(viewing.given)}
     return replace(
         flat,
         parts=parts,
@@ -42,6 +63,52 @@ def in_views(frame: Frame, flat: FrameTriangulation) -> FrameTriangulation:
         ],
         predicted=predict_polygons(frame.polygons, parts),
     )
+
+
+def _turned(
+    frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
+) -> dict[int, Rows]:
+    """Return by source what `triangulate` leaves or gives otherwise than a polygon's triangulator.
+
+    It leaves a face as it is where that costs no more, and turns diagonals where it is no polygon.
+    parts : triangles (m, 3) of each polygon
+    """
+    method, _, criterion = recipe.base.partition(":")
+    if method not in TURNING or recipe.calibration is not None or frame.flat is None:
+        return {}
+    from harness.models.diagonals import choose, cost_named, gains  # compiled code
+    from harness.models.flat_faces import Faces
+
+    try:
+        cost = cost_named(criterion)
+    except UsageError:  # its weights depend on the polygon
+        return {}
+    given, starts = viewing.given, frame.flat.offsets
+    own = [k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])]
+    before, begins = _joined([given[k] for k in own], starts[own])
+    after, _ = _joined([parts[k] for k in own], starts[own])
+    cheaper = gains(frame.flat.points.astype(np.float64), before, after, begins, cost)
+    turned = {k: given[k] for k, less in zip(own, cheaper.tolist(), strict=True) if not less}
+    if viewing.bound:
+        points = [each for each, _ in viewing.bound]
+        firsts = np.cumsum([0, *map(len, points)], dtype=np.int64)
+        triangles, begins = _joined([rows for _, rows in viewing.bound], firsts)
+        count = np.arange(firsts[-1])
+        faces = Faces(np.concatenate(points), count, triangles, np.arange(begins[-1]), begins)
+        chosen = np.split(choose(faces, criterion).triangles, begins[1:-1])
+        for face, (rows, first) in enumerate(zip(chosen, firsts, strict=False), len(given) + 1):
+            turned[face] = (rows - first).astype(np.int32)
+    return turned
+
+
+def _joined(
+    parts: Sequence[Rows | None], firsts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return triangles of faces whose vertices begin at `firsts`, and where each one's begin."""
+    begins = np.cumsum([0, *(len(rows) for rows in parts if rows is not None)], dtype=np.int64)
+    moved = [rows + first for rows, first in zip(parts, firsts, strict=False)]
+    none = np.empty((0, 3), np.int64)
+    return np.concatenate([none, *moved]).astype(np.int64), begins
 
 
 def original(frame: Frame) -> FrameTriangulation:

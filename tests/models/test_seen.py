@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from harness.frame import Frame, frame_of, view_of
 from harness.models import views
-from harness.models.in_place import opened
+from harness.models.in_place import opened, retriangulate
 from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import submission
 from harness.rasterisers.reference import predict
-from harness.triangulating.frames import FrameTriangulation
+from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
+from harness.triangulating.recipes import parse
 from harness.triangulating.seen import in_views, original
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
@@ -54,6 +58,51 @@ def test_counters_are_those_that_check_tells(plate_file, tmp_path, name):
     counted = predict(frame.points, rows)
     assert counted["helper_lanes"].sum() == told.lanes_before > 0
     assert counted["quads"].sum() == told.quads_before
+
+
+def perforated() -> trimesh.Trimesh:
+    """A plate whose square holes are in line, where earcut leaves vertices on edges out."""
+    shape = shapely.box(0, 0, 40, 12)
+    for x, y in itertools.product(range(5, 40, 6), (4, 8)):
+        shape = shape.difference(shapely.box(x - 1, y - 1, x + 1, y + 1))
+    return trimesh.creation.extrude_polygon(shape, 2.0, engine="earcut")
+
+
+@pytest.mark.parametrize("pieces", [perforated, plate])
+def test_a_run_draws_what_triangulate_writes(tmp_path, pieces):
+    """Also where a face's outline touches itself, so that it is no polygon."""
+    path = tmp_path / "model.glb"
+    pieces().export(path)
+    (told,) = retriangulate(path, None, sizes=(256,)).seen
+    scene = read(str(path), pixels=256)
+    frame, recipe = framed(scene), parse("optimal:edge-length")
+    assert bool(scene.viewing.bound) == (pieces is perforated)
+    done = in_views(frame, triangulate_polygons(recipe, frame.flat.polygons), recipe)
+    for parts, lanes, quads in (
+        (original(frame).parts, told.lanes_before, told.quads_before),
+        (done.parts, told.lanes_after, told.quads_after),
+    ):
+        counted = predict(frame.points, frame.join(parts))
+        assert counted["helper_lanes"].sum() == lanes
+        assert counted["quads"].sum() == quads
+    assert told.lanes_after < 0.95 * told.lanes_before
+    unproven = np.isinf(done.gaps)
+    assert (unproven == (scene.viewing.source > len(scene.polygons))).all()
+    others = in_views(frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan"))
+    for piece, rows in scene.viewing.rest.items():
+        assert np.array_equal(others.parts[piece], rows)
+
+
+def test_what_no_polygon_has_is_told_by_its_share_of_the_area(tmp_path):
+    path = tmp_path / "model.glb"
+    made = perforated()
+    made.export(path)
+    (note,) = read(str(path), views=2).notes
+    share = 2 * (40 * 12 - 12 * 4) / made.area  # of both sides
+    assert f"{1 - share:.0%} of the area; in {share:.0%} of it faces are no polygons" in note
+    trimesh.util.concatenate([perforated(), trimesh.creation.icosphere(2, 9)]).export(path)
+    (note,) = read(str(path), views=2).notes
+    assert re.search(r"; \d+% of it is in no flat face and stays as it is; 2 views", note)
 
 
 def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file):
