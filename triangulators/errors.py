@@ -6,6 +6,9 @@ from pathlib import Path
 MOST_SAID = 300
 """Characters of an error that are kept."""
 
+MOST_TRACED = 10_000
+"""Characters of a traceback that are kept."""
+
 
 class TriangulationError(Exception):
     """A polygon could not be triangulated; the message says which and why."""
@@ -29,8 +32,18 @@ class Unavailable(TriangulationError):  # noqa: N818 - says what the package is
 
 def told_of(error: BaseException) -> str:
     """Return in one line, and not a long one, what was raised and where."""
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    if len(text) > MOST_SAID:
-        text = f"{text[:MOST_SAID]} ... ({len(str(error)):,} characters)"
+    text = in_short(error)
     frames = traceback.extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
+
+
+def in_short(error: BaseException) -> str:
+    """Return an error's kind and message in one line, and not a long one."""
+    text = shortened(str(error))
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def shortened(text: str) -> str:
+    """Return a text of somebody else's in one line, cut off where it goes on and on."""
+    line = " ".join(text[: 4 * MOST_SAID].split())[:MOST_SAID]
+    return f"{line} ... ({len(text):,} characters)" if len(text) > MOST_SAID else line

@@ -86,9 +86,9 @@ def _worker(name: str) -> Worker:
     """Return the process of a user's triangulator, which is kept until this one ends."""
     if name not in _workers:
         # Imported where it is needed: most commands need no process of their own.
-        from harness.measuring.processes import foreign_limit
+        from harness.measuring.processes import foreign_limits
         from harness.measuring.worker import Worker
 
-        _workers[name] = Worker(f"triangulator {name}", memory_bytes=foreign_limit())
+        _workers[name] = Worker(f"triangulator {name}", limits=foreign_limits())
         atexit.register(_workers[name].close, at_once=True)
     return _workers[name]

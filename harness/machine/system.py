@@ -65,14 +65,45 @@ def stopped_after() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def limit_memory(size: int) -> None:
-    """Let this process allocate at most `size` bytes, where the system can be told so."""
+def limit(memory_bytes: int | None, file_bytes: int) -> None:
+    """Limit what this process may allocate, and its files, where the system can be told so.
+
+    To write more raises OSError: EFBIG.
+    """
     try:
         import resource
     except ImportError:
         return
-    with contextlib.suppress(OSError, ValueError):  # macOS knows the limit and refuses to set it
-        resource.setrlimit(resource.RLIMIT_AS, (size, size))
+    limits = [(resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_FSIZE, file_bytes)]
+    for kind, size in limits:
+        with contextlib.suppress(OSError, ValueError):  # macOS refuses to limit memory
+            if size is not None:
+                resource.setrlimit(kind, (size, size))
+
+
+def leave_no_core() -> None:
+    """Have the system write no image of this process's memory when it is killed."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def is_running(pid: int) -> bool:
+    """Whether there is such a process, and it has not ended."""
+    try:
+        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
+
+
+def is_stopped(leader: int) -> bool:
+    """Whether a process, or a child of it, has been stopped (SIGSTOP)."""
+    try:
+        process = psutil.Process(leader)
+        each = [process, *process.children()]
+        return any(one.status() == psutil.STATUS_STOPPED for one in each)
+    except psutil.NoSuchProcess:
+        return False
 
 
 cpu_clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.process_time

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
 from harness.measuring.plan import Plan
-from harness.measuring.processes import Backend, Bench
+from harness.measuring.processes import IMPORT_S, Backend, Bench, rasteriser_home
 from harness.measuring.tasks import Survey, survey
-from harness.measuring.worker import OpenWorker, TaskFailed, Worker
+from harness.measuring.worker import Limits, OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from harness.triangulating.recipes import Recipe
 from scenes import Scene, SceneError, load, registry
@@ -63,7 +63,7 @@ def _load(name: str, seed: int) -> Scene:
 
 
 def _load_apart(name: str, seed: int, open_worker: OpenWorker) -> Scene:
-    worker = open_worker(f"scene {name}", {})
+    worker = open_worker(f"scene {name}", {}, Limits())
     try:
         return worker.call(_load, name, seed)
     except TaskFailed as error:
@@ -130,7 +130,7 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
         known.update(found.known)
         usable += [Usable(Backend(name, device), found.options) for device in found.devices]
         if len(found.devices) == 1 and not found.devices[0].environment:
-            bench.hand_over(_label(name), usable[-1].backend.label)
+            bench.hand_over(rasteriser_home(name).label, usable[-1].backend.label)
     strange = [device for device in plan.devices if device not in known]
     if strange:
         if plan.rasterisers[0] in rasterisers.BUILT_IN:
@@ -145,8 +145,6 @@ def _ask(name: str, plan: Plan, bench: Bench) -> Survey:
     """Ask a rasteriser what it can do here; a third party's only in a process of its own."""
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
         return survey(name, plan.options, plan.devices)
-    return bench.ask(_label(name), survey, name, plan.options, plan.devices)
-
-
-def _label(name: str) -> str:
-    return f"rasteriser {name}"
+    timeout_s = max(IMPORT_S, plan.timeout_s)
+    home = rasteriser_home(name)
+    return bench.run(home, survey, name, plan.options, plan.devices, timeout_s=timeout_s)

@@ -25,6 +25,7 @@ from shapely import Polygon
 from harness.measuring.worker import TaskFailed
 from harness.triangulating.frames import FrameTriangulation, check, small_polygons
 from harness.triangulating.recipes import Recipe
+from triangulators.errors import shortened
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
@@ -77,9 +78,9 @@ def triangulate_elsewhere(
         if kind == "triangles":
             part, junctions, problem = check(polygon, np.asarray(value))
         elif kind == "skipped":
-            result.skipped.append((number, value))
+            result.skipped.append((number, shortened(value)))
         else:
-            problem = value
+            problem = shortened(value)
         if problem:
             result.failed.append((number, problem))
         result.parts.append(part)
@@ -104,7 +105,7 @@ def _ask(place: Place, question: Mapping[str, Any]) -> dict[str, Any]:
             raise TaskFailed(f"{place.name}: its code ended with exit code {done.returncode}")
         answer: dict[str, Any] = pickle.loads(answered.read_bytes())
     if "error" in answer:
-        raise TaskFailed(f"{place.name}: {answer['error']}")
+        raise TaskFailed(f"{place.name}: {shortened(answer['error'])}")
     return answer
 
 

@@ -1,13 +1,16 @@
-"""The machine's side of a run: worker processes, open devices, and where the time goes."""
+"""The machine's side of a run: worker processes, open devices, and where the time goes.
+
+All that a run has done elsewhere goes through `Bench.submit`, our own code and others' alike.
+"""
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -18,7 +21,8 @@ from shapely import Polygon
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.measuring.timing import Times, TimingSettings
-from harness.measuring.worker import Executor, OpenWorker, TaskFailed, TaskTimedOut
+from harness.measuring.worker import Executor, Limits, OpenWorker, TaskFailed, TaskTimedOut
+from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.triangulating.frames import (
     FrameTriangulation,
@@ -49,19 +53,42 @@ COMPILE_S = 900.0
 """Longest that compiling a triangulator of ours may take, which is not the triangulator's time."""
 
 
-SECOND = "second process"
-"""Name of the process that compiles and computes while the one that triangulates does, too."""
-
-TRIANGULATORS = "triangulators"
-"""Name of the process that triangulates, and computes what compiled code does."""
+POLL_S = 0.1
+"""How often, at least, whoever waits for a task is open to signals."""
 
 COMPILED_LATE = "triangulators.geometry.order"
 """A module whose kernels are compiled once the optimum's are."""
 
 
-def foreign_limit() -> int:
-    """Return the bytes that a process may take in which others' code triangulates."""
-    return int(MEMORY_SHARE * psutil.virtual_memory().available)
+def foreign_limits() -> Limits:
+    """Return what a process may take in which others' code triangulates."""
+    return Limits(int(MEMORY_SHARE * psutil.virtual_memory().available))
+
+
+@dataclass(frozen=True)
+class Home:
+    """A process for tasks: its name, its variables, and whether others' code runs in it."""
+
+    label: str
+    environment: Mapping[str, str] = field(default_factory=dict)
+    limits: Limits | None = None
+
+
+TRIANGULATORS = Home("triangulators")
+"""Triangulates, and computes what compiled code does."""
+
+SECOND = Home("second process")
+"""Compiles and computes while the one that triangulates does, too."""
+
+
+def rasteriser_home(name: str) -> Home:
+    """Return where the rasteriser `name` is asked what it can do."""
+    return Home(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
+
+
+def home_of(recipe: Recipe) -> Home:
+    """Return where a recipe's triangulator runs."""
+    return TRIANGULATORS if recipe.builtin else Home(f"triangulator {recipe}", {}, foreign_limits())
 
 
 @dataclass(frozen=True)
@@ -75,6 +102,12 @@ class Backend:
     def label(self) -> str:
         """Name for messages."""
         return f"{self.rasteriser} on {self.device.name}"
+
+    @property
+    def home(self) -> Home:
+        """Where it draws."""
+        limits = rasteriser_home(self.rasteriser).limits
+        return Home(self.label, self.device.environment, limits)
 
 
 class Bench:
@@ -97,10 +130,42 @@ class Bench:
         self._opened: dict[str, tasks.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False
-        self._background = ThreadPoolExecutor(max_workers=1)
-        self._ahead = ThreadPoolExecutor(max_workers=1)
+        self._threads: dict[str, ThreadPoolExecutor] = {}
         self._opening: dict[str, Future[tasks.Opened]] = {}
         self._compiled: set[str] = set()
+
+    def submit(
+        self,
+        home: Home,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> Future[T]:
+        """Begin to run a function in a process, after what was begun there before.
+
+        timeout_s : longest that it may take, if not what the bench gives each task
+        tick : called while it runs, with the seconds so far
+
+        The result raises `TaskFailed` if the process crashed or hung, or the function raised.
+        """
+        if home.label not in self._threads:
+            self._threads[home.label] = ThreadPoolExecutor(max_workers=1)
+        limit_s = timeout_s or self._timeout_s
+        return self._threads[home.label].submit(
+            self._call, home, function, arguments, limit_s, tick
+        )
+
+    def run(
+        self,
+        home: Home,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> T:
+        """Return what `submit` gives, once it is there."""
+        return result_of(self.submit(home, function, *arguments, timeout_s=timeout_s, tick=tick))
 
     def load(self, recipe: Recipe) -> None:
         """Import a third party's triangulator, in its own process.
@@ -112,7 +177,7 @@ class Bench:
         TaskFailed
             if its process died, hung or was ended by what it imports
         """
-        self._triangulating(recipe, recipe.load, timeout_s=max(IMPORT_S, self._timeout_s))
+        self.run(home_of(recipe), recipe.load, timeout_s=max(IMPORT_S, self._timeout_s))
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Have what a triangulator needs compiled, or loaded; done once.
@@ -126,7 +191,7 @@ class Bench:
             timeout_s = max(COMPILE_S, self._timeout_s) if recipe.builtin else self._timeout_s
             try:
                 with self.clocked("compile"):
-                    self._triangulating(recipe, warm_up, recipe, timeout_s=timeout_s, tick=tick)
+                    self.run(home_of(recipe), warm_up, recipe, timeout_s=timeout_s, tick=tick)
             except TaskTimedOut as error:
                 if not recipe.builtin:
                     raise
@@ -142,7 +207,8 @@ class Bench:
         `compile` begins with the first, and finds on disk what the second process has done.
         """
         ours = [recipe for recipe in reversed(recipes) if recipe.builtin]
-        if SECOND in self._workers or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
+        begun = SECOND.label in self._threads
+        if begun or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
         self.compute_soon(warm_up_all, ours)
 
@@ -164,8 +230,11 @@ class Bench:
         self.compile(recipe)
         with self.clocked("triangulate"):
             try:
-                return self._triangulating(
-                    recipe, triangulate_polygons, recipe, polygons, self.database, tick=tick
+                return self.run(
+                    home_of(recipe),
+                    triangulate_polygons,
+                    *(recipe, polygons, self.database),
+                    tick=tick,
                 )
             except TaskTimedOut as error:
                 if not recipe.builtin:
@@ -198,9 +267,8 @@ class Bench:
             arguments = (group, polygons, rounds, seed)
             timeout_s = self._timeout_s + 10 * budget_s * len(group)
             with self.clocked("triangulate"), suppress(TaskFailed):
-                samples = self._triangulating(
-                    group[0], time_in_rounds, *arguments, timeout_s=timeout_s
-                )
+                home = home_of(group[0])
+                samples = self.run(home, time_in_rounds, *arguments, timeout_s=timeout_s)
                 found |= dict(zip(group, samples, strict=True))
         return found
 
@@ -210,30 +278,15 @@ class Bench:
         What a triangulator may take does not limit it.
         """
         timeout_s = max(COMPILE_S, self._timeout_s)
-        return self._call(TRIANGULATORS, {}, None, function, *arguments, timeout_s=timeout_s)
+        return self.run(TRIANGULATORS, function, *arguments, timeout_s=timeout_s)
 
     def compute_soon(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
         """Begin to run a function of ours in a second process, after what was begun there before.
 
         The result raises `TaskFailed` if the process crashed or the function raised.
         """
-        # A process ends with the thread that started it, so this one does.
-        self._worker(SECOND, {}, None)
         timeout_s = max(COMPILE_S, self._timeout_s)
-        return self._ahead.submit(
-            self._call, SECOND, {}, None, function, *arguments, timeout_s=timeout_s
-        )
-
-    def ask(self, label: str, function: Callable[..., T], *arguments: Any) -> T:
-        """Run a function of somebody else's, in a process of its own called `label`.
-
-        Raises
-        ------
-        TaskFailed
-            if its process crashed or hung, or the function raised
-        """
-        timeout_s = max(IMPORT_S, self._timeout_s)
-        return self._call(label, {}, None, function, *arguments, timeout_s=timeout_s)
+        return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
     def hand_over(self, label: str, to: str) -> None:
         """Let the process called `label`, if there is one, do what that called `to` would do."""
@@ -249,20 +302,16 @@ class Bench:
             if it cannot be opened
         """
         if backend.label not in self._opened:
-            opening = self._opening.pop(backend.label, None)
+            self.open_soon(backend)
             with self.clocked("open"):
-                self._opened[backend.label] = (
-                    opening.result() if opening else self._on(backend, tasks.open_device)
-                )
+                self._opened[backend.label] = result_of(self._opening.pop(backend.label))
         return self._opened[backend.label]
 
     def open_soon(self, backend: Backend) -> None:
         """Begin to open a device, in its own process, while this one does something else."""
         if backend.label not in self._opened and backend.label not in self._opening:
-            # A process ends with the thread that started it, so this one does.
-            self._worker(backend.label, backend.device.environment, None)
-            self._opening[backend.label] = self._background.submit(
-                self._on, backend, tasks.open_device
+            self._opening[backend.label] = self.submit(
+                backend.home, tasks.open_device, backend.rasteriser, backend.device
             )
 
     def count(
@@ -276,8 +325,8 @@ class Bench:
             if the device cannot do it, or fails
         """
         with self.clocked("count"):
-            counters: Counters = self._on(backend, tasks.count, frame, triangles, options)
-            return counters
+            drawn = (backend.rasteriser, backend.device, frame, triangles, options)
+            return self.run(backend.home, tasks.count, *drawn)
 
     def time(
         self,
@@ -313,18 +362,15 @@ class Bench:
                     if number > 0:
                         # The next one is fresh: where a process lies in memory is drawn anew, too.
                         self._workers.pop(backend.label).close()
-                    arguments = (
-                        dict(candidates),
-                        options,
-                        share,
-                        test,
-                        seed + number,
-                        dict(own),
-                    )
                     told = tick and _after(tick, spent)
                     parts.append(
-                        self._on(
-                            backend, tasks.time_group, *arguments, timeout_s=timeout_s, tick=told
+                        self.run(
+                            backend.home,
+                            tasks.time_group,
+                            *(backend.rasteriser, backend.device, dict(candidates), options),
+                            *(share, test, seed + number, dict(own)),
+                            timeout_s=timeout_s,
+                            tick=told,
                         )
                     )
         except TaskFailed as error:
@@ -352,13 +398,11 @@ class Bench:
         }
 
     def close(self, *, at_once: bool = False) -> None:
-        """End all processes; `at_once`: whatever they are doing."""
-        self._background.shutdown(wait=not at_once, cancel_futures=True)
-        if second := self._workers.pop(SECOND, None):
-            second.close(at_once=True)
-        self._ahead.shutdown(wait=False, cancel_futures=True)
-        for worker in self._workers.values():
-            worker.close(at_once=at_once)
+        """End all processes; `at_once`: whatever they are doing. The second one's work is over."""
+        for label, thread in self._threads.items():
+            thread.shutdown(wait=not at_once and label != SECOND.label, cancel_futures=True)
+        for label, worker in list(self._workers.items()):
+            worker.close(at_once=at_once or label == SECOND.label)
         self._workers.clear()
 
     @contextmanager
@@ -370,69 +414,34 @@ class Bench:
         finally:
             self.seconds[stage] += time.perf_counter() - start
 
-    def _triangulating(
-        self,
-        recipe: Recipe,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> T:
-        """Run a function where the recipe's triangulator runs."""
-        own = recipe.builtin
-        label = TRIANGULATORS if own else f"triangulator {recipe}"
-        limit = None if own else foreign_limit()
-        return self._call(label, {}, limit, function, *arguments, timeout_s=timeout_s, tick=tick)
-
-    def _on(
-        self,
-        backend: Backend,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> T:
-        return self._call(
-            backend.label,
-            backend.device.environment,
-            None,
-            function,
-            backend.rasteriser,
-            backend.device,
-            *arguments,
-            timeout_s=timeout_s,
-            tick=tick,
-        )
-
     def _call(
         self,
-        label: str,
-        environment: Mapping[str, str],
-        memory_bytes: int | None,
+        home: Home,
         function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
+        arguments: Sequence[Any],
+        timeout_s: float,
+        tick: Callable[[float], None] | None,
     ) -> T:
-        worker = self._worker(label, environment, memory_bytes)
+        if home.label not in self._workers:
+            opened = self._open_worker(home.label, home.environment, home.limits)
+            self._workers[home.label] = opened
+        worker = self._workers[home.label]
         try:
-            return worker.call(
-                function, *arguments, timeout_s=timeout_s or self._timeout_s, tick=tick
-            )
+            return worker.call(function, *arguments, timeout_s=timeout_s, tick=tick)
         except TaskFailed:
             # A context that was lost stays lost: what comes next gets a fresh process.
-            if failed := self._workers.pop(label, None):
+            if failed := self._workers.pop(home.label, None):
                 failed.close()
-            if label == TRIANGULATORS:
+            if home == TRIANGULATORS:
                 self._compiled.clear()
             raise
 
-    def _worker(
-        self, label: str, environment: Mapping[str, str], memory_bytes: int | None
-    ) -> Executor:
-        if label not in self._workers:
-            self._workers[label] = self._open_worker(label, environment, memory_bytes)
-        return self._workers[label]
+
+def result_of(future: Future[T]) -> T:
+    """Wait for what was begun, and return it; a signal's handler may raise meanwhile."""
+    while not wait([future], POLL_S).done:
+        pass
+    return future.result()
 
 
 def _after(tick: Callable[[float], None], seconds: float) -> Callable[[float], None]:

@@ -7,8 +7,10 @@ Where there is no safe fork (macOS, Windows) workers start from nothing.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
+import signal
 import sys
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext, SpawnContext
@@ -20,6 +22,14 @@ MARK = "RASTER_HARNESS_SERVER"
 PRELOADED = "harness.measuring.preloaded"
 
 SOURCES = str(Path(__file__).resolve().parents[2])
+
+
+def wake() -> None:
+    """Let the server go on if something has stopped it; nothing could be started or ended else."""
+    server = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    if server is not None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(server, signal.SIGCONT)
 
 
 def start() -> ForkServerContext | SpawnContext:
@@ -39,6 +49,7 @@ def start() -> ForkServerContext | SpawnContext:
     os.environ.update(own)
     try:
         multiprocessing.set_forkserver_preload([PRELOADED])
+        wake()
         forkserver.ensure_running()
     finally:
         for name, value in before.items():

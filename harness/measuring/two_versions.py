@@ -30,7 +30,7 @@ from harness.frame import Frame
 from harness.machine.environment import project_folder, source_hash
 from harness.measuring.other_version import Place, package_of, triangulate_elsewhere
 from harness.measuring.plan import Case
-from harness.measuring.processes import Backend, Bench
+from harness.measuring.processes import Backend, Bench, home_of
 from harness.measuring.timing import Times, TimingSettings
 from harness.measuring.worker import OpenWorker
 from harness.rasterisers.base import Options, Triangles
@@ -215,7 +215,8 @@ class _Bench(Bench):
             return known or super().triangulate(recipe.plain, polygons, tick)
         with self.clocked("triangulate"):
             arguments = (recipe.plain, polygons, self._beside.place)
-            return self._triangulating(recipe, triangulate_elsewhere, *arguments, tick=tick)
+            home = home_of(recipe)
+            return self.run(home, triangulate_elsewhere, *arguments, tick=tick)
 
     def _has_same_builtins(self) -> bool:
         """Whether BASE's package `triangulators` is the one of here, or equal to it."""

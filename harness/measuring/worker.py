@@ -5,7 +5,8 @@ what they need more than once (an open device) they keep in a module global of t
 
 A task may be anybody's code, so nothing here trusts it: it may exit, be killed, fork, or raise what
 is no `Exception`. Whether the process lives is asked of the system, not of a pipe, for a process
-that was forked off would keep a pipe open; and its whole process group ends with it.
+that was forked off would keep a pipe open; and its whole process group ends with it. It may stop
+its process or kill its parent, too (see `serving`), and print without an end.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
@@ -26,14 +28,21 @@ import psutil
 from harness.errors import HarnessError
 from harness.machine import system
 from harness.measuring import server
-from harness.measuring.serving import TaskFailed, TaskTimedOut, failure, one_line, serve
+from harness.measuring.serving import Limits, TaskFailed, TaskTimedOut, failure, serve
+from triangulators.errors import in_short
 
-__all__ = ["Executor", "Inline", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
+__all__ = ["Executor", "Inline", "Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
 
 T = TypeVar("T")
 
 OUTPUT_LINES = 5
 """How many of the last lines that a process printed a failure's reason quotes."""
+
+OUTPUT_CHARACTERS = 500
+"""How many of the last characters, at most."""
+
+STOPPED_S = 4.0
+"""How often it is asked whether a process was stopped; after the second time it is ended."""
 
 POLL_S = 0.1
 """How often a waiting caller is told how long it has waited."""
@@ -43,6 +52,10 @@ START_S = 120.0
 
 END_S = 2.0
 """Longest that a process may take to end when asked to."""
+
+
+_STARTING = threading.Lock()
+"""To start a process changes the environment of this one for a moment."""
 
 
 class Executor(Protocol):
@@ -67,7 +80,7 @@ class OpenWorker(Protocol):
     """Makes the processes of a run."""
 
     def __call__(
-        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+        self, name: str, environment: Mapping[str, str], limits: Limits | None = None
     ) -> Executor:
         """Return an executor called `name`; see `Worker`."""
         ...
@@ -102,7 +115,7 @@ class Worker:
     ----------
     name : shown in messages
     environment : variables set in the process before any task runs
-    memory_bytes : what the process may allocate, so that a greedy one cannot starve the machine
+    limits : of a process in which others' code runs
 
     The process ends with the thread that made the worker, if that dies.
     """
@@ -111,13 +124,13 @@ class Worker:
         self,
         name: str,
         environment: Mapping[str, str] | None = None,
-        memory_bytes: int | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.name = name
         with tempfile.NamedTemporaryFile(prefix="harness-output-", delete=False) as file:
             self._output = Path(file.name)
         self._environment = dict(environment or {})
-        self._memory_bytes = memory_bytes
+        self._limits = limits
         self._process: BaseProcess | None = None
         self._server: int | None = None
         self._connection: Connection
@@ -144,6 +157,8 @@ class Worker:
         HarnessError
             as the function raised it
         """
+        if self._process is not None and self._process.exitcode is not None:
+            self._end(at_once=True)  # something has killed it since its last task
         if self._process is None:
             self._start()
         written = self._output.stat().st_size
@@ -155,7 +170,7 @@ class Worker:
         except Exception as error:
             # The process has said that it waits for a task, and would not say so again.
             self._end(at_once=True)
-            raise TaskFailed(f"{self.name}: the task cannot be sent: {one_line(error)}") from error
+            raise TaskFailed(f"{self.name}: the task cannot be sent: {in_short(error)}") from error
         try:
             # What the task needs of the harness is imported first, which is not the task's time.
             answer = self._receive(written, START_S, None)
@@ -178,20 +193,21 @@ class Worker:
             self._output.unlink(missing_ok=True)
 
     def _start(self) -> None:
-        context = server.start()
-        forked = context.get_start_method() == "forkserver"
-        self._connection, theirs = context.Pipe()
-        arguments = (
-            theirs,
-            None if forked else os.getpid(),
-            str(self._output),
-            # All of it: the server may have been started before this process changed its own.
-            {**os.environ, **self._environment},
-            self._memory_bytes,
-        )
-        self._process = context.Process(target=serve, args=arguments, daemon=True)
-        self._process.start()
-        theirs.close()
+        with _STARTING:
+            context = server.start()
+            forked = context.get_start_method() == "forkserver"
+            self._connection, theirs = context.Pipe()
+            arguments = (
+                theirs,
+                None if forked else os.getpid(),
+                str(self._output),
+                # All of it: the server may have been started before this process changed its own.
+                {**os.environ, **self._environment},
+                self._limits,
+            )
+            self._process = context.Process(target=serve, args=arguments, daemon=True)
+            self._process.start()
+            theirs.close()
         with contextlib.suppress(psutil.NoSuchProcess):  # it has died at once
             self._server = psutil.Process(self._process.pid).ppid() if forked else None
 
@@ -201,8 +217,16 @@ class Worker:
         """Wait for what the process sends next."""
         assert self._process is not None
         start = time.monotonic()
+        asked, stopped = STOPPED_S, False
         while not self._connection.poll(POLL_S):
             waited = time.monotonic() - start
+            if waited > asked:
+                asked, before = waited + STOPPED_S, stopped
+                stopped = system.is_stopped(self._process.pid or 0)
+                if stopped and before:
+                    self._end(at_once=True)
+                    reason = f"{self.name} has stopped its process, or that which started it"
+                    raise TaskFailed(self._quote(f"{reason} (SIGSTOP), and was ended", written))
             # It may have answered and died since: then there is something to read.
             if self._process.exitcode is not None and not self._connection.poll(0):
                 self._died(written)
@@ -218,15 +242,17 @@ class Worker:
             self._died(written)
         except Exception as error:
             raise TaskFailed(
-                f"{self.name}: its result cannot be read: {one_line(error)}"
+                f"{self.name}: its result cannot be read: {in_short(error)}"
             ) from error
 
     def _died(self, written: int) -> NoReturn:
         assert self._process is not None
         self._process.join(END_S)
-        code = self._process.exitcode
+        how = system.ending(self._process.exitcode)
+        if self._server is not None and not system.is_running(self._server):
+            how = "with the process that starts all others, which it or another has killed"
         self._end(at_once=True)
-        raise TaskFailed(self._quote(f"{self.name} died: {system.ending(code)}", written))
+        raise TaskFailed(self._quote(f"{self.name} died: {how}", written))
 
     def _end(self, *, at_once: bool = False) -> None:
         """End the process, and every process that it started and left."""
@@ -237,6 +263,7 @@ class Worker:
             with contextlib.suppress(OSError):
                 self._connection.send(None)
             process.join(END_S)
+        server.wake()
         # The group's number is the process's, which made it; it may have died before it did.
         system.end_group(process.pid)
         process.kill()
@@ -247,10 +274,13 @@ class Worker:
 
     def _quote(self, reason: str, written: int) -> str:
         with contextlib.suppress(OSError), self._output.open("rb") as file:
-            file.seek(written)
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(written, size - 4 * OUTPUT_CHARACTERS))
             lines = file.read().decode(errors="replace").strip().splitlines()[-OUTPUT_LINES:]
-            if lines:
-                return f"{reason}; last output: {' | '.join(line.strip() for line in lines)}"
+            text = " | ".join(line.strip() for line in lines)
+            if text:
+                cut = "... " if len(text) > OUTPUT_CHARACTERS else ""
+                return f"{reason}; last output: {cut}{text[-OUTPUT_CHARACTERS:]}"
         return reason
 
     def __enter__(self) -> Worker:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import io
 import json
 import math
@@ -36,6 +37,9 @@ FACTS = "run.json"
 CASES = "cases.jsonl"
 COUNTED = "counted.jsonl"
 """Records of finished cases, and of those that are counted but not finished."""
+
+WRITTEN = "written"
+"""In the facts of a run that is done: length and digest of its records."""
 
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
@@ -68,6 +72,8 @@ class _Lines:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._descriptor = -1
+        self._digest = hashlib.sha256()
+        self._bytes = 0
 
     def open(self) -> None:
         """Open it for more records, cutting off a torn last line; no other process may.
@@ -86,20 +92,29 @@ class _Lines:
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
             os.ftruncate(self._descriptor, whole)
+        self._digest, self._bytes = hashlib.sha256(content[:whole]), whole
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """Length and digest of what is in the file if nobody else has written to it."""
+        return {"bytes": self._bytes, "sha256": self._digest.hexdigest()}
 
     def append(self, record: Record, *, forced: bool) -> None:
         """Add a record; `forced`: to the disk, so that it outlives a power cut, too."""
         line = (json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n").encode()
         size = os.fstat(self._descriptor).st_size
+        left = line
         try:
-            while line:
-                line = line[os.write(self._descriptor, line) :]
+            while left:
+                left = left[os.write(self._descriptor, left) :]
             if forced:
                 os.fsync(self._descriptor)
         except OSError:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, size)
             raise
+        self._digest.update(line)
+        self._bytes += len(line)
 
     @property
     def is_open(self) -> bool:
@@ -154,8 +169,11 @@ class Store:
         return store
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:
-        """Replace `run.json`, whole or not at all."""
+        """Replace `run.json`, whole or not at all; of a run that is done, what its records are."""
         content = {"schema_version": SCHEMA_VERSION, **facts}
+        content.pop(WRITTEN, None)
+        if facts.get("interrupted") is False:
+            content[WRITTEN] = self._cases.written
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         self._replace(FACTS, (text + "\n").encode())
 
@@ -262,6 +280,11 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
+    if (written := facts.get(WRITTEN)) and not _is_as_written(content, written):
+        problems.append(
+            f"{cases} is not as the run left it: something else, such as a plugin's process, has "
+            "written there; trust none of its records that you did not measure again"
+        )
     if not path.is_dir() and not records:
         raise UsageError(
             f"{path} holds no record of a run{': ' if problems else ''}"
@@ -272,6 +295,12 @@ def read_run(path: Path) -> Run:
     if (state := (facts.get("state") or {}).get("state")) is not None:
         records = [{**record, "state": state} for record in records]
     return Run(path, facts, records, problems)
+
+
+def _is_as_written(content: bytes, written: dict[str, Any]) -> bool:
+    return len(content) == written.get("bytes") and (
+        hashlib.sha256(content).hexdigest() == written.get("sha256")
+    )
 
 
 def read_facts(folder: Path, problems: list[str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside", "state")
+SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside", "state", "written")
 LISTS = ("warnings", "frames", "resumed", "merged")
 """Parts of run.json that are tables, and lists."""
 

@@ -21,7 +21,7 @@ from triangulators import Skipped, vertices
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
-from triangulators.errors import told_of
+from triangulators.errors import MOST_TRACED, shortened, told_of
 from triangulators.verify import verify
 
 
@@ -235,10 +235,10 @@ def _compute(
     try:
         part, gap = recipe.triangulate_with_gap(polygon)
     except Skipped as reason:
-        result.skipped.append((number, str(reason)))
+        result.skipped.append((number, shortened(str(reason))))
     except (Exception, SystemExit, GeneratorExit) as error:  # all but Ctrl-C
         result.failed.append((number, told_of(error)))
-        result.trace = result.trace or "".join(traceback.format_exception(error))
+        result.trace = result.trace or "".join(traceback.format_exception(error))[:MOST_TRACED]
     seconds = cpu_clock() - start
     if part is not None:
         part, junctions, problem = check(polygon, part)

@@ -24,6 +24,7 @@ from shapely import Polygon
 from harness.errors import UsageError, did_you_mean
 from triangulators import UnknownName, criteria, full_name, registry, triangulate_with_gap, vertices
 from triangulators.batch.triangulate_many import Ragged, attempt_many
+from triangulators.errors import in_short
 from triangulators.methods.optimal import LIMIT
 
 NUMBER, UPRIGHT = "#", "@0"
@@ -105,8 +106,9 @@ class Recipe:
         except UnknownName as error:
             raise UsageError(str(error)) from error
         except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise UsageError(f"triangulator '{self}' cannot be loaded: {reason}") from error
+            raise UsageError(
+                f"triangulator '{self}' cannot be loaded: {in_short(error)}"
+            ) from error
 
     def attempt(self, arrays: Ragged) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
         """Return triangles (m, 3) of each polygon of a batch, and which (p,) are any good.

@@ -15,7 +15,7 @@ from shapely import Polygon, box
 
 from harness.measuring import server
 from harness.measuring.run import run
-from harness.measuring.worker import Executor, Worker
+from harness.measuring.worker import Executor, Limits, Worker
 from scenes.real.helsinki import FILE
 from tests.conftest import BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
@@ -45,11 +45,11 @@ class Workers:
         self._workers: dict[str, Worker] = {}
 
     def open(
-        self, name: str, environment: Mapping[str, str], memory_bytes: int | None = None
+        self, name: str, environment: Mapping[str, str], limits: Limits | None = None
     ) -> Executor:
         # A reader's own module may change between two runs: its worker is started anew.
         if name.startswith(("triangulator ", "rasteriser ", "scene ")):
-            return Worker(name, environment, memory_bytes)
+            return Worker(name, environment, limits)
         if name not in self._workers:
             self._workers[name] = self._thread.submit(self._start, name, environment).result()
         return _Kept(self._workers[name])

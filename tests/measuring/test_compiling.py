@@ -101,7 +101,7 @@ class Recorded(Inline):
 def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(monkeypatch):
     recipes = parse_all(["fan", "refined", "optimal", "tests.broken:right"])
     for kept, cores, expected in (
-        (False, 2, [(SECOND, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
+        (False, 2, [(SECOND.label, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
         (True, 2, []),
         (False, 1, []),
     ):
@@ -111,9 +111,10 @@ def test_a_second_process_compiles_from_the_last_on_where_nothing_is_compiled(mo
         bench = processes.Bench(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
         bench.compile_ahead(recipes)
         bench.compile_ahead(recipes)
-        bench._ahead.shutdown(wait=True)
+        for thread in bench._threads.values():
+            thread.shutdown()
         bench.close()
-        assert log == [*expected, *[(f"{SECOND} closed", ["True"])] * len(expected)]
+        assert log == [*expected, *[(f"{SECOND.label} closed", ["True"])] * len(expected)]
 
 
 def test_what_is_compiled_late_is_a_module_with_kernels():

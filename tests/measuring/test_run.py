@@ -39,7 +39,7 @@ FAST = TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0)
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
 
-def inline(name: str, environment: object, memory_bytes: int | None = None) -> Inline:
+def inline(name: str, environment: object, limits: object = None) -> Inline:
     return Inline()
 
 
@@ -354,7 +354,7 @@ def test_repeats_are_fresh_processes_one_after_the_other(block, tmp_path):
             closed.append(self)
             super().close(at_once=at_once)
 
-    def watched(name: str, environment: object, memory_bytes: int | None = None) -> Inline:
+    def watched(name: str, environment: object, limits: object = None) -> Inline:
         worker = Watched()
         opened.append((name, worker))
         return worker

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import signal
 import sys
 import time
 from pathlib import Path
@@ -13,7 +14,8 @@ import psutil
 import pytest
 
 from harness.errors import NoRasteriser
-from harness.measuring.worker import TaskFailed, Worker
+from harness.measuring.worker import Limits, TaskFailed, Worker
+from triangulators.errors import MOST_TRACED
 
 
 def environment_of(name: str) -> tuple[str | None, int]:
@@ -77,6 +79,39 @@ def a_function_of_its_own() -> object:
     return lambda: None
 
 
+def print_and_die(size: int) -> None:
+    os.write(1, b"first" + b"x" * size + b"\nlast")
+    os._exit(1)
+
+
+def print_for_ever() -> None:
+    while True:
+        sys.stdout.write("x" * (1 << 16))
+
+
+def raise_at_length() -> None:
+    raise ValueError("x" * 5_000_000)
+
+
+class Theirs(NoRasteriser):
+    """An error of somebody else's, which this process would have to import."""
+
+
+def raise_theirs() -> None:
+    raise Theirs("y" * 5_000_000)
+
+
+def send_to(who: str, number: int) -> None:
+    """Send a signal to this process, the one that started it, or the one that started that."""
+    process = psutil.Process()
+    if who != "itself":
+        process = process.parent()
+    if who == "the server":
+        process = process.parent()
+    process.send_signal(number)
+    time.sleep(3600)
+
+
 @pytest.fixture(scope="module")
 def worker():
     with Worker("the test worker", {"MOCK_SETTING": "17"}) as started:
@@ -95,6 +130,50 @@ def test_a_crash_is_named_with_the_last_output_and_the_next_task_runs(worker):
     with pytest.raises(TaskFailed, match=r"died: SIGSEGV; last output: .*lost the device"):
         worker.call(shout_and_die)
     assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+
+
+@pytest.mark.parametrize(
+    ("task", "arguments"),
+    [
+        (print_and_die, (5_000_000,)),
+        (print_for_ever, ()),
+        (raise_at_length, ()),
+        (raise_theirs, ()),
+    ],
+)
+def test_what_a_process_prints_and_raises_is_kept_to_some_hundred_characters(task, arguments):
+    with Worker("a plugin", limits=Limits(file_bytes=10_000_000)) as printing:
+        with pytest.raises(TaskFailed) as found:
+            printing.call(task, *arguments)
+        assert len(str(found.value)) < 800
+        assert len(found.value.detail) <= MOST_TRACED
+        assert printing._output.stat().st_size <= 10_000_000
+        assert type(found.value) is TaskFailed
+    if task is print_and_die:
+        assert "died: exit code 1; last output: ... x" in str(found.value)
+        assert str(found.value).endswith("| last")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("who", ["itself", "its parent", "the server"])
+def test_a_plugin_that_kills_or_stops_what_started_it_costs_its_task_alone(
+    who, number, monkeypatch
+):
+    monkeypatch.setattr("harness.measuring.worker.STOPPED_S", 0.3)
+    with Worker("a device") as other, Worker("a plugin", limits=Limits()) as killing:
+        assert other.call(os.getpid) != killing.call(os.getpid)
+        start = time.monotonic()
+        limit_s = 1.0 if (who, number) == ("the server", signal.SIGSTOP) else 300.0
+        reason = "died: SIGKILL" if number == signal.SIGKILL else "has stopped its process"
+        if who == "the server":  # all go with it; stopped, it starts no other, and is woken then
+            reason = "died: with the process that starts all others" if limit_s > 1 else "ran past"
+        with pytest.raises(TaskFailed, match=f"^a plugin {reason}"):
+            killing.call(send_to, who, number, timeout_s=limit_s)
+        assert time.monotonic() - start < 10
+        for each in (other, killing):
+            assert each.call(environment_of, "MOCK_SETTING")[0] is None
+        assert time.monotonic() - start < 60
 
 
 def test_a_hang_is_stopped(worker):

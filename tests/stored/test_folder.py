@@ -46,6 +46,31 @@ def test_what_is_appended_is_read_back(tmp_path):
     assert read_arrays(run, B) is None
 
 
+@pytest.mark.parametrize("when", ["meanwhile", "after", "never", "instead"])
+def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
+    """As a triangulator could that knows where the run is: it says that it has done well."""
+    forged = json.dumps(record("b")) + "\n"
+    with Store.create(tmp_path) as store:
+        store.append(record("a"))
+        if when == "meanwhile":
+            with (tmp_path / "cases.jsonl").open("a") as file:
+                file.write(forged)
+        store.append(record("c"))
+        store.write_facts({"interrupted": False})
+    if when == "after":
+        with (tmp_path / "cases.jsonl").open("a") as file:
+            file.write(forged)
+    if when == "instead":
+        content = (tmp_path / "cases.jsonl").read_text()
+        (tmp_path / "cases.jsonl").write_text(content.replace("cccc", "bbbb"))
+    told = "".join(read_run(tmp_path).problems)
+    assert ("something else, such as a plugin's process, has written" in told) == (when != "never")
+    with Store.resume(tmp_path) as store:  # whoever goes on with it was told
+        store.append(record("d"))
+        store.write_facts({"interrupted": False})
+    assert read_run(tmp_path).problems == []
+
+
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})
