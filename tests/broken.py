@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
 import time
 
@@ -22,6 +23,16 @@ def hang(polygon: Polygon) -> None:
 def devour(polygon: Polygon) -> None:
     hoard = [np.zeros(1 << 27) for _ in range(1000)]
     raise AssertionError(len(hoard))
+
+
+def kills_its_parent(polygon: Polygon) -> None:
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(3600)
+
+
+def shouts(polygon: Polygon) -> None:
+    os.write(1, b"x" * 1_000_000)
+    os._exit(1)
 
 
 def exits(polygon: Polygon) -> None:

@@ -20,6 +20,8 @@ REASONS = {
     "hang": "ran past",
     "devour": "emory",
     "raises": "RuntimeError: no idea",
+    "kills_its_parent": "died: SIGKILL",
+    "shouts": "died: exit code 1; last output: ... xxx",
     "exits": "SystemExit: 0",
     "exits_hard": "died: exit code 0",
     "interrupts": "KeyboardInterrupt",
@@ -44,6 +46,7 @@ def test_what_goes_wrong_is_a_failed_record_and_the_rest_is_measured(block, tmp_
         record = records[f"tests.broken:{name}"]
         assert record["status"] == "failed", name
         assert reason in record["reason"], name
+        assert len(record["reason"]) < 1000, name
     for name in RIGHT:
         assert (records[name]["status"], records[name]["coverage_error"]) == ("ok", 0), name
 
