@@ -99,14 +99,14 @@ def _best(points: np.ndarray, ends: np.ndarray, method: str) -> np.ndarray | Non
     from triangulators.errors import TriangulationError
     from triangulators.geometry.simple_ring import UNSURE, winding
     from triangulators.methods import optimal, refined
-    from triangulators.optimum.small_ring import SMALL, ring_optimum
+    from triangulators.optimum.full_table import SMALL, by_full_table
     from triangulators.polygon import as_polygon, boundary_of_rings
 
     n, optimum = len(points), method == "optimal"
     small = optimum and len(ends) == 1 and n <= SMALL
     if small and winding(points[np.arange(-1, n)]) != UNSURE:
         triangles = np.empty((n - 2, 3), dtype=np.int32)
-        if ring_optimum(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
+        if by_full_table(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
             return triangles
     outline = boundary_of_rings(points, ends)
     try:

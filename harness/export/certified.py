@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.export.mesh import Batch
 from triangulators import TriangulationError, certify, parse
-from triangulators.checking.claims import as_claim
+from triangulators.checking.evidence import as_claim
 
 DEFAULT = "half-perimeter"
 """What is certified where a triangulator has no criterion of its own."""

@@ -23,7 +23,7 @@ from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
 from triangulators.dropin import triangulate_float64
 from triangulators.optimum.edge_table import edge_optimum
-from triangulators.optimum.small_ring import ring_optimum
+from triangulators.optimum.full_table import by_full_table
 from triangulators.polygon import boundary, rings_of
 from triangulators.starting.starts import cycle_of
 
@@ -50,7 +50,7 @@ def float64_table(polygon: shapely.Polygon) -> Callable[[], Any]:
     """Return a call of the table with a cost for each triangle, in float64."""
     ring = np.ascontiguousarray(vertices(polygon))
     triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
-    return lambda: ring_optimum(ring, np.array([1.0, 1e-9, 0.0]), triangles)
+    return lambda: by_full_table(ring, np.array([1.0, 1e-9, 0.0]), triangles)
 
 
 @numba.njit

@@ -23,7 +23,7 @@ from harness.export import check_evidence
 from tests.endurance.brute_force import Small, sides_of
 from triangulators import TriangulationError, certify, triangulate
 from triangulators.certificate.certify import check_certificate
-from triangulators.checking.claims import as_claim, from_claim
+from triangulators.checking.evidence import as_claim, from_claim
 
 Claim = dict[str, Any]
 NAMES = ("half-perimeter", "overdraw", "edge-length")

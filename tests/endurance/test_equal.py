@@ -22,7 +22,7 @@ from triangulators import triangulate, triangulate_many, vertices
 from triangulators.criteria import find
 from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.dropin import triangulate_float64
-from triangulators.optimum.small_ring import ring_optimum
+from triangulators.optimum.full_table import by_full_table
 from triangulators.polygon import rings_of
 from triangulators.verify import verify
 
@@ -85,7 +85,7 @@ def test_large_rings_are_as_the_table_over_all_pairs(n, make):
     for criterion, weights in zip(CRITERIA, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
         total = find(criterion).total
         table = np.empty((len(ring) - 2, 3), dtype=np.int32)
-        ring_optimum(ring, np.array(weights), table)
+        by_full_table(ring, np.array(weights), table)
         whole = total(ring, table)
         triangles = triangulate(polygon, f"optimal:{criterion}", limit=10_000)
         assert abs(total(vertices(polygon), triangles) - whole) <= CLOSE * abs(whole)

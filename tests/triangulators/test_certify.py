@@ -20,7 +20,7 @@ from tests.triangulators.cases import (
 from tests.triangulators.listing import least_of_all
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.certificate.certify import check_certificate
-from triangulators.certificate.integer_costs import noise, weights_of
+from triangulators.checking.units import noise, weights_of
 from triangulators.certificate.proof import prove
 from triangulators.checking.edges import edges_of
 from triangulators.checking.evidence import Refused

@@ -22,7 +22,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
-from triangulators.checking.claims import as_claim, from_claim
+from triangulators.checking.evidence import as_claim, from_claim
 from triangulators.checking.evidence import Evidence, Refused
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of

@@ -12,7 +12,7 @@ from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum import edge_table, small_ring
-from triangulators.optimum.small_ring import grid_unit, ring_optimum
+from triangulators.optimum.full_table import grid_unit, by_full_table
 from triangulators.optimum.visible_table import sparse_optimum
 from triangulators.polygon import boundary
 from triangulators.starting.starts import cycle_of
@@ -32,7 +32,7 @@ def by_triangles(ring, criterion, sign=1.0):
 def by_ring(ring, box):
     """The table of a ring, which needs no visibility."""
     triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
-    assert ring_optimum(ring, box, triangles) < np.inf
+    assert by_full_table(ring, box, triangles) < np.inf
     return triangles
 
 

@@ -9,7 +9,7 @@ from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import candidates_of, how_many
-from triangulators.certificate.integer_costs import weights_of
+from triangulators.checking.units import weights_of
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _numbers, prove
 from triangulators.certificate.sight import sight_of

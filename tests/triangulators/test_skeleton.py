@@ -10,7 +10,7 @@ from triangulators.certificate import linear_program, proof, skeleton
 from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.extend_potentials import extend
-from triangulators.certificate.integer_costs import weights_of
+from triangulators.checking.units import weights_of
 from triangulators.certificate.local_minimality import exclude
 from triangulators.certificate.proof import prove
 from triangulators.certificate.sight import sight_of

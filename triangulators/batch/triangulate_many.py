@@ -22,8 +22,8 @@ from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, tes
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
 from triangulators.optimum.many_rings import Batch, do_rings, polygon_of
-from triangulators.optimum.small_holes import MOST_HOLES, holes_optimum
-from triangulators.optimum.small_ring import SMALL
+from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
+from triangulators.optimum.full_table import SMALL
 from triangulators.registry import parse
 
 _CHUNK = 20_000
@@ -173,7 +173,7 @@ def _do_holes(first: int, last: int, work: Batch, which: np.ndarray, box: np.nda
     """
     for index in which[first:last].tolist():
         own = work.triangles[work.starts[index] : work.starts[index + 1]]
-        work.done[index] = holes_optimum(*polygon_of(index, *work[:4]), box, own)
+        work.done[index] = by_cuts(*polygon_of(index, *work[:4]), box, own)
 
 
 def _clipped(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.certificate.sight import Sight
-from triangulators.compute.grouping import grouped
+from triangulators.compute.arrays import grouped
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import turn
 

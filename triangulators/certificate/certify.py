@@ -10,14 +10,16 @@ import shapely
 
 from triangulators import criteria
 from triangulators.certificate.proof import SECONDS, prove
-from triangulators.certificate.ring_table import ring_evidence
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence, Refused
 from triangulators.checking.units import Units, doubles_add_up, exact_total, units_for
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, cost_of, require_numbers
 from triangulators.errors import TriangulationError
-from triangulators.optimum.simple_polygon import optimum
+from triangulators.geometry.half_edges import twins_of
+from triangulators.geometry.visibility import visible_pairs
+from triangulators.optimum.best_way import optimum
+from triangulators.optimum.visible_lists import far_costs
 from triangulators.polygon import Boundary, boundary, boundary_area, check
 from triangulators.starting.starts import ring_triangulation
 from triangulators.verify import verify_boundary
@@ -75,12 +77,31 @@ def _certified(
         units = units_for(outline, corners, cost)
         if not evidence and doubles_add_up(outline, cost):
             return _by_table(outline, corners, cost, units)
-        return certificate_of(outline, corners, cost, ring_evidence(outline, corners, cost, units))
+        return certificate_of(outline, corners, cost, _ring_evidence(outline, corners, cost, units))
     proof = prove(outline, corners, cost, seconds)
     if proof is None:
         total = exact_total(outline, corners, cost, units_for(outline, corners, cost))
         return Certificate(float(total), -math.inf, math.inf, False)
     return certificate_of(outline, corners, cost, proof.evidence())
+
+
+def _ring_evidence(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
+) -> Evidence:
+    """Return evidence of the least that a triangulation of a polygon without holes costs.
+
+    triangles: (m, 3), any triangulation of it, between sites; units: those of the claim. The costs
+    of all sub-polygons are potentials of the pairs that see each other: see `far_costs`.
+    """
+    ring = outline.edges[:, 0].copy()
+    place = np.empty(len(outline.points), dtype=np.int32)
+    place[ring] = np.arange(len(ring), dtype=np.int32)
+    local = np.ascontiguousarray(place[triangles])
+    start, target = visible_pairs(outline.points[ring], local, twins_of(local), len(ring) ** 2)
+    far, _ = far_costs(start, target, outline.points, ring, cost, units)
+    a, b = np.repeat(ring, np.diff(start)), ring[target]
+    edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
+    return Evidence(*units[:3], edges, np.where(a < b, -far, far), 0)
 
 
 def certificate_of(

@@ -24,7 +24,7 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
-from triangulators.compute.union_find import join
+from triangulators.compute.arrays import join
 
 _ALL = 3000  # triangles up to which all constraints are there from the beginning
 _MOST_ADDED = 4000  # constraints added in a round

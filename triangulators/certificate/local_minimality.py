@@ -27,8 +27,7 @@ t + u more, each the first of another look.
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.certificate.integer_costs import noise, units_of
-from triangulators.checking.units import Units
+from triangulators.checking.units import Units, noise, units_of
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import turn

@@ -10,13 +10,12 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates, candidates_of, how_many
 from triangulators.certificate.extend_potentials import extend
-from triangulators.certificate.integer_costs import weights_of
 from triangulators.certificate.linear_program import Program, Solution
 from triangulators.certificate.local_minimality import exclude
 from triangulators.certificate.sight import Sight, sight_of
-from triangulators.certificate.skeleton import by_table, cuts_of
+from triangulators.certificate.skeleton import by_table, cuts_of, remaining
 from triangulators.checking.evidence import Evidence
-from triangulators.checking.units import Units, units_for
+from triangulators.checking.units import Units, units_for, weights_of
 from triangulators.criteria.cost import Cost
 from triangulators.optimum.local_search import search_cuts
 from triangulators.polygon import Boundary
@@ -59,7 +58,7 @@ class Proof:
         return Evidence(*self.units[:3], self.candidates.edges, found, lift)
 
 
-class _Search:
+class _Best:
     """The best triangulation so far of those made of some candidates, by their numbers."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
@@ -80,26 +79,29 @@ class _Search:
         this polygon, the program's do if it is whole, which all were that anyone has met; its
         potentials bound the optimum from below in any case.
         """
-        cut = cuts_of(self.candidates, alive)
-        table = None if cut is None else by_table(self.candidates, self.weights, alive, cut)
+        c = self.candidates
+        left = remaining(c, alive)
+        cut = cuts_of(c, left)
+        table = None if cut is None else by_table(c, left, cut, cost, self.units)
         if table is not None:
-            self.offer(table.chosen)
+            self.offer(_numbers(c, table.triangles))
             return table.potentials, 0
-        none = np.zeros(len(self.candidates.edges))
         timed = 0.0 < seconds < np.inf
         asked = timed or (seconds > 0.0 and int(alive.sum()) <= _QUICK_ROWS)
         light = self.weights / self.units.factor
         if asked:
-            program = Program(self.candidates, light, alive, self.best)
+            program = Program(c, light, alive, self.best)
             found = self._tried(alive, program.by_interior_point(seconds))
             if self._is_proof(*found):
                 return found
         else:
-            found = self._rounded(alive, none)
+            found = self._rounded(alive, np.zeros(len(c.edges)))
         # Not by that: a better triangulation may be what is missing, or a better start.
-        self._search(cost)
+        better = _numbers(c, search_cuts(c.points, c.triangles[self.best], cost))
+        if (better >= 0).all():  # otherwise it has edges that are in no optimum
+            self.offer(better)
         if asked and not self._is_proof(*found):
-            program = Program(self.candidates, light, alive, self.best)
+            program = Program(c, light, alive, self.best)
             again = self._tried(alive, program.by_simplex(seconds))
             found = max(found, again, key=lambda each: self._bound(*each))
         return found
@@ -134,13 +136,6 @@ class _Search:
         factor = self.units.factor
         return self._bound(potentials, lift) // factor >= self.least // factor
 
-    def _search(self, cost: Cost) -> None:
-        """Improve the best by the local search, as a start that the linear program goes on from."""
-        c = self.candidates
-        found = _numbers(c, search_cuts(c.points, c.triangles[self.best], cost))
-        if (found >= 0).all():  # otherwise it has edges that are in no optimum
-            self.offer(found)
-
 
 def prove(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = SECONDS
@@ -162,7 +157,7 @@ def prove(
     candidates = candidates_of(sight, room)
     weights = weights_of(sight.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
-    search = _Search(candidates, weights, units)
+    search = _Best(candidates, weights, units)
     search.offer(_numbers(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
     total, factor, bound = int(search.least), units.factor, search._bound(potentials, lift)

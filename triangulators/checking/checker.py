@@ -6,7 +6,7 @@ What is checked, from the polygon's boundary, the criterion and the triangles al
 2. The polygon's edges and empty triangles are enumerated here, from exact orientations (`edges`): a
    triangle is three edges that run round no hole.
 3. With y the potential of an edge (its negative, run the other way), y(ab) + y(bc) + y(ca) + lift
-   is at most the weight of abc, for every empty triangle (`potentials`); an edge that the evidence
+   is at most the weight of abc, for every empty triangle; an edge that the evidence
    does not name has 0. Summed over a triangulation the potentials of diagonals cancel: what is left
    is the sum over the boundary plus lift times the number of triangles. That is the lower bound.
 4. A bound above the weight of the triangles that it is about contradicts itself, and is refused.
@@ -20,13 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.checking.edges import edges_of
+from triangulators.checking.edges import Edges, around_hole, edges_of
 from triangulators.checking.evidence import Evidence, Refused
-from triangulators.checking.potentials import check_potentials
-from triangulators.checking.units import units_for
-from triangulators.checking.weights import TOO_LARGE, weights_in_order
+from triangulators.checking.units import TOO_LARGE, Units, units_for, weight, weights_of
+from triangulators.compute.kernels import njit
+from triangulators.compute.threads import shared_out
 from triangulators.criteria.cost import Cost
+from triangulators.geometry.predicates import turn
 from triangulators.polygon import Boundary
+
+_FEW, _SLICES = 20_000, 16  # edges from which on they are shared out among threads; slices
 
 
 def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence) -> int:
@@ -53,12 +56,84 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
         raise Refused("an edge is given twice")
     potential = np.zeros(len(edges.ends), dtype=np.int64)
     potential[at[at >= 0]] = potentials[at >= 0]
-    check_potentials(edges, potential, lift, cost, units)
+    _check_potentials(edges, potential, lift, cost, units)
     around = zip(potential.tolist(), edges.ways.tolist(), strict=True)
     bound: int = sum(y * way for y, way in around) + lift * outline.expected_triangles
-    if bound > sum(weights_in_order(outline.points, triangles, cost, units).tolist()):
+    if bound > sum(weights_of(outline.points, triangles, cost, units).tolist()):
         raise Refused("the bound is above what the triangulation costs")
     return bound
+
+
+def _check_potentials(
+    edges: Edges, potential: np.ndarray, lift: int, cost: Cost, units: Units
+) -> None:
+    """Raise `Refused` unless y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
+
+    potential (e,) and lift are below 2^60: sums of three then fit 64 bits. Triangles are found one
+    after the other, by a merge of what two ends of an edge see, and none is kept: the time goes by
+    their number, the memory by the edges.
+    """
+    n = len(edges.points)
+    starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
+    slices = _SLICES if len(edges.ends) > _FEW else 1
+
+    def worst_of(number: int) -> list[int]:
+        found = _exceeded(edges, starts, potential, lift, cost, units, number, slices)
+        return list(found.tolist())
+
+    wrong = [each for each in shared_out(worst_of, slices) if each]
+    if wrong and len(wrong[0]) == 1:
+        raise Refused("a weight is too large for exact arithmetic")
+    if wrong:
+        raise Refused(f"the potentials exceed the weight of the triangle {wrong[0]}")
+
+
+@njit(nogil=True)
+def _exceeded(
+    edges: Edges,
+    starts: np.ndarray,
+    potential: np.ndarray,
+    lift: int,
+    cost: Cost,
+    units: Units,
+    number: int,
+    slices: int,
+) -> np.ndarray:
+    """Return an empty triangle whose weight the potentials exceed by more than -lift.
+
+    From every `slices`-th edge on, which is its lowest corner's edge to the next. An empty array if
+    there is none, one of length 1 where a weight is too large.
+    """
+    ends, ways = edges.ends, edges.ways
+    for e in range(number, len(ends), slices):
+        a, b = ends[e, 0], ends[e, 1]
+        # Edges ascend: those of a after e lead to c > b, those of b from starts[b] on, too. What
+        # both reach is a third corner, so that each triangle comes up once, as a < b < c.
+        p, q = e + 1, starts[b]
+        while p < starts[a + 1] and q < starts[b + 1]:
+            if ends[p, 1] < ends[q, 1]:
+                p += 1
+            elif ends[p, 1] > ends[q, 1]:
+                q += 1
+            else:
+                # Counter-clockwise, a left turn runs a to b, b to c and c to a: with the first two
+                # edges and against the third; a right turn the other way. A side of the boundary
+                # must be run in its own way, or the triangle is outside.
+                c = ends[p, 1]
+                run = 1 if turn(edges.points, a, b, c) > 0.0 else -1
+                outside = ways[e] == -run or ways[q] == -run or ways[p] == run
+                i, j, k = (a, b, c) if run > 0 else (a, c, b)
+                if not outside and not around_hole(edges.points, edges.holes, i, j, k):
+                    own = weight(edges.points, i, j, k, cost, units)
+                    if own >= TOO_LARGE:
+                        return np.zeros(1, dtype=np.int32)
+                    # Potentials count from lower to higher end, so that a-c counts against.
+                    around = run * (potential[e] + potential[q] - potential[p])
+                    if own - around < lift:
+                        return np.array((i, j, k), dtype=np.int32)
+                p += 1
+                q += 1
+    return np.empty(0, dtype=np.int32)
 
 
 def _ends(values: np.ndarray) -> list[int]:

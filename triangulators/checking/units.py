@@ -11,8 +11,10 @@ rectangle are equally long, and with ties neither edge could be excluded. A weig
 
 and `factor` exceeds the noise of a whole triangulation, three edges times 2^bits - 1 for each
 triangle. So a triangulation of least weight is one of least cost in units, and weight // factor of
-a triangulation is its cost in units. Units of more than `most_units` count as that many: weights
-then fit 64 bits, and as less is counted than is there, a bound remains one.
+a triangulation is its cost in units. A weight of more than 2^59 counts as that: weights then fit
+64 bits, and as less is counted than is there, a bound remains one. The other way round it would
+not: a cost far below 0, or one that is no number, makes a weight of `TOO_LARGE`, and the checker
+refuses all evidence.
 
 Whole costs. Half-perimeter, overdraw and their like are made of sums and products of coordinates.
 Where these are multiples of 2^-k, half-perimeters are whole in units of 2^-k, areas of half a box
@@ -40,6 +42,9 @@ from triangulators.criteria.cost import (
 from triangulators.polygon import Boundary
 
 NOISE_BITS = 10
+TOO_LARGE = 2**60
+"""For a weight, a potential and a lift: what is less adds up in 64 bits."""
+
 _ROOM = 2**61  # four times the weight of the triangulation stays below
 _MOST_WEIGHT = 2**59  # of a triangle, without its noise
 _DIGITS = 36  # a real total has up to 2^36 units
@@ -159,6 +164,40 @@ def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 
 @njit
-def most_units(factor: int) -> float:
-    """Return the units that a triangle counts at most."""
-    return float(_MOST_WEIGHT // factor)
+def noise(a: int, b: int, bits: int) -> np.int64:
+    """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64).
+
+    The last step of that is left out: it changes lower bits alone.
+    """
+    x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
+    x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
+
+
+@njit
+def units_of(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
+    """Return the cost of one triangle in units."""
+    a, b, c = lowest_first(a, b, c)
+    scaled, most = cost_at(points, a, b, c, cost) * units.scale, float(_MOST_WEIGHT // units.factor)
+    if not scaled >= -most:  # a NaN, too
+        return np.int64(TOO_LARGE // units.factor)
+    return np.int64(np.floor(min(scaled, most)))
+
+
+@njit
+def weight(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
+    """Return the weight of one triangle."""
+    whole, bits = units_of(points, a, b, c, cost, units), units.bits
+    return whole * units.factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
+
+
+@njit(nogil=True)
+def weights_of(points: np.ndarray, triangles: np.ndarray, cost: Cost, units: Units) -> np.ndarray:
+    """Return the weight (t,) of each triangle."""
+    result = np.empty(len(triangles), dtype=np.int64)
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        result[t] = weight(points, a, b, c, cost, units)
+    return result

@@ -12,7 +12,7 @@ vertices given, and then to the next vertex by number.
 
 import numpy as np
 
-from triangulators.compute.grouping import grouped
+from triangulators.compute.arrays import grouped
 from triangulators.compute.kernels import njit
 
 CACHE_SIZE = 16

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
-from triangulators.compute.copies import copy_rows
+from triangulators.compute.arrays import copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, cost_at, cost_of, plain_cost

@@ -20,8 +20,8 @@ from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import on_grid
 from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
-from triangulators.optimum.simple_polygon import TABLE_ONLY, optimum, small_optimum
-from triangulators.optimum.small_ring import box_of, grid_unit
+from triangulators.optimum.best_way import TABLE_ONLY, optimum, quick_optimum
+from triangulators.optimum.full_table import box_of, grid_unit
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting.starts import best_start, ring_triangulation
 
@@ -115,7 +115,7 @@ def _optimise(
 ) -> _Found:
     """Do `triangulate`; sign: 1 to minimise, -1 to maximise."""
     wanted = criteria.find(criterion, **parameters)
-    small = small_optimum(outline, wanted, sign, limit)
+    small = quick_optimum(outline, wanted, sign, limit)
     if small is not None:
         return _Found(walk(small, len(outline.points)), 0.0, wanted)
     found = _search(outline, wanted, sign, limit, seed)

@@ -11,7 +11,7 @@ import numpy as np
 from triangulators.criteria.cost import Cost, evaluate
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.unfold import fold_back, grow, unfold
-from triangulators.optimum.simple_polygon import optimum
+from triangulators.optimum.best_way import optimum
 
 PIECE = 200  # triangles in a window of a large polygon
 _ROUNDS = 12  # sweeps of windows at most

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.optimum.small_ring import ring_optimum
+from triangulators.optimum.full_table import by_full_table
 
 
 class Batch(NamedTuple):
@@ -46,4 +46,4 @@ def do_rings(first: int, last: int, batch: Batch, wanted: np.ndarray, box: np.nd
         if wanted[index]:
             points = batch.coordinates[batch.begins[index] : batch.begins[index + 1]]
             own = batch.triangles[batch.starts[index] : batch.starts[index + 1]]
-            batch.done[index] = ring_optimum(points, box, own) < np.inf
+            batch.done[index] = by_full_table(points, box, own) < np.inf

@@ -300,7 +300,7 @@ def _trace(
 
 
 @njit(nogil=True)
-def ring_optimum(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> float:
+def by_full_table(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> float:
     """Triangulate one ring (n, 2) of either winding into `triangles` (n - 2, 3) at least cost.
 
     box: coefficients of half-perimeter, bounding-box area and edge length, which may be negative.

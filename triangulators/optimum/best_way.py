@@ -1,9 +1,9 @@
-"""The optimum of one simple polygon, by whichever table is the fastest there.
+"""The optimum of one polygon, by whichever table is the fastest there.
 
-small_ring     boxes and edges, without visibility: small rings, and those where most corners
-               see each other
-edge_table     edges alone
-visible_table  any cost, over the pairs of corners that see each other
+full_table     boxes and edges, without visibility: small rings, and those where most corners see
+               each other
+visible_lists  any cost, over the pairs of corners that see each other
+cut_holes      small polygons with few holes, all ways to cut them into one ring
 """
 
 import numpy as np
@@ -14,10 +14,9 @@ from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import twins_of
 from triangulators.geometry.predicates import on_grid
 from triangulators.geometry.visibility import visible_pairs
-from triangulators.optimum.edge_table import edge_optimum
-from triangulators.optimum.small_holes import holes_optimum
-from triangulators.optimum.small_ring import SMALL, ring_optimum
-from triangulators.optimum.visible_table import sparse_optimum
+from triangulators.optimum.cut_holes import by_cuts
+from triangulators.optimum.full_table import SMALL, by_full_table
+from triangulators.optimum.visible_lists import by_lists
 from triangulators.polygon import Boundary
 
 TABLE_ONLY = 128  # corners; up to here looking for visible pairs costs more than it saves
@@ -44,11 +43,6 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
         if triangles is None:
             raise TriangulationError(f"no triangulation of {n} corners found")
     start, target = visible_pairs(points, triangles, twins_of(triangles), n * n)
-    if cost["is_box"] and cost["box"][1] == 0.0:
-        found = edge_optimum(points, start, target, cost["box"])
-        if len(found) != n - 2:
-            raise TriangulationError(f"no triangulation of {n} corners found")
-        return found
     if cost["is_box"]:
         seen_from_above = np.bincount(target, minlength=n)
         tried = float(np.dot(seen_from_above, seen_from_above)) / 2.0
@@ -57,10 +51,13 @@ def optimum(points: np.ndarray, triangles: np.ndarray | None, cost: Cost) -> np.
             found = _by_ring(points, cost["box"])
             if found is not None:
                 return found
-    return sparse_optimum(points, start, target, cost)
+    found = by_lists(points, start, target, cost)
+    if len(found) != n - 2:
+        raise TriangulationError(f"no triangulation of {n} corners found")
+    return found
 
 
-def small_optimum(
+def quick_optimum(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
     """Return the optimum (m, 3) of a small polygon, in `order.walk`'s order, or None.
@@ -76,12 +73,12 @@ def small_optimum(
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
     if outline.holes:
-        found = holes_optimum(points, outline.ends.astype(np.int64), cost["box"], triangles)
+        found = by_cuts(points, outline.ends.astype(np.int64), cost["box"], triangles)
     else:
-        found = ring_optimum(points, cost["box"], triangles) < np.inf
+        found = by_full_table(points, cost["box"], triangles) < np.inf
     return triangles if found else None
 
 
 def _by_ring(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
-    return triangles if ring_optimum(points, box, triangles) < np.inf else None
+    return triangles if by_full_table(points, box, triangles) < np.inf else None

@@ -16,12 +16,12 @@ corners around it. A ring's table takes less than what is left to be filled for 
 
 import numpy as np
 
-from triangulators.compute.copies import copy_row, copy_rows
+from triangulators.compute.arrays import copy_row, copy_rows
 from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, fmin
 from triangulators.geometry.order import walk_of
 from triangulators.geometry.predicates import FILTER
-from triangulators.optimum.small_ring import SMALL, box_of, grid_unit, ring_optimum, weight
+from triangulators.optimum.full_table import SMALL, box_of, grid_unit, by_full_table, weight
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -29,7 +29,7 @@ _NEAR = 1e-9  # of the span: rings nearer than that are left to those who know w
 
 
 @njit(nogil=True)
-def holes_optimum(
+def by_cuts(
     points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np.ndarray
 ) -> bool:
     """Triangulate a polygon with holes at least cost; False if that is not for here.
@@ -99,10 +99,10 @@ def holes_optimum(
 def _ring_cost(
     points: np.ndarray, ring: np.ndarray, box: np.ndarray, corners: np.ndarray, found: np.ndarray
 ) -> float:
-    """Return what `ring_optimum` finds for the points of a ring, in `found`."""
+    """Return what `by_full_table` finds for the points of a ring, in `found`."""
     for k in range(len(ring)):
         corners[k, 0], corners[k, 1] = points[ring[k], 0], points[ring[k], 1]
-    return ring_optimum(corners, box, found)
+    return by_full_table(corners, box, found)
 
 
 @njit(nogil=True)
