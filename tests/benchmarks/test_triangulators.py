@@ -22,10 +22,7 @@ from triangulators import Ragged, triangulate, triangulate_many, vertices
 from triangulators.batch.triangulate_many import ragged
 from triangulators.criteria import predict
 from triangulators.dropin import triangulate_float64
-from triangulators.optimum.edge_table import edge_optimum
-from triangulators.optimum.full_table import by_full_table
-from triangulators.polygon import boundary, rings_of
-from triangulators.starting.starts import cycle_of
+from triangulators.polygon import rings_of
 
 
 def compare(
@@ -44,13 +41,6 @@ def compare(
     benchmark.pedantic(ours, rounds=1)
     print(f"\n{benchmark.name}: {mine * 1e3:.2f} ms / {other * 1e3:.2f} ms = {mine / other:.2f}")
     return mine / other
-
-
-def float64_table(polygon: shapely.Polygon) -> Callable[[], Any]:
-    """Return a call of the table with a cost for each triangle, in float64."""
-    ring = np.ascontiguousarray(vertices(polygon))
-    triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
-    return lambda: by_full_table(ring, np.array([1.0, 1e-9, 0.0]), triangles)
 
 
 @numba.njit
@@ -74,16 +64,6 @@ def test_convex_1024_against_the_bare_min_plus_loop(benchmark):
         rounds=3,
     )
     assert ratio <= 1.2
-
-
-def test_convex_1024_half_perimeter_against_the_table_of_triangles(benchmark):
-    polygon = snapped(vertices(convex(1024)))
-    outline = cycle_of(boundary(polygon), "benchmark")
-    n = len(outline.cycle)
-    ours = (outline.points, outline.start, outline.target, np.array([1.0, 0.0, 0.0]))
-    ratio = compare(benchmark, lambda: edge_optimum(*ours), float64_table(polygon), rounds=5)
-    print(f"{benchmark.extra_info['ours_s'] * 6e9 / n**3:.3f} ns a triple")
-    assert ratio <= 0.4
 
 
 @pytest.mark.parametrize(("criterion", "most"), [("overdraw", 8.0), ("half-perimeter", 4.0)])

@@ -22,8 +22,7 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
-from triangulators.checking.evidence import as_claim, from_claim
-from triangulators.checking.evidence import Evidence, Refused
+from triangulators.checking.evidence import Evidence, Refused, as_claim, from_claim
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -62,7 +61,7 @@ def test_a_lift_too_large_is_refused(lift):
 def test_a_bound_above_the_cost_is_refused(monkeypatch):
     best = triangulate(SQUARE, "optimal:half-perimeter")
     true = certify(SQUARE, best).evidence
-    monkeypatch.setattr(checker, "check_potentials", lambda *_: None)  # so that nothing else does
+    monkeypatch.setattr(checker, "_check_potentials", lambda *_: None)  # so that nothing else does
     forged = replace(true, lift=true.lift + true.factor)
     with pytest.raises(Refused, match="above what the triangulation costs"):
         certificate_of(*about(SQUARE, best), forged)

@@ -1,4 +1,4 @@
-"""The optimum over edges: integers or floats, table or lists, the same cost by every way."""
+"""The optimum over edges: integers or floats, the same cost by every way."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.criteria.features import FEATURES
 from triangulators.geometry.predicates import on_grid
-from triangulators.optimum import edge_table, small_ring
-from triangulators.optimum.full_table import grid_unit, by_full_table
-from triangulators.optimum.visible_table import sparse_optimum
+from triangulators.optimum import full_table, visible_lists
+from triangulators.optimum.full_table import by_full_table, grid_unit
+from triangulators.optimum.visible_lists import INT32_LIMIT, by_lists, weights_of_pairs
 from triangulators.polygon import boundary
 from triangulators.starting.starts import cycle_of
 from triangulators.verify import verify
@@ -25,7 +25,7 @@ E = np.array([0.0, 0.0, 1.0])
 def by_triangles(ring, criterion, sign=1.0):
     """The recurrence with a cost for each triangle, in float64."""
     cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
-    best = sparse_optimum(ring.points, ring.start, ring.target, with_fields(cost, is_box=False))
+    best = by_lists(ring.points, ring.start, ring.target, with_fields(cost, is_box=False))
     return criteria.find(criterion).total(ring.points, best)
 
 
@@ -47,22 +47,16 @@ def test_where_most_corners_see_each_other_the_ring_is_as_good_as_visible_pairs(
 
 @pytest.mark.parametrize(("criterion", "box"), [("half-perimeter", H), ("edge-length", E)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_table_and_lists_find_what_costs_of_triangles_find(monkeypatch, criterion, box, sign):
+def test_edges_find_what_costs_of_triangles_find(criterion, box, sign):
     for polygon in (star(40, spread=0.4), star(90), convex(33), smooth(64)):
         ring = cycle_of(boundary(polygon), "test")
         expected = by_triangles(ring, criterion, sign)
-        for ratio in (0.0, 1e9):
-            monkeypatch.setattr(edge_table, "_SPARSE_TO_DENSE", ratio)
-            found = edge_table.edge_optimum(ring.points, ring.start, ring.target, sign * box)
-            assert verify(polygon, ring.cycle[found]).conforming
-            total = criteria.find(criterion).total(ring.points, found)
-            assert total == pytest.approx(expected, rel=1e-12)
-
-
-def test_integers_are_chosen_by_the_guard():
-    below, above = edge_table.INT32_LIMIT // 64 - 1, edge_table.INT32_LIMIT // 64
-    assert edge_table.integer_type(64, below) is np.int32
-    assert edge_table.integer_type(64, above) is np.int64
+        cost = cost_of(criteria.find(criterion), 1.0, 1, sign)
+        assert cost["box"].tolist() == (sign * box).tolist()
+        found = by_lists(ring.points, ring.start, ring.target, cost)
+        assert verify(polygon, ring.cycle[found]).conforming
+        total = criteria.find(criterion).total(ring.points, found)
+        assert total == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("above", [False, True])
@@ -70,28 +64,27 @@ def test_integers_are_chosen_by_the_guard():
 def test_sums_are_exact_on_both_sides_of_the_guard(monkeypatch, above, sign):
     # The longest diagonals of a flat polygon come next to n (w + h): a zigzag, taken by `worst`.
     n = 128  # with fewer corners no grid reaches the guard
-    width = edge_table.INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
+    width = INT32_LIMIT // n - 4 * n - 1 + (8 * n if above else 0)
     step = np.arange(n // 2)
     right = np.column_stack((width - (step - n // 4) ** 2 // n, 4 * step))
     left = np.column_stack(((step - n // 4) ** 2 // n, 4 * step + 2))
     ring = np.concatenate((right, left[::-1])).astype(np.float64)
     ring[0, 1] += 1  # so that nothing coarser than 1 is a unit
     span = np.ptp(ring, axis=0).sum()
-    assert (n * span >= edge_table.INT32_LIMIT) == above
+    assert (n * span >= INT32_LIMIT) == above
     assert grid_unit(ring) == 1.0
     start = np.r_[0, np.cumsum(np.arange(n - 1, -1, -1))]
     target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
-    weight = edge_table.weights_of_pairs(ring, start, target, sign * H)
+    weight = weights_of_pairs(ring, start, target, sign * H)
     assert weight.dtype == (np.int64 if above else np.int32)
-    costs = []
-    for ratio in (0.0, 1e9):
-        monkeypatch.setattr(edge_table, "_SPARSE_TO_DENSE", ratio)
-        found = edge_table.edge_optimum(ring, start, target, sign * H)
-        costs.append(criteria.find("half-perimeter").total(ring, found))
-        monkeypatch.setattr(edge_table, "integer_type", lambda corners, span: np.int64)
-        found = edge_table.edge_optimum(ring, start, target, sign * H)
-        costs.append(criteria.find("half-perimeter").total(ring, found))
-        monkeypatch.undo()
+    cost, total = (
+        cost_of(criteria.find("half-perimeter"), 1.0, 1, sign),
+        criteria.find("half-perimeter").total,
+    )
+    costs = [total(ring, by_lists(ring, start, target, cost))]
+    monkeypatch.setattr(visible_lists, "INT32_LIMIT", 0)
+    assert weights_of_pairs(ring, start, target, sign * H).dtype == np.int64
+    costs.append(total(ring, by_lists(ring, start, target, cost)))
     assert len(set(costs)) == 1
     if sign < 0.0:
         assert costs[0] > 0.9 * n * width
@@ -154,7 +147,7 @@ def test_grid_unit_is_the_coarsest():
 def test_convex_is_what_turns_left_everywhere_and_goes_round_once(step, bend, expected):
     angle = 2.0 * np.pi * step * np.arange(5) / 5
     radius = np.where(np.arange(5) == 2, 1.0 - bend, 1.0)
-    assert small_ring._is_convex(radius * np.cos(angle), radius * np.sin(angle), 5) == expected
+    assert full_table._is_convex(radius * np.cos(angle), radius * np.sin(angle), 5) == expected
 
 
 def test_off_the_grid_a_convex_ring_has_the_optimum_of_its_triangles():

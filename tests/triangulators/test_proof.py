@@ -7,13 +7,12 @@ import shapely
 from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
-from triangulators.certificate import linear_program, proof
+from triangulators.certificate import proof
 from triangulators.certificate.candidates import candidates_of, how_many
-from triangulators.checking.units import weights_of
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.proof import _numbers, prove
 from triangulators.certificate.sight import sight_of
-from triangulators.checking.units import costs_of, units_for
+from triangulators.checking.units import costs_of, units_for, weights_of
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary
 from triangulators.starting.starts import best_start
@@ -75,8 +74,8 @@ def test_too_many_candidates_are_not_looked_at(monkeypatch, seconds, name):
         assert (prove(*given, seconds) is not None) == is_there
 
 
-def test_constraints_that_are_added_by_and_by_give_the_same_bound(monkeypatch):
-    """As all at once, and as the interior-point method."""
+@pytest.mark.parametrize("at_a_corner", [False, True])
+def test_a_programs_bound_is_that_of_its_solution(at_a_corner):
     polygon = with_holes(np.random.default_rng(3), 16, 2)
     outline = boundary(polygon)
     cost = cost_of(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
@@ -84,18 +83,14 @@ def test_constraints_that_are_added_by_and_by_give_the_same_bound(monkeypatch):
     sight = sight_of(outline, start)
     c = candidates_of(sight, how_many(sight, 10**6))
     weights = costs_of(outline.points, c.triangles, cost)
-    every, numbers = np.ones(len(weights), np.bool_), _numbers(c, start)
-    found = Program(c, weights, every, numbers).by_interior_point(60.0)
-    for most, added in ((10**6, 10), (0, 10**6), (0, 5)):
-        monkeypatch.setattr(linear_program, "_ALL", most)
-        monkeypatch.setattr(linear_program, "_MOST_ADDED", added)
-        program = Program(c, weights, every, numbers)
-        own = program.by_simplex(60.0)
-        assert own.solved
-        assert own.bound == pytest.approx(found.bound, rel=1e-9)
-        around = (program.signs * own.potentials[c.sides]).sum(axis=1)
-        assert (around <= weights + 1e-9 * weights.max()).all()
-        assert own.share @ weights == pytest.approx(own.bound)
+    program = Program(c, weights, np.ones(len(weights), np.bool_), _numbers(c, start))
+    own = program.solve(60.0, at_a_corner=at_a_corner)
+    assert own.solved
+    around = (program.signs * own.potentials[c.sides]).sum(axis=1)
+    assert (around <= weights + 1e-9 * weights.max()).all()
+    assert own.share @ weights == pytest.approx(own.bound, rel=1e-9)
+    if at_a_corner:
+        assert np.isclose(own.share, np.rint(own.share)).all()
 
 
 @pytest.mark.parametrize(("name", "within"), [("half-perimeter", 0), ("edge-length", 6)])
@@ -112,7 +107,7 @@ def test_the_gap_of_a_proof_is_0_where_rounding_explains_it(monkeypatch, name, w
     assert found.gap == 0.0
     for below, gap in ((within, 0.0), (within + 1, (within + 1) * units.factor / total)):
         bound = total - below * units.factor
-        monkeypatch.setattr(proof._Search, "_bound", lambda *_, b=bound: b)
+        monkeypatch.setattr(proof._Best, "_bound", lambda *_, b=bound: b)
         assert prove(outline, found.triangles, cost).gap == gap
 
 
@@ -128,14 +123,15 @@ def test_what_the_local_search_finds_is_kept_where_all_of_it_are_candidates(monk
     common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
     first = [0, next(k for k in (1, 2, 3) if common[k] in diagonals)]
     weights = weights_of(candidates.points, triangles, cost, units)
-    search = proof._Search(candidates, weights, units)
+    search = proof._Best(candidates, weights, units)
+    monkeypatch.setattr(proof, "cuts_of", lambda *_: None)
     monkeypatch.setattr(proof, "search_cuts", lambda *_: triangles[first])
     search.best, search.least = np.setdiff1d(range(4), first), np.inf
-    search._search(cost)
+    search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.best.tolist() == first
     search.least = np.inf
     monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
-    search._search(cost)
+    search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.least == np.inf
 
 

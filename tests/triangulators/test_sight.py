@@ -11,9 +11,9 @@ from tests.triangulators.test_skeleton import annulus, posed
 from tests.triangulators.touching import touching_polygons
 from triangulators.certificate import proof
 from triangulators.certificate.sight import sight_of
-from triangulators.checking import checker, potentials, visible_pairs
+from triangulators.checking import checker, edges
+from triangulators.checking.edges import _diagonals_of
 from triangulators.checking.evidence import Refused
-from triangulators.checking.visible_pairs import visible
 from triangulators.polygon import boundary
 from triangulators.starting.starts import best_start
 
@@ -49,7 +49,7 @@ def sites_in_many_boxes():
 def edges_of_both(polygon):
     outline, cost = posed(polygon)
     sight = sight_of(outline, best_start(outline, cost))
-    own = visible(outline.points, outline.edges, outline.site)
+    own = _diagonals_of(outline.points, outline.edges, outline.site)
     return sight.edges[sight.side == 0], np.sort(own, axis=1)
 
 
@@ -70,7 +70,7 @@ def test_they_do_where_rings_touch_and_holes_hide_much():
         ours, checkers = edges_of_both(polygon)
         assert set(map(tuple, ours.tolist())) == set(map(tuple, checkers.tolist())), polygon.wkt
         small = boundary(shapely.transform(polygon, lambda points: points * 2.0**-14))
-        again = np.sort(visible(small.points, small.edges, small.site), axis=1)
+        again = np.sort(_diagonals_of(small.points, small.edges, small.site), axis=1)
         assert again.tolist() == checkers.tolist()
 
 
@@ -79,11 +79,11 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
     outline, cost = posed(polygon)
     start = best_start(outline, cost)
     evidence = proof.prove(outline, start, cost).evidence()
-    alone = visible(outline.points, outline.edges, outline.site)
+    alone = _diagonals_of(outline.points, outline.edges, outline.site)
     bound = checker.lower_bound(outline, start, cost, evidence)
-    monkeypatch.setattr(visible_pairs, "_FEW", 0)
-    monkeypatch.setattr(potentials, "_FEW", 0)
-    shared_out = visible(outline.points, outline.edges, outline.site)
+    monkeypatch.setattr(edges, "_FEW", 0)
+    monkeypatch.setattr(checker, "_FEW", 0)
+    shared_out = _diagonals_of(outline.points, outline.edges, outline.site)
     assert set(map(tuple, shared_out.tolist())) == set(map(tuple, alone.tolist()))
     assert checker.lower_bound(outline, start, cost, evidence) == bound
     more = replace(evidence, lift=evidence.lift + 1)
@@ -93,7 +93,7 @@ def test_shared_out_among_threads_the_checker_says_the_same(monkeypatch):
 
 def test_what_hides_goes_to_the_front():
     hiding = np.array([(1, 2), (3, 4), (5, 6), (7, 8)], np.int32)
-    visible_pairs._to_front(hiding, 2)
+    edges._to_front(hiding, 2)
     assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]
-    visible_pairs._to_front(hiding, 0)
+    edges._to_front(hiding, 0)
     assert hiding.tolist() == [[5, 6], [1, 2], [3, 4], [7, 8]]

@@ -5,17 +5,18 @@ import pytest
 import shapely
 
 from tests.triangulators.cases import glyphs, with_holes
+from tests.triangulators.touching import touching_polygons
 from triangulators import criteria
-from triangulators.certificate import linear_program, proof, skeleton
+from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import candidates_of, how_many
 from triangulators.certificate.certify import certificate_of
 from triangulators.certificate.extend_potentials import extend
-from triangulators.checking.units import weights_of
 from triangulators.certificate.local_minimality import exclude
 from triangulators.certificate.proof import prove
 from triangulators.certificate.sight import sight_of
-from triangulators.checking.units import units_for
-from triangulators.criteria.cost import cost_of
+from triangulators.certificate.skeleton import _ring_of
+from triangulators.checking.units import units_for, weights_of
+from triangulators.criteria.cost import cost_of, with_fields
 from triangulators.polygon import boundary, boundary_area
 from triangulators.starting.starts import best_start
 
@@ -74,15 +75,40 @@ def test_no_triangulation_is_chosen_where_there_is_none(monkeypatch, sign):
     for polygon in holed()[:8]:
         proven(polygon, "half-perimeter")
     assert len(asked) >= 8
-    for candidates, weights, alive, cut in asked:
-        bare = np.flatnonzero(candidates.side)[-1]  # a side of the boundary without a triangle
-        rest = alive & ~(candidates.sides == bare).any(axis=1)
-        assert real(candidates, sign * weights, rest, cut) is None
-    for step in ("_fill_rest", "_fill"):
-        assert all(real(*each) is not None for each in asked)
-        monkeypatch.setattr(skeleton, step, lambda *_: False)
-        assert not any(real(*each) for each in asked)
-        monkeypatch.undo()
+    for candidates, left, cut, cost, units in asked:
+        assert real(candidates, left, cut, cost, units) is not None
+        bare = candidates.sides[
+            (candidates.sides == np.flatnonzero(candidates.side)[-1]).any(axis=1)
+        ]
+        rest = left.copy()  # without the diagonals that make triangles at a side of the boundary
+        rest[bare[candidates.side[bare] == 0]] = False
+        signed = with_fields(cost, weights=sign * cost["weights"])
+        assert real(candidates, rest, cut & rest, signed, units) is None
+
+
+def test_the_tables_potentials_hold_for_all_triangles_of_edges_that_remain(monkeypatch):
+    """Those that no triangulation has included; and a ring is met as often as it is cut."""
+    asked, real = [], proof.by_table
+
+    def noted(*arguments):
+        asked.append((*arguments, real(*arguments)))
+        return asked[-1][-1]
+
+    monkeypatch.setattr(proof, "by_table", noted)
+    for polygon in [*holed(), *touching_polygons(5, 40)]:
+        proven(polygon)
+    cuts = 0
+    for c, left, cut, cost, units, table in asked:
+        alive = left[c.sides].all(axis=1)
+        ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
+        around = (ahead * table.potentials[c.sides]).sum(axis=1)
+        weights = weights_of(c.points, c.triangles, cost, units)
+        assert (around[alive] <= weights[alive]).all()
+        total = weights_of(c.points, table.triangles, cost, units).sum()
+        assert (table.potentials * c.side).sum() == total
+        assert len(_ring_of(c, cut)) == 2 * cut.sum() + np.count_nonzero(c.side)
+        cuts += cut.sum()
+    assert cuts > 80
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])

@@ -21,9 +21,9 @@ from triangulators.gpu import engine
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
-from triangulators.optimum.many_rings import Batch, do_rings, polygon_of
 from triangulators.optimum.cut_holes import MOST_HOLES, by_cuts
 from triangulators.optimum.full_table import SMALL
+from triangulators.optimum.many_rings import Batch, do_rings, polygon_of
 from triangulators.registry import parse
 
 _CHUNK = 20_000

@@ -85,9 +85,7 @@ def _certified(
     return certificate_of(outline, corners, cost, proof.evidence())
 
 
-def _ring_evidence(
-    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
-) -> Evidence:
+def _ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Evidence:
     """Return evidence of the least that a triangulation of a polygon without holes costs.
 
     triangles: (m, 3), any triangulation of it, between sites; units: those of the claim. The costs

@@ -91,7 +91,7 @@ class _Best:
         light = self.weights / self.units.factor
         if asked:
             program = Program(c, light, alive, self.best)
-            found = self._tried(alive, program.by_interior_point(seconds))
+            found = self._tried(alive, program.solve(seconds))
             if self._is_proof(*found):
                 return found
         else:
@@ -102,7 +102,7 @@ class _Best:
             self.offer(better)
         if asked and not self._is_proof(*found):
             program = Program(c, light, alive, self.best)
-            again = self._tried(alive, program.by_simplex(seconds))
+            again = self._tried(alive, program.solve(seconds, at_a_corner=True))
             found = max(found, again, key=lambda each: self._bound(*each))
         return found
 

@@ -1,6 +1,6 @@
 """The optimum for the half-perimeter in compute shaders, for many rings of up to 64 corners.
 
-The recurrence is that of `optimum.small_ring` in int32, and the results are those of the CPU,
+The recurrence is that of `optimum.full_table` in int32, and the results are those of the CPU,
 triangle for triangle: ties are broken alike. What a device does not do (polygons with holes, off
 the grid, of more than 64 vertices), and what one that fails leaves undone, is left to the CPU.
 

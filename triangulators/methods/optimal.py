@@ -19,9 +19,9 @@ from triangulators.criteria.cost import cost_of, evaluate, with_fields
 from triangulators.errors import Skipped
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import on_grid
-from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.optimum.best_way import TABLE_ONLY, optimum, quick_optimum
 from triangulators.optimum.full_table import box_of, grid_unit
+from triangulators.optimum.local_search import PIECE, search_cuts, sweep_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.starting.starts import best_start, ring_triangulation
 

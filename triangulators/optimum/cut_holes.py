@@ -21,7 +21,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.simd import FAST, fmin
 from triangulators.geometry.order import walk_of
 from triangulators.geometry.predicates import FILTER
-from triangulators.optimum.full_table import SMALL, box_of, grid_unit, by_full_table, weight
+from triangulators.optimum.full_table import SMALL, box_of, by_full_table, grid_unit, weight
 
 MOST_HOLES = 3
 _MOST_CUTS = 250  # rings to triangulate at most
@@ -29,9 +29,7 @@ _NEAR = 1e-9  # of the span: rings nearer than that are left to those who know w
 
 
 @njit(nogil=True)
-def by_cuts(
-    points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np.ndarray
-) -> bool:
+def by_cuts(points: np.ndarray, ends: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> bool:
     """Triangulate a polygon with holes at least cost; False if that is not for here.
 
     points (n, 2): rings that end at `ends` (h + 1,), the exterior first, of either winding; box:

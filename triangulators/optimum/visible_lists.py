@@ -257,9 +257,7 @@ def _cost_in(i: int, k: int, j: int, how: tuple[np.ndarray, Cost]) -> float:
 
 
 @njit
-def _weight_in(
-    i: int, k: int, j: int, how: tuple[np.ndarray, np.ndarray, Cost, Units]
-) -> np.int64:
+def _weight_in(i: int, k: int, j: int, how: tuple[np.ndarray, np.ndarray, Cost, Units]) -> np.int64:
     points, ring, cost, units = how
     return weight(points, ring[i], ring[k], ring[j], cost, units)
 
@@ -281,9 +279,7 @@ def _by_boxes(
 
 
 @njit(nogil=True)
-def _by_any(
-    start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
-) -> np.ndarray:
+def _by_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
     how = (points, cost)
     filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_any, how)
     return _trace(start, target, filled, FLOAT, _cost_in, how)

@@ -1,7 +1,7 @@
 // The optimum of a ring of n <= MOST corners: one workgroup, the whole table in shared memory.
 //
 // Pairs (i, i + d) are done by ascending d, a lane for each i; a barrier separates two d. An apex
-// counts where the triangle turns left, as in small_ring.py, so no visibility is needed.
+// counts where the triangle turns left, as in full_table.py, so no visibility is needed.
 //
 // The table. cost(i, i + d) is at row d, column i: lanes side by side read i + d, k = i + m, m and
 // d - m as words side by side, whatever m is. Row d has n - d pairs, so its other d columns are
@@ -9,7 +9,7 @@
 // fill one square and need no packing: 64 * 64 * 4 bytes are half of what OpenGL guarantees.
 //
 // Ties. Apexes are tried in ascending order and replaced only by a lower sum: the lowest apex of
-// least sum wins, as small_ring's way back has it.
+// least sum wins, as full_table's way back has it.
 layout(local_size_x = LANES) in;
 
 layout(std430, binding = 0) readonly buffer Corners { ivec2 corners[]; };
