@@ -13,6 +13,7 @@ from harness.measuring.server import MARK
 from harness.measuring.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating.frames import warm_up
 from harness.triangulating.recipes import parse
+from triangulators.batch import triangulate_many  # noqa: F401 - for the workers
 from triangulators.compute.storing import NotKept, only_kept
 
 

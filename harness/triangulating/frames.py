@@ -17,11 +17,11 @@ from harness.frame import Frame
 from harness.machine.system import cpu_clock
 from harness.triangulating.cached import Lookup
 from harness.triangulating.recipes import Recipe
-from triangulators import Skipped, vertices
 from triangulators.batch.doubtful import doubtful
-from triangulators.batch.triangulate_many import ragged
+from triangulators.batch.ragged import ragged
 from triangulators.criteria import predict
-from triangulators.errors import MOST_TRACED, shortened, told_of
+from triangulators.errors import MOST_TRACED, Skipped, shortened, told_of
+from triangulators.polygon import vertices
 from triangulators.verify import verify
 
 

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError, did_you_mean
-from triangulators import UnknownName, criteria, full_name, registry, triangulate_with_gap, vertices
-from triangulators.batch.triangulate_many import Ragged, attempt_many
-from triangulators.errors import in_short
-from triangulators.methods.optimal import LIMIT
+import triangulators
+from triangulators import criteria, registry
+from triangulators.batch.ragged import Ragged
+from triangulators.errors import UnknownName, in_short
 
 NUMBER, UPRIGHT = "#", "@0"
 
@@ -118,6 +118,8 @@ class Recipe:
         count = len(arrays.polygon_ends)
         if not self.builtin:
             return [], np.zeros(count, np.bool_)
+        from triangulators.batch.triangulate_many import attempt_many  # where it is run
+
         return attempt_many(arrays, self.base, threads=1, **self._arguments)
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
@@ -132,11 +134,13 @@ class Recipe:
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
             return None
-        return 0.0 if len(vertices(polygon)) <= LIMIT else math.inf
+        from triangulators.methods.optimal import LIMIT  # where it is run
+
+        return 0.0 if len(triangulators.vertices(polygon)) <= LIMIT else math.inf
 
     def triangulate_with_gap(self, polygon: Polygon) -> tuple[NDArray[np.int32], float | None]:
         """Return what `triangulators.triangulate_with_gap` does, and raise what it raises."""
-        return triangulate_with_gap(polygon, self.base, **self._arguments)
+        return triangulators.triangulate_with_gap(polygon, self.base, **self._arguments)
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
@@ -162,7 +166,7 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
         return Recipe(ORIGINAL)
     if base.partition(":")[0] in registry.BUILTIN or ":" not in base:
         try:
-            base = full_name(base)
+            base = registry.full_name(base)
         except UnknownName as error:
             raise UsageError(str(error)) from error
     else:
