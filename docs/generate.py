@@ -190,7 +190,7 @@ PUBLIC = {
         "harness.stored.folder.read_arrays",
         "harness.stored.drawings.read",
         "harness.figures.registry.Figure",
-        "harness.figures.ratios.paired_ratio",
+        "harness.figures.intervals.paired_ratio",
         "harness.report.write_report",
     ],
     "Errors": ["harness.errors"],

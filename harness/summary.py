@@ -13,7 +13,7 @@ from rich.text import Text
 
 from harness.figures import views
 from harness.figures.groups import base_of, groups, time_ratio
-from harness.figures.ratios import FASTER, SLOWER, UNDECIDED
+from harness.figures.intervals import FASTER, SLOWER, UNDECIDED
 from harness.figures.registry import (
     LEAST,
     METRICS,

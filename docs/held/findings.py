@@ -7,7 +7,7 @@ import operator
 from docs.held import Held, Sentence, Table, flips, profiles, simulated, tables
 from docs.held.lookups import matched, percent, three, two
 from docs.held.others import states
-from harness.figures.ratios import RUN_SCATTER
+from harness.figures.intervals import RUN_SCATTER
 
 FIRST: list[Held] = [
     simulated.IN_SHORT,

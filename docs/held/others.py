@@ -12,7 +12,7 @@ from docs.held.lookups import (
     some,
     text,
 )
-from harness.figures.ratios import RUN_SCATTER
+from harness.figures.intervals import RUN_SCATTER
 from scripts.studies import states as studied
 
 

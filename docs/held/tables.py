@@ -20,7 +20,7 @@ from docs.held.lookups import (
     whole,
 )
 from docs.held.others import alarms
-from harness.figures.ratios import Ratio, of_any_run
+from harness.figures.intervals import Ratio, of_any_run
 from harness.study.regret import why_no_interval
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}

@@ -14,9 +14,9 @@ def doctor() -> None:
     """Check devices, drivers, extensions and timers; say how to repair what does not work."""
     from harness import rasterisers
     from harness.doctor import examine
-    from harness.rasterisers import probing
+    from harness.rasterisers import devices
 
-    probing.forget()
+    devices.forget()
     console = Console(highlight=False)
     findings = examine()
     width = max(len(finding.name) for finding in findings)

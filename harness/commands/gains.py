@@ -32,7 +32,7 @@ def gains(
     """Compare each triangulator's time with the bases', in all views; say which one was faster."""
     import pandas as pd
 
-    from harness.figures import processors
+    from harness.figures import groups
     from harness.stored import atomic
     from harness.stored.folder import read_run
     from harness.study import gains as study
@@ -40,7 +40,7 @@ def gains(
 
     wanted = [str(recipe) for recipe in parse_all(bases)]
     read = [read_run(path) for path in runs]
-    table = study.gain_table([run.records for run in processors.apart(read)], wanted)
+    table = study.gain_table([run.records for run in groups.by_processor(read)], wanted)
     if table.empty:
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     orders = [p for n in wanted if len(p := study.by_order(table, n).assign(base=n))]
@@ -49,8 +49,8 @@ def gains(
         table.to_csv(made / "gains.csv", index=False, float_format="%.5g")
         if orders:
             pd.concat(orders).to_csv(made / "orders.csv", index=False, float_format="%.4g")
-    if mixed := processors.several(read):
-        typer.echo(f"several processors, whose times stay apart: {processors.words(mixed)}")
+    if mixed := groups.several_processors(read):
+        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
     if orders:
         _say_orders(orders[0])
     for name in wanted:

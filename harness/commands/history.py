@@ -55,7 +55,7 @@ def history(
     shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
     --all. Studies are left out: they measure each case once.
     """
-    from harness.figures import processors
+    from harness.figures import groups
     from harness.figures.words import count
     from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.plots import plot_history
@@ -79,8 +79,8 @@ def history(
     for run in runs:
         for problem in run.problems:
             typer.echo(f"warning: {problem}")
-    if mixed := processors.several(runs):
-        typer.echo(f"several processors, whose times stay apart: {processors.words(mixed)}")
+    if mixed := groups.several_processors(runs):
+        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
     for line in changes(runs, shown):
         typer.echo(line)
     left = len(series) - len(shown)

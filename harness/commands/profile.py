@@ -41,7 +41,7 @@ def profile(
     minimises (run --profile FILE); a picture lies beside it.
     """
     from harness import rasterisers
-    from harness.machine.processor import processor
+    from harness.machine.environment import processor
     from harness.measuring.processes import Backend, Bench
     from harness.measuring.worker import Worker
     from harness.profile import design, measured

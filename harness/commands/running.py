@@ -15,8 +15,7 @@ import typer
 from rich.console import Console
 
 from harness.errors import INTERRUPTED, Inconclusive, NothingMeasured, UsageError
-from harness.figures.groups import base_of, groups
-from harness.figures.processors import machine_words
+from harness.figures.groups import base_of, groups, machine_words
 from harness.figures.verdict import COVERED
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.plan import Plan

@@ -34,7 +34,7 @@ from harness.compare.model import (
     Verdict,
 )
 from harness.compare.settings import Settings, require_known
-from harness.figures import processors
+from harness.figures import groups
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.figures.run_state import state_of
 from harness.machine.environment import commit_of
@@ -210,7 +210,7 @@ def _notes(base: Run, head: Run, machines_differ: bool) -> list[str]:
             "the runs are of different machines: times are relative to the other cases, or to the "
             "reference draw, of their own run"
         )
-    for device, kinds in processors.several([base, head]).items():
+    for device, kinds in groups.several_processors([base, head]).items():
         notes.append(
             f"{device} draws on the processor, and the runs are of different ones "
             f"({', '.join(kinds)}): ratios of times differ between them by some per cent"

@@ -15,7 +15,7 @@ from typing import Any
 
 from harness.compare.model import CaseName
 from harness.errors import UsageError
-from harness.machine.processor import label_of, same
+from harness.machine.environment import label_of, same
 from harness.stored.folder import Record, Run
 from harness.stored.schema import USUAL_OPTIONS
 

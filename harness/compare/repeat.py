@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from harness.figures.groups import group_of, groups, time_ratio, without_twins
-from harness.figures.ratios import UNDECIDED
+from harness.figures.intervals import UNDECIDED
 from harness.stored.folder import Record
 
 

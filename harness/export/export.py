@@ -22,7 +22,7 @@ from harness.export.geo import GeoJsonWriter, GeoParquetWriter
 from harness.export.gltf import GltfWriter
 from harness.export.mesh import Batch
 from harness.export.writers import About, NpzWriter, ObjWriter, Writer
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 from scenes import load
 from scenes.cleaning.clean import Cleaned
 from scenes.files import Chunk, read_chunks

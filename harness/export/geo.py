@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.export.mesh import Mesh
 from harness.export.writers import About, plain
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 from scenes.cleaning.projection import system
 from scenes.spec import install
 

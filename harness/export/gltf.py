@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.export.mesh import Mesh, with_z
 from harness.export.writers import About, append, plain
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963

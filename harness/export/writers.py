@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.export.mesh import Mesh, with_z
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 from scenes.cleaning.projection import Projection
 
 

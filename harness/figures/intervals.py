@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,3 +132,146 @@ def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> N
 def median_over(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return `median_interval` of one value a polygon; `UNKNOWN` for fewer than `FEWEST`."""
     return UNKNOWN if len(values) < FEWEST else median_interval(values.tolist())
+
+
+Verdict = Literal["faster", "slower", "no difference shown"]
+FASTER: Final = "faster"
+SLOWER: Final = "slower"
+UNDECIDED: Final = "no difference shown"
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Time of one drawing over that of another, with its 95 % confidence interval.
+
+    rounds : that it rests on
+    quiet : whether the run's state lets times show anything
+    """
+
+    value: float
+    low: float
+    high: float
+    rounds: int
+    quiet: bool = True
+
+    @classmethod
+    def of_counts(cls, count: int, base: int) -> Ratio:
+        """Return the ratio of times that are counts, which no other run would find another."""
+        value = count / base if base else 1.0
+        return cls(value, value, value, 1)
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is of counts."""
+        return self.low == self.high and self.rounds == 1
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the interval shows of the first drawing against the second."""
+        if not self.quiet:
+            return UNDECIDED
+        return FASTER if self.high < 1 else SLOWER if self.low > 1 else UNDECIDED
+
+
+RUN_SCATTER = 0.003
+"""Standard deviation by which the log ratio of two drawings moves from one run to the next, with
+the machine in one state, beyond what its rounds and epochs show: each process lays out its memory
+anew, and neighbours on a host come and go. 20 equal runs told it (docs/findings.md, "How far to
+trust this"); other runs, in four processes each, and runs on another CPU were tested with it."""
+
+FEWEST_EPOCHS = 4
+"""With fewer, how much epochs differ cannot be told."""
+
+
+FOLDS = 6
+"""Parts of rounds that were all timed in one epoch."""
+
+
+def blocks(times: Mapping[str, Any], rounds: int) -> list[NDArray[np.intp]]:
+    """Return the rounds of parts of a record's times that share as little as may be.
+
+    Processes where there were several, else epochs, else `FOLDS` parts whose rounds alternate.
+    """
+    for name, fewest in (("processes", 2), ("epochs", FEWEST_EPOCHS)):
+        parts = times.get(name) or []
+        if len(parts) >= fewest and sum(parts) == rounds:
+            return np.split(np.arange(rounds), np.cumsum(parts)[:-1])
+    folds = min(FOLDS, rounds)
+    return [np.arange(fold, rounds, folds) for fold in range(folds)]
+
+
+def paired_ratio(
+    samples: Sequence[float] | NDArray[np.float64],
+    base: Sequence[float] | NDArray[np.float64],
+    epochs: Sequence[int] | None = None,
+    processes: Sequence[int] | None = None,
+    kept: NDArray[np.bool_] | None = None,
+    among: int = 1,
+) -> Ratio:
+    """Return the ratio of `samples` to `base`; element r of both comes from round r.
+
+    A machine that slows down slows both drawings of a round, so its drift cancels. Where buffers
+    were created anew between epochs, each epoch gives the median of its rounds' log ratios. The
+    ratio is the mean of these, with Student's interval for the mean of that many independent
+    values: it holds what a drawing gains or loses by where its buffers lie, as well as the noise
+    of rounds. Where several processes did the same, what they differ by counts, too: each gives the
+    mean of its epochs, and Student's interval is that of as many values as there were processes.
+    With one process and fewer than `FEWEST_EPOCHS` it is the median of all rounds, with its exact
+    order-statistics interval, in which the place of the buffers is a constant that is not seen.
+
+    epochs, processes : rounds of each epoch and of each process, in order
+    kept : (r,) the rounds that count, all if None
+    among : ratios of which this is chosen by its value: the interval is one of as many that hold
+        all at once, by Sidak's inequality, which is exact for independent ones and wide for others
+
+    Raises
+    ------
+    ValueError
+        if the rounds do not match, or there are none
+    """
+    if len(samples) != len(base) or len(samples) == 0:
+        raise ValueError(f"{len(samples)} and {len(base)} samples are not rounds of one group")
+    ratios = np.asarray(samples, np.float64) / np.asarray(base, np.float64)
+    if kept is not None:
+        epochs, processes = _parts_of(kept, epochs), _parts_of(kept, processes)
+        ratios = ratios[kept]
+    count = len(ratios)
+    confidence = CONFIDENCE ** (1 / max(1, among))
+    ends = np.cumsum(epochs if epochs is not None and sum(epochs) == count else [count])
+    medians = np.array([np.median(part) for part in np.split(np.log(ratios), ends[:-1])])
+    if processes is not None and len(processes) > 1 and sum(processes) == count:
+        # An epoch belongs to the process in which it ended.
+        of = np.searchsorted(np.cumsum(processes), ends)
+        medians = np.array([medians[of == process].mean() for process in np.unique(of)])
+        return _of_logs(medians, count, confidence)
+    if len(medians) >= FEWEST_EPOCHS:
+        return _of_logs(medians, count, confidence)
+    low, high = median_interval(ratios.tolist(), confidence)
+    return Ratio(float(np.median(ratios)), low, high, len(ratios))
+
+
+def _parts_of(kept: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int] | None:
+    """Return how many rounds each part keeps, without those that keep none."""
+    if parts is None or sum(parts) != len(kept):
+        return None
+    left = [int(part.sum()) for part in np.split(kept, np.cumsum(parts)[:-1])]
+    return [rounds for rounds in left if rounds]
+
+
+def of_any_run(ratio: Ratio, among: int = 1) -> Ratio:
+    """Return a run's ratio with the interval in which another run, too, may find it.
+
+    Two independent errors: what the run's own interval tells, and `RUN_SCATTER`.
+
+    among : as of `paired_ratio`
+    """
+    middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
+    quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, among)) / 2)
+    reach = quantile * RUN_SCATTER
+    low, high = (middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach))
+    return replace(ratio, low=float(np.exp(low)), high=float(np.exp(high)))
+
+
+def _of_logs(logs: NDArray[np.float64], rounds: int, confidence: float) -> Ratio:
+    value, low, high = np.exp(student_interval(logs, confidence)).tolist()
+    return Ratio(value, low, high, rounds)

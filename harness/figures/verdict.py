@@ -14,8 +14,7 @@ from typing import Final, Literal
 import numpy as np
 
 from harness.figures.groups import base_of, time_ratio
-from harness.figures.intervals import student_interval
-from harness.figures.ratios import FASTER, SLOWER, Ratio, Verdict
+from harness.figures.intervals import FASTER, SLOWER, Ratio, Verdict, student_interval
 from harness.figures.registry import find, measures, value_of
 from harness.figures.run_state import QUIET, State
 from harness.rasterisers.counters import CYCLES

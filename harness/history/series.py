@@ -15,11 +15,11 @@ from harness.compare.matching import case_name, latest
 from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
-from harness.figures import processors
+from harness.figures import groups
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
 from harness.history.change_points import changes_of_exact, changes_of_noisy
-from harness.machine.processor import label_of
+from harness.machine.environment import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
 
 STUDIES = ("validate", "pareto")
@@ -146,10 +146,10 @@ def _cases(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
 
 def _on_their_processor(runs: Sequence[Run]) -> dict[CaseName, list[Record | None]]:
     """Return `_cases` with the processor as part of the content where it is the device."""
-    mixed = processors.several(runs)
+    mixed = groups.several_processors(runs)
 
     def told(run: Run, record: Record) -> Record:
-        if record.get("device") not in mixed or not processors.of_cpu(run, record):
+        if record.get("device") not in mixed or not groups.of_cpu(run, record):
             return record
         return {**record, "scene_hash": f"{record.get('scene_hash')} on {label_of(run.facts)}"}
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.machine import system
-from harness.machine.processor import processor
+from harness.machine.environment import processor
 
 FILE = "reference-draws.json"
 

@@ -20,7 +20,7 @@ from harness.errors import NothingMeasured, UsageError
 from harness.figures.run_state import judge
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
 from harness.machine import environment, system
-from harness.machine.processor import label_of, processor, same
+from harness.machine.environment import label_of, processor, same
 from harness.machine.state import default_path, reference_draws
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.plan import Plan

@@ -8,7 +8,7 @@ which later tell how much of a time is overhead and how fast the machine was.
 Where a drawing's buffers lie in memory makes it some tenths of a per cent faster or slower, and no
 number of rounds averages that out. So the rounds are split into epochs. Before each, all drawings
 are given up and prepared anew in another random order. What is said of a ratio then rests on how
-much it differs between epochs (`harness.figures.ratios`). Sources: T. Kalibera and R. Jones,
+much it differs between epochs (`harness.figures.intervals`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
 """
@@ -25,8 +25,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from harness.figures.intervals import median_interval
-from harness.figures.ratios import paired_ratio
+from harness.figures.intervals import median_interval, paired_ratio
 from harness.figures.run_state import ENOUGH, undisturbed
 from harness.machine import system
 from harness.measuring.settings import TimingSettings

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
 

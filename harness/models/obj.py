@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.models.flat_faces import Mesh, Part, tolerance_of
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (

@@ -21,7 +21,7 @@ from harness.models.diagonals import outlines, shapes
 from harness.models.flat_faces import Part, flat_faces
 from harness.models.in_place import opened
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
-from harness.rasterisers.depth import DEEPEST
+from harness.rasterisers.spans import DEEPEST
 from scenes.scene import Scene, SceneError, Viewing
 from scenes.spec import arguments_for, parsed
 

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from harness.errors import UsageError
-from harness.figures.groups import base_of, groups, time_ratio
+from harness.figures.groups import base_of, groups, of_cpu, time_ratio
 from harness.figures.polygons import rank_correlation
-from harness.figures.processors import of_cpu
 from harness.figures.registry import predictions
-from harness.machine.processor import label_of, same
+from harness.machine.environment import label_of, same
 from harness.stored import atomic
 from harness.stored.folder import Record, Run
 from harness.webpages.single_file import write_whole

@@ -15,7 +15,7 @@ from pydantic import Field, StringConstraints
 from pydantic import model_validator as validator
 
 from harness.errors import UsageError
-from harness.figures.ratios import FEWEST_EPOCHS
+from harness.figures.intervals import FEWEST_EPOCHS
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
 from harness.page.saved import Finite, Part, Share, Text, Whole

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL
 from harness.profile.design import Draw
-from harness.rasterisers import binning, reference
+from harness.rasterisers import reference
 
 COARSE = 16
 """Side in px of the tiles in which a rasteriser may walk small triangles in another way than large
@@ -95,7 +95,7 @@ def counters(draw: Draw) -> dict[str, int]:
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     most = COARSE * SUBPIXEL
-    tiles = binning.predict(points, triangles)["tiles_64_exact"]
+    tiles = reference.predict(points, triangles)["tiles_64_exact"]
     sums = {name: int(values.sum()) for name, values in each.items()}
     return {
         "triangles": len(triangles),

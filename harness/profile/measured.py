@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
-from harness.figures.ratios import FEWEST_EPOCHS, Ratio, paired_ratio
+from harness.figures.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.settings import TimingSettings

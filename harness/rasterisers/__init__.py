@@ -43,7 +43,7 @@ BUILT_IN = {
     "osmesa": "harness.rasterisers.osmesa:OSMesa",
     "bounding-box": "harness.rasterisers.compute:BoundingBox",
     "scanline": "harness.rasterisers.compute:Scanline",
-    "binning": "harness.rasterisers.binning:Binning",
+    "binning": "harness.rasterisers.reference:Binning",
     "webgpu": "harness.rasterisers.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",

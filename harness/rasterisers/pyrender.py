@@ -29,8 +29,8 @@ from harness.rasterisers.base import (
     Stopwatch,
     Triangles,
 )
-from harness.rasterisers.depth import DEEPEST
 from harness.rasterisers.reference import colours
+from harness.rasterisers.spans import DEEPEST
 from scenes.spec import install
 from triangulators.devices import is_software, matches
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from harness.machine.environment import commit_of
-from harness.machine.processor import label_of
+from harness.machine.environment import commit_of, label_of
 from harness.stored.folder import Run
 
 Row = tuple[str, str, str]

@@ -23,8 +23,8 @@ from harness.scaling.parts import Cut, Part, by_rows, cut_all, files
 from harness.scaling.task_queue import Crew, work_through
 from harness.scaling.triangulated import do_part, read_done
 from harness.stored import atomic
+from harness.stored.atomic import BEGUN
 from harness.stored.folder import clear_errors
-from harness.stored.output import BEGUN
 from scenes.slices import Slices
 
 MANIFEST = "manifest.json"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import UsageError
-from harness.figures import processors
+from harness.figures import groups
 from harness.measuring.plan import Case
 from harness.stored import drawings
 from harness.stored.folder import POLYGONS, Record, Run, Store, file_stem, read_arrays
@@ -150,9 +150,9 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
 
 
 def _refuse_other_processors(runs: Sequence[Run]) -> None:
-    if mixed := processors.several(runs):
+    if mixed := groups.several_processors(runs):
         raise UsageError(
-            f"times of a software rasteriser are the processor's: {processors.words(mixed)}; "
+            f"times of a software rasteriser are the processor's: {groups.processor_words(mixed)}; "
             "keep the runs apart with --hosts"
         )
 

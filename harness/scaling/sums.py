@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.scaling.part_files import Done, lasting
+from harness.stored.atomic import Output
 from harness.stored.folder import UNREADABLE
-from harness.stored.output import Output
 
 COUNTED = ("fragments", "quads", "helper_lanes", "blocks", "bbox_tests", "triangles")
 PREDICTED = ("half_perimeter", "overdraw")

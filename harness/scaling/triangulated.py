@@ -13,7 +13,7 @@ from harness.export.export import Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
 from harness.scaling.parts import Part
-from harness.stored.output import Output
+from harness.stored.atomic import Output
 from scenes.files import read_chunks
 
 FOOTER = "raster_harness_part"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from harness.figures.groups import group_of, groups, time_ratio
-from harness.figures.ratios import FASTER
+from harness.figures.intervals import FASTER
 from harness.figures.registry import find
 from harness.pictures.style import draw, looks
 from harness.stored.folder import Record

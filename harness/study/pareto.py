@@ -21,8 +21,8 @@ from rich.console import Console
 
 from harness.errors import UsageError
 from harness.figures.groups import groups, time_ratio
+from harness.figures.intervals import FASTER, SLOWER
 from harness.figures.polygons import PREDICTED, columns_of
-from harness.figures.ratios import FASTER, SLOWER
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
 from harness.pictures.style import draw, legend_below, looks, panels, plain_table

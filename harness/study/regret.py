@@ -22,9 +22,8 @@ import pandas as pd
 from rich.console import Console
 
 from harness.figures.groups import groups
-from harness.figures.intervals import FEWEST, UNKNOWN, mean_interval
+from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
-from harness.figures.ratios import blocks
 from harness.figures.registry import find, measures, predictions
 from harness.pictures.style import COLOURS, draw, family_of, plain_table
 from harness.stored.folder import Record

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.machine.environment import cpu_name
+from harness.machine.environment import processor
 from harness.triangulating import database
 from triangulators.polygon import rings_of
 
@@ -41,7 +41,7 @@ class Lookup:
         self.notes: list[str] = []
         self._name = name
         # A time of another machine would be a lie about this one.
-        self._parameters = {**parameters, "cpu": cpu_name()}
+        self._parameters = {**parameters, "cpu": processor()["name"]}
         self._database: database.ModelDatabase | None = None
         self._keys: list[bytes] = []
         self._fresh: list[tuple[bytes, database.Timed]] = []

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import UsageError, did_you_mean
 import triangulators
+from harness.errors import UsageError, did_you_mean
 from triangulators import criteria, registry
 from triangulators.batch.ragged import Ragged
 from triangulators.errors import UnknownName, in_short

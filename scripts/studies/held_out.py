@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured
-from harness.figures.ratios import paired_ratio
+from harness.figures.intervals import paired_ratio
 from harness.frame import Frame, View, make_frame
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import EMPTY, REFERENCE, TimingSettings

@@ -21,8 +21,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.figures.intervals import CONFIDENCE, UNKNOWN, mean_interval, ratio_interval
-from harness.figures.ratios import RUN_SCATTER, of_any_run, paired_ratio
+from harness.figures.intervals import (
+    CONFIDENCE,
+    RUN_SCATTER,
+    UNKNOWN,
+    mean_interval,
+    of_any_run,
+    paired_ratio,
+    ratio_interval,
+)
 from harness.study.correlations import by_polygon, median_estimate
 from harness.study.regret import regret_ends, regret_interval
 

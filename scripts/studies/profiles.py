@@ -38,8 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.figures.intervals import mean_interval
-from harness.figures.ratios import Ratio
+from harness.figures.intervals import Ratio, mean_interval
 from harness.frame import on_coarser_grid
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from harness.figures.groups import time_ratio
-from harness.machine.processor import label_of
+from harness.machine.environment import label_of
 from harness.stored.folder import Record, read_run
 
 BASE = "ear-clipping"

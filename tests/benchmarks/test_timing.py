@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.figures.ratios import Ratio, paired_ratio
+from harness.figures.intervals import Ratio, paired_ratio
 from harness.frame import Frame, View, bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings

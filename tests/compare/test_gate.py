@@ -18,7 +18,7 @@ from harness.compare.outputs import to_json, to_junit, to_markdown
 from harness.compare.settings import Settings
 from harness.compare.times import decide
 from harness.compare.wording import groups, headline
-from harness.rasterisers.binning import Binning
+from harness.rasterisers.reference import Binning
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import (
     TRIANGULATORS,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.figures.ratios import RUN_SCATTER
+from harness.figures.intervals import RUN_SCATTER
 from harness.figures.verdict import BreakEven, break_even
 from tests.harness.test_summary import printed, record
 

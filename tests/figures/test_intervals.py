@@ -9,14 +9,16 @@ from hypothesis import strategies as st
 from scipy.stats import quantile_test
 
 from harness.figures import intervals
-from harness.figures.intervals import mean_interval, median_interval, median_over
-from harness.figures.ratios import (
+from harness.figures.intervals import (
     FASTER,
     RUN_SCATTER,
     SLOWER,
     UNDECIDED,
     Ratio,
     blocks,
+    mean_interval,
+    median_interval,
+    median_over,
     of_any_run,
     paired_ratio,
 )

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.figures.processors import apart, machine_words, of_cpu, several, words
+from harness.figures.groups import (
+    by_processor,
+    machine_words,
+    of_cpu,
+    processor_words,
+    several_processors,
+)
 from harness.stored.folder import Run
 
 
@@ -45,11 +51,11 @@ def runs_of(*labels: str) -> list[Run]:
 
 def test_only_what_processors_were_timed_on_is_kept_apart():
     runs = runs_of("Xeon", "EPYC")
-    mixed = several(runs)
+    mixed = several_processors(runs)
     assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
-    assert words(mixed) == "llvmpipe on EPYC, Xeon"
-    assert several(runs[:1]) == {}
-    found = [[record["device"] for record in run.records] for run in apart(runs)]
+    assert processor_words(mixed) == "llvmpipe on EPYC, Xeon"
+    assert several_processors(runs[:1]) == {}
+    found = [[record["device"] for record in run.records] for run in by_processor(runs)]
     assert found == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
 
 
@@ -57,7 +63,7 @@ def test_a_device_of_that_name_that_no_processor_draws_on_keeps_it():
     runs = runs_of("Xeon", "EPYC")
     facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
     real = Run(Path("run"), facts, runs[0].records)
-    assert apart([*runs, real])[2].records == real.records
+    assert by_processor([*runs, real])[2].records == real.records
 
 
 def test_a_run_says_which_processor_its_times_are_of():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from harness.figures.ratios import of_any_run, paired_ratio
+from harness.figures.intervals import of_any_run, paired_ratio
 from harness.figures.run_state import (
     DISTURBED,
     ENOUGH,

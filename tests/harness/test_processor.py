@@ -10,9 +10,9 @@ import pytest
 
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
-from harness.figures import processors
+from harness.figures import groups
 from harness.history import read_series
-from harness.machine import processor
+from harness.machine import environment
 from harness.scaling import merging
 from harness.stored.folder import Run, read_run
 from tests.compare.runs import write_run
@@ -48,9 +48,9 @@ def test_a_processor_is_named_by_what_its_code_depends_on(
 ):
     file = tmp_path / "cpuinfo"
     file.write_text(text)
-    monkeypatch.setattr(processor, "CPUINFO", file)
+    monkeypatch.setattr(environment, "CPUINFO", file)
     monkeypatch.setattr("platform.processor", lambda: "")
-    found = processor.processor.__wrapped__()
+    found = environment.processor.__wrapped__()
     assert (found["label"], found["stepping"]) == (label, stepping)
 
 
@@ -60,17 +60,17 @@ def test_caches_are_told_in_bytes(tmp_path):
         place.mkdir()
         for name, value in (("level", level), ("type", kind), ("size", size)):
             (place / name).write_text(f"{value}\n")
-    assert dict(processor._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
+    assert dict(environment._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
 
 
 def test_a_run_that_tells_less_is_of_the_same_processor():
-    assert processor.same("AMD EPYC", EPYC)
-    assert processor.same("", EPYC)
-    assert not processor.same(XEON, EPYC)
-    assert processor.differ(["AMD EPYC", EPYC]) == []
-    assert processor.differ(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
-    assert processor.label_of({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
-    assert processor.label_of({"cpu": "damaged", "environment": 3}) == ""
+    assert environment.same("AMD EPYC", EPYC)
+    assert environment.same("", EPYC)
+    assert not environment.same(XEON, EPYC)
+    assert environment.differ(["AMD EPYC", EPYC]) == []
+    assert environment.differ(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert environment.label_of({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
+    assert environment.label_of({"cpu": "damaged", "environment": 3}) == ""
 
 
 @pytest.fixture
@@ -86,17 +86,17 @@ def two(tmp_path) -> list[Run]:
 
 
 def test_devices_get_the_processors_name_where_there_are_several(two):
-    assert processors.several(two) == {"llvmpipe": [EPYC, XEON]}
-    devices = [{record["device"] for record in run.records} for run in processors.apart(two)]
+    assert groups.several_processors(two) == {"llvmpipe": [EPYC, XEON]}
+    devices = [{record["device"] for record in run.records} for run in groups.by_processor(two)]
     assert devices == [{f"llvmpipe ({EPYC})"}, {f"llvmpipe ({XEON})"}]
     alike = [two[0], replace(two[1], facts=two[0].facts)]
-    assert processors.several(alike) == {}
-    assert processors.apart(alike)[1].records == two[1].records
+    assert groups.several_processors(alike) == {}
+    assert groups.by_processor(alike)[1].records == two[1].records
 
 
 def test_counters_and_gpus_may_be_of_any_processor(two):
     counted = [replace(r, records=[{**e, "time": None} for e in r.records]) for r in two]
-    assert processors.several(counted) == {}
+    assert groups.several_processors(counted) == {}
     details = {"opengl on gpu0": {"details": {"renderer": "NVIDIA H100"}}}
     gpus = [
         replace(
@@ -106,7 +106,7 @@ def test_counters_and_gpus_may_be_of_any_processor(two):
         )
         for run in two
     ]
-    assert processors.several(gpus) == {}
+    assert groups.several_processors(gpus) == {}
 
 
 def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):

@@ -18,7 +18,7 @@ from shapely import Polygon, box
 from harness import rasterisers
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import Frame, bare_frame
-from harness.machine.processor import processor
+from harness.machine.environment import processor
 from harness.measuring import processes, tasks
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend, Bench

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import sem, t
 
-from harness.figures.intervals import median_interval
-from harness.figures.ratios import paired_ratio
+from harness.figures.intervals import median_interval, paired_ratio
 from harness.measuring.timing import (
     EMPTY,
     MIN_ROUNDS,

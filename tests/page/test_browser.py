@@ -224,7 +224,7 @@ def test_a_timers_step_is_found(browser, page):
 
 def test_figures_equal_ours(browser, page):
     """The page's interval is Python's, to what the expansion of Student's quantile leaves out."""
-    from harness.figures.ratios import of_any_run, paired_ratio
+    from harness.figures.intervals import of_any_run, paired_ratio
 
     browser.open(page, MEASURED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from harness.errors import BAD_INPUT
-from harness.figures.intervals import mean_interval
-from harness.figures.ratios import Ratio
+from harness.figures.intervals import Ratio, mean_interval
 from harness.measuring.timing import EMPTY, Times
 from harness.page.profile_data import STEPS
 from harness.profile import design, law

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.figures.ratios import Ratio
+from harness.figures.intervals import Ratio
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import law, measured
 from harness.profile.counted import TERMS

@@ -12,7 +12,7 @@ from shapely import Polygon, box
 from harness.errors import UsageError
 from harness.frame import WHOLE
 from harness.rasterisers import Options, find_device, get
-from harness.rasterisers.binning import TILES, count_tiles
+from harness.rasterisers.reference import TILES, count_tiles
 
 corner = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
     *[st.integers(0, 4).map(lambda v: v * 16)] * 2

@@ -11,7 +11,7 @@ import pytest
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
-from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names, probing
+from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names
 from triangulators.devices import matches
 
 
@@ -119,7 +119,7 @@ def test_the_first_recipe_that_works_counts(monkeypatch):
     ways = [devices.egl_kind("zink", {"WAY": way}) for way in ("first", "second", "second")]
     monkeypatch.setattr(devices, "_egl_kinds", lambda: ways)
     monkeypatch.setattr(
-        probing, "ask", lambda asked: [answers[each.environment["WAY"]] for each in asked]
+        devices, "ask", lambda asked: [answers[each.environment["WAY"]] for each in asked]
     )
     found, problems = devices.of_egl.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in found] == [("zink", "second")]
@@ -132,7 +132,7 @@ def test_two_gpus_are_numbered(monkeypatch):
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
     monkeypatch.setattr(devices, "_egl_kinds", lambda: [devices.egl_kind("gpu", {})])
-    monkeypatch.setattr(probing, "ask", lambda asked: [{"devices": cards, "problems": []}])
+    monkeypatch.setattr(devices, "ask", lambda asked: [{"devices": cards, "problems": []}])
     found, problems = devices.of_egl.__wrapped__()
     assert [(d.name, d.details["egl_index"], d.software) for d in found] == [
         ("gpu0", 0, False),
@@ -145,7 +145,7 @@ def test_a_driver_that_hangs_or_dies_is_a_problem_and_not_the_end(monkeypatch, t
     hangs, dies = tmp_path / "hangs.py", tmp_path / "dies.py"
     hangs.write_text("import time; time.sleep(60)")
     dies.write_text("import sys; sys.exit('segmentation fault')")
-    monkeypatch.setattr(probing, "PROBE_SECONDS", 0.5)
+    monkeypatch.setattr(devices, "PROBE_SECONDS", 0.5)
     for program, problem in ((hangs, "no answer within"), (dies, "segmentation fault")):
         monkeypatch.setattr(devices, "PROBE", program)
         found, problems = devices.of_egl.__wrapped__()
@@ -170,35 +170,35 @@ def times_asked(program: Path) -> int:
 
 
 def test_an_answer_is_kept_until_drivers_or_variables_change(program, monkeypatch, tmp_path):
-    monkeypatch.setattr(probing, "ROOT", tmp_path)
+    monkeypatch.setattr(devices, "ROOT", tmp_path)
     (drivers := tmp_path / "usr/share/vulkan/icd.d").mkdir(parents=True)
-    question = probing.Question(program, ("a",), {})
+    question = devices.Question(program, ("a",), {})
     for _ in range(3):
-        assert probing.ask([question])[0]["devices"] == [{"renderer": "x"}]
+        assert devices.ask([question])[0]["devices"] == [{"renderer": "x"}]
     assert times_asked(program) == 1
     os.utime(drivers, (1, 1))
-    probing.ask([question])
+    devices.ask([question])
     assert times_asked(program) == 2
     monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
-    probing.ask([question])
+    devices.ask([question])
     assert times_asked(program) == 3
-    probing.ask(
+    devices.ask(
         [question._replace(environment={"OTHER": "1"}), question._replace(arguments=("b",))]
     )
     assert times_asked(program) == 5
-    probing.forget()
-    probing.ask([question])
+    devices.forget()
+    devices.ask([question])
     assert times_asked(program) == 6
 
 
 def test_what_is_damaged_or_failed_is_asked_again(program, tmp_path):
-    question = probing.Question(program, ("a",), {})
+    question = devices.Question(program, ("a",), {})
     for damaged in ("", "[]", '{"x": 1}', '{"x": {"devices": 1}}'):
-        probing.ask([question])
+        devices.ask([question])
         (tmp_path / "cache" / "drivers.json").write_text(damaged)
-    assert probing.ask([question])[0]["problems"] == []
+    assert devices.ask([question])[0]["problems"] == []
     assert times_asked(program) == 5
     program.write_text("raise SystemExit('no')")
     for _ in range(2):
-        assert probing.ask([question])[0]["problems"] == ["the driver failed: no"]
+        assert devices.ask([question])[0]["problems"] == ["the driver failed: no"]
     assert len(json.loads((tmp_path / "cache" / "drivers.json").read_text())) == 1

@@ -13,7 +13,7 @@ from harness.errors import NoRasteriser, UsageError
 from harness.frame import on_coarser_grid
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
-from harness.rasterisers import Device, Options, devices, find_device, get, probing
+from harness.rasterisers import Device, Options, devices, find_device, get
 from harness.rasterisers.reference import SHADED, disagreements
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles
@@ -220,7 +220,7 @@ def test_a_gpu_is_found_once_whatever_its_drivers(monkeypatch, system, found, na
     monkeypatch.setattr(devices.sys, "platform", system)
     monkeypatch.setattr(devices, "vulkan_environment", lambda places: None)
     answer = {"devices": found, "problems": []}
-    monkeypatch.setattr(probing, "ask", lambda asked: [answer for _ in asked])
+    monkeypatch.setattr(devices, "ask", lambda asked: [answer for _ in asked])
     of_system, problems = devices.of_webgpu.__wrapped__()
     described = [
         f"{device.name}: {device.details['device']} on {device.details['backend_type']}"

@@ -8,8 +8,8 @@ import pytest
 from harness.errors import UsageError
 from harness.frame import View, bare_frame, frame_of
 from harness.rasterisers import Options, get
-from harness.rasterisers.binning import predict as binned
 from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import predict as binned
 from harness.rasterisers.simulated.skybox.edges import edge_functions
 from scenes import load
 from tests.simulated.conftest import triangles_of

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.figures.ratios import of_any_run, paired_ratio
+from harness.figures.intervals import of_any_run, paired_ratio
 from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import Part

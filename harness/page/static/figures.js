@@ -1,5 +1,5 @@
 "use strict";
-/* Medians, and the ratio of two drawings with its interval: as harness/figures/ratios.py has them. */
+/* Medians, and the ratio of two drawings with its interval: as harness/figures/intervals.py has them. */
 
 function median(values) {
   const sorted = [...values].sort((a, b) => a - b);

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from harness.frame import SUBPIXEL, WHOLE
 from harness.rasterisers.base import Triangles
-from harness.rasterisers.binning import count_tiles
+from harness.rasterisers.reference import count_tiles
 from triangulators.compute.kernels import njit
 
 DRAIN = 5

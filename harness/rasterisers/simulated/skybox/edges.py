@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL
 from harness.rasterisers.base import Triangles
-from harness.rasterisers.binning import tile_box, tile_span
+from harness.rasterisers.reference import tile_box, tile_span
 from triangulators.compute.kernels import njit
 
 LIMIT = 2**31
