@@ -16,7 +16,7 @@ from rich.console import Console
 from harness.errors import ReaderGone, UsageError
 
 if TYPE_CHECKING:
-    from harness.compare import Comparison
+    from harness.compare.model import Comparison
     from harness.stored.folder import Run
 
 
@@ -94,7 +94,7 @@ def compare(
     """
     if repeat:
         _compare_repeated(base, head)
-    from harness.compare import compare_runs, no_baseline
+    from harness.compare.comparison import compare_runs, no_baseline
     from harness.compare.settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
 
@@ -195,7 +195,7 @@ def _compare_repeated(first: Path, second: Path) -> None:
     verdict on the pair: faster, slower, or no difference shown, which means that the two are too
     close for the time spent. Exits with 1 if a counter differs.
     """
-    from harness.compare.repeat import repeat as agreement
+    from harness.compare.matching import repeat as agreement
     from harness.stored.folder import read_run
 
     found = agreement(read_run(first).records, read_run(second).records)

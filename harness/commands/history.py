@@ -13,7 +13,7 @@ from harness.errors import NothingMeasured
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from harness.history import Series
+    from harness.history.series import Series
     from harness.stored.folder import Run
 
 
@@ -57,8 +57,8 @@ def history(
     """
     from harness.figures import groups
     from harness.figures.words import count
-    from harness.history import Choice, find_runs, matching, read_series, worth_showing
     from harness.history.plots import plot_history
+    from harness.history.series import Choice, find_runs, matching, read_series, worth_showing
     from harness.stored import atomic
 
     found = find_runs(folders, studies=everything)

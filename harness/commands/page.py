@@ -33,7 +33,7 @@ def report(
     from harness.figures.groups import with_base
     from harness.report import write_report
     from harness.stored.folder import read_run
-    from harness.webpages.single_file import is_stream
+    from harness.webpages import is_stream
 
     found = latest(read_run(run))
     file = write_report(with_base(found, base) if base else found, out)
@@ -64,7 +64,7 @@ def page(
     from harness.measuring.worker import Worker
     from harness.page import write_page, write_profile_page
     from harness.stored.folder import read_run
-    from harness.webpages.single_file import is_stream
+    from harness.webpages import is_stream
 
     if profile == (run is not None):
         raise UsageError("a page is of a run, or of none: give its folder, or --profile alone")

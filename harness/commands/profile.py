@@ -103,7 +103,7 @@ def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
     Inconclusive
         if it is refused
     """
-    from harness.profile import chart, words
+    from harness.profile import words
     from harness.profile.profile import keep
 
     device = content["device"]
@@ -112,7 +112,7 @@ def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
     for line in words.sentences(content):
         typer.echo(line)
     Console(highlight=False).print(words.table(content))
-    picture = chart.plot(content, file)
+    picture = words.plot(content, file)
     typer.echo(f"profile: {file}, picture: {picture}")
     if trouble:
         raise Inconclusive(f"{trouble}: close other programs, and repeat; kept in {file}")

@@ -156,7 +156,7 @@ def recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple
 
 def load_ahead(*, plots: bool) -> None:
     """Import what tables, reports and plots need while other processes triangulate."""
-    names = ["pandas", "scipy.special", "harness.report", "harness.study.polygon_ranking"]
+    names = ["pandas", "scipy.special", "harness.report", "harness.report.matrix"]
 
     def load() -> None:
         for name in names + ["matplotlib.figure"] * plots:
@@ -222,12 +222,11 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
-        from harness.report import write_report
+        from harness.report import matrix, write_report
         from harness.report.plots import plot_run
-        from harness.study import polygon_ranking
 
         with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):
-            polygon_ranking.write(stored)
+            matrix.write(stored)
         with reporter.stage("plotting", 1), clear_errors(outcome.path, again):
             write_report(stored)
             if plots:

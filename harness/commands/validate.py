@@ -58,7 +58,7 @@ def validate(
     from harness.rasterisers.base import Options
     from harness.report import write_report
     from harness.stored import atomic
-    from harness.study import correlations, matrix, regret
+    from harness.study import correlations, regret
     from harness.study.subjects import choose_polygons, choose_triangulators
     from harness.triangulating.recipes import parse_all
     from scenes import Scene
@@ -89,10 +89,10 @@ def validate(
         table = correlations.measure_table(run.records)
         with atomic.folder(run.path, added=True) as made:
             ranked = correlations.write(table, made)
-            matrix.plot_study(ranked, table, made)
+            correlations.plot_study(ranked, table, made)
             lost = regret.write(run.records, made)
         write_report(run)
-    matrix.print_matrix(ranked, Console())
+    correlations.print_matrix(ranked, Console())
     regret.print_regret(lost, Console())
     if (few := table["polygon"].nunique()) < ENOUGH:
         typer.echo(f"{few} polygons say little; by default a study has {Design.polygons}")

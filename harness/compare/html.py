@@ -19,7 +19,7 @@ from harness.compare.wording import (
     total_cells,
 )
 from harness.figures.registry import find
-from harness.webpages.templates import template
+from harness.webpages import template
 
 MOST = 60
 """Cases in a plot; those that regressed come first."""

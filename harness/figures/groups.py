@@ -1,4 +1,7 @@
-"""Records that may be compared with each other, and what they are compared against."""
+"""Records that may be compared with each other, and what they are compared against.
+
+Times of software rasterisers on different processors stay apart: to them it is the device.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Confidence intervals that assume little of the distribution.
 
 `scripts/studies/interval_coverage.py` shows by simulation how often each holds the truth.
+
+Ratios of two drawings' times rest on rounds that timed both.
 """
 
 from __future__ import annotations

@@ -1,10 +1,18 @@
-"""Turns a pile of runs into one series for each case and metric."""
+"""Turns a pile of runs into one series for each case and metric.
+
+An exact figure changes wherever it differs from the run before. A noisy one is cut into stretches
+of constant median by the pruned exact linear time search of Killick, Fearnhead & Eckley (2012);
+absolute deviations are its cost, so that a run on a busy machine is no change. Steps too small to
+act on are then left out, the smallest first.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +26,9 @@ from harness.errors import UsageError, unknown
 from harness.figures import groups
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
-from harness.history.change_points import changes_of_exact, changes_of_noisy
 from harness.machine.environment import label_of
 from harness.stored.folder import Record, Run, read_facts, read_run
+from scenes.spec import install
 
 STUDIES = ("validate", "pareto")
 """Commands whose runs measure thousands of triangulations of single polygons, each once."""
@@ -230,3 +238,123 @@ def _stretches(known: NDArray[np.intp], content: Sequence[str]) -> list[NDArray[
     """Split the positions `known` wherever the content differs from the one before."""
     cuts = [n for n in range(1, len(known)) if content[known[n]] != content[known[n - 1]]]
     return [part for part in np.split(known, cuts) if len(part)]
+
+
+MOST = 12
+"""Series that are shown unless all are asked for: as many as one can follow."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is wanted of a history; () for no restriction."""
+
+    scenes: tuple[str, ...] = ()
+    triangulators: tuple[str, ...] = ()
+    rasterisers: tuple[str, ...] = ()
+    all: bool = False
+
+
+def matching(series: Sequence[Series], choice: Choice) -> list[Series]:
+    """Return the series that were asked for.
+
+    Raises
+    ------
+    UsageError
+        if no run has what was asked for
+    """
+    wanted = (
+        ("scene", choice.scenes, lambda entry: entry.name.scene),
+        ("triangulator", choice.triangulators, lambda entry: entry.name.triangulator),
+        ("rasteriser", choice.rasterisers, lambda entry: entry.name.rasteriser),
+    )
+    left = list(series)
+    for kind, names, value in wanted:
+        known = {value(entry) for entry in left}
+        for name in names:
+            if name not in known:
+                raise unknown(kind, name, known)
+        left = [entry for entry in left if not names or value(entry) in names]
+    return left
+
+
+def worth_showing(series: Sequence[Series], choice: Choice) -> list[Series]:
+    """Return what changed most, then what most runs have, at most `MOST` unless all are wanted.
+
+    What only one run has, has no history.
+    """
+    if choice.all:
+        return list(series)
+    several = [entry for entry in series if np.isfinite(entry.values).sum() > 1]
+    first = sorted(several, key=_interest)[:MOST]
+    return [entry for entry in series if any(entry is each for each in first)]
+
+
+def change_of(entry: Series) -> float:
+    """Return the largest step of a series as an absolute log ratio; inf from or to 0."""
+    cuts = [0, *entry.changes, len(entry.values)]
+    levels = [float(np.nanmedian(entry.values[a:b])) for a, b in pairwise(cuts)]
+    steps = [_step(before, after) for before, after in pairwise(levels)]
+    return max(steps, default=0.0)
+
+
+def _step(before: float, after: float) -> float:
+    if before == after:
+        return 0.0
+    return abs(math.log(after / before)) if before > 0 and after > 0 else math.inf
+
+
+def _interest(entry: Series) -> tuple[float, bool, float]:
+    together = entry.name.triangulator == TOGETHER
+    return -change_of(entry) if not together else 0.0, together, -np.isfinite(entry.values).sum()
+
+
+SHORTEST = 3
+"""Runs in a stretch: one or two odd runs are noise, and the last ones are for `compare`."""
+
+PENALTY = 3.0
+"""Times mean deviation times log n, a change; outliers make more than the textbook's 1 needed."""
+
+LEAST_NOISE = 0.0075
+"""Mean deviation of a log time between runs of the same code, at the least."""
+
+LEAST_STEP = 0.03
+"""Least step of a log time that is a change."""
+
+
+def changes_of_exact(values: NDArray[np.float64]) -> list[int]:
+    """Return the positions at which (n,) values differ from the ones before."""
+    return (np.flatnonzero(np.diff(values)) + 1).tolist()
+
+
+def changes_of_noisy(logs: NDArray[np.float64]) -> list[int]:
+    """Return the positions at which the level of (n,) log values changes."""
+    if len(logs) < 2 * SHORTEST:
+        return []
+    try:
+        import ruptures
+    except ImportError:
+        raise UsageError(f"where times change is found by ruptures: {install('history')}") from None
+    noise = max(LEAST_NOISE, _noise(logs))
+    search = ruptures.Pelt(model="l1", min_size=SHORTEST, jump=1).fit(logs[:, None])
+    ends: list[int] = search.predict(pen=PENALTY * noise * math.log(len(logs)))
+    return _worthwhile(logs, [int(end) for end in ends[:-1]])
+
+
+def _worthwhile(logs: NDArray[np.float64], cuts: list[int]) -> list[int]:
+    """Drop the cut with the smallest step until all steps are worth a mark."""
+    while cuts:
+        levels = [float(np.median(part)) for part in np.split(logs, cuts)]
+        steps = np.abs(np.diff(levels))
+        if steps.min() >= LEAST_STEP:
+            break
+        cuts = [cut for number, cut in enumerate(cuts) if number != int(steps.argmin())]
+    return cuts
+
+
+def _noise(logs: NDArray[np.float64]) -> float:
+    """Return the mean deviation from the level, from the median size of differences.
+
+    Differences of neighbours hardly see a change of level. For normal noise of deviation s their
+    median size is 0.954 s, and the mean deviation is 0.798 s.
+    """
+    return float(0.798 / 0.954 * np.median(np.abs(np.diff(logs))))

@@ -1,4 +1,9 @@
-"""The machine and software a run was measured with, and what about them makes times shaky."""
+"""The machine and software a run was measured with, and what about them makes times shaky.
+
+To a software rasteriser the processor is the device. Virtual machines mask its name ("AMD EPYC"),
+so family, model and stepping are taken along, with the caches, and the width of its vectors, on
+which the code depends that llvmpipe generates.
+"""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from harness.figures.registry import predictions
 from harness.machine.environment import label_of, same
 from harness.stored import atomic
 from harness.stored.folder import Record, Run
-from harness.webpages.single_file import write_whole
+from harness.webpages import write_whole
 
 FORMAT = "raster-harness device"
 VERSION = 1

@@ -21,7 +21,7 @@ from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
-from harness.webpages.single_file import encoded
+from harness.webpages import encoded
 
 FORMAT = "raster-harness page"
 VERSION = 1

@@ -14,7 +14,7 @@ from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
 from harness.profile.counted import IN_PX, TERMS, counters
 from harness.profile.design import DESIGN, Draw, draws, snapped
-from harness.profile.fitting import COSTS, costs_of
+from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of
 from harness.profile.words import BY_SUM, BY_TERM
 

@@ -22,7 +22,7 @@ from harness.page.saved import Finite, Part, Share, Text, Whole
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.fitting import solve
+from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.profile import fitted_of, profile
 

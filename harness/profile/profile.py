@@ -17,11 +17,10 @@ import numpy as np
 from harness import __version__
 from harness.errors import UsageError
 from harness.profile import law as laws
-from harness.profile.aspects import aspects
+from harness.profile.advice import aspects
 from harness.profile.counted import TERMS, design_of
 from harness.profile.design import DESIGN, Draw
-from harness.profile.fitting import COSTS, costs_of, solve
-from harness.profile.law import Law
+from harness.profile.law import COSTS, Law, costs_of, solve
 from harness.profile.measured import Measured
 from harness.stored import atomic
 

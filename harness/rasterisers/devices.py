@@ -2,6 +2,9 @@
 
 Mesa reads its settings once, when it is loaded, so each kind of device is probed in a process of
 its own, all of them at once.
+
+All of them take seconds, so what they found is kept in the user's cache folder, and asked again
+when drivers, device nodes or the variables that choose between them have changed.
 """
 
 from __future__ import annotations

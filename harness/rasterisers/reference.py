@@ -1,4 +1,10 @@
-"""The CPU rasteriser that every other one is checked against: exact, and needs no driver."""
+"""The CPU rasteriser that every other one is checked against: exact, and needs no driver.
+
+With it, the tiles that each triangle is binned into, as the first pass of a tiled GPU does. A tile
+counts if its inside meets the triangle's inside. Binning by bounding box asks only the box; exact
+binning also asks the three edges, at the tile's corner that lies furthest inside
+(T. Akenine-Moller, "Conservative rasterization", GPU Gems 2, chapter 42).
+"""
 
 from __future__ import annotations
 

@@ -9,6 +9,11 @@ through.
 
 Source of the edge functions: J. Pineda, "A Parallel Algorithm for Polygon Rasterization",
 SIGGRAPH 1988.
+
+With a depth test coverage is the same. Depth is a plane through the triangle's corners, where the
+grid puts them, here in double precision. A device computes it in single precision, so where two
+surfaces are nearer to each other than that explains, either may win: such a test is a *tie*. What
+differs from a device is at most what ties can change, one pixel and one quad each.
 """
 
 from __future__ import annotations

@@ -29,9 +29,9 @@ from harness.pictures.style import (
     scatter,
     scatter_over_medians,
 )
+from harness.report import matrix
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run
-from harness.study import polygon_ranking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,11 +149,11 @@ def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:
     """Draw triangulations of single polygons, each over its polygon's median; None without any."""
     where = members[0]
     good = [record for record in members if record["status"] == "ok"]
-    table = polygon_ranking.read(run, view_of(where))
+    table = matrix.read(run, view_of(where))
     measure = next(iter(measures(good[0]["counters"])), None) if good else None
-    if table is None or measure not in polygon_ranking.MEASURES:
+    if table is None or measure not in matrix.MEASURES:
         return None
-    estimates = polygon_ranking.ranks(table, measure)
+    estimates = matrix.ranks(table, measure)
     if not estimates:
         return None
     ranks = {name: each.value for name, each in estimates.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -17,17 +18,17 @@ from harness.figures.polygons import Columns, columns_of, correlation_of_ratios,
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.figures.run_state import state_of
 from harness.figures.verdict import Standing, advice, decide, explained
+from harness.machine.environment import commit_of, label_of
 from harness.pictures.style import looks
-from harness.report import facts
+from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
 from harness.stored.schema import FITS, USUAL_OPTIONS
-from harness.study import polygon_ranking
 from harness.study.correlations import Estimate
 from harness.summary import row_of
-from harness.webpages.single_file import encoded
+from harness.webpages import encoded
 
 MOST_MARKS = 6_000
 """Marks of one chart: a polygon under one triangulator each."""
@@ -90,8 +91,8 @@ def content_of(run: Run) -> Content:
         (where, values) for where, values, view in told if view == first
     )
     content["study"] = answer_of_study(study)
-    content["environment"] = facts.rows(run)
-    content["key_facts"] = facts.key_rows(run)
+    content["environment"] = rows(run)
+    content["key_facts"] = key_rows(run)
     content["warnings"] = [
         *run.facts.get("warnings", []),
         *state_of(run.facts, run.records).words,
@@ -142,10 +143,10 @@ class _Polygons:
 
     def within(self, record: Record, measure: str | None) -> dict[str, Estimate]:
         """Return how well criteria rank a measure within polygons, where the run's spread says."""
-        table = polygon_ranking.read(self._run, view_of(record))
-        if table is None or measure not in polygon_ranking.MEASURES:
+        table = matrix.read(self._run, view_of(record))
+        if table is None or measure not in matrix.MEASURES:
             return {}
-        return polygon_ranking.ranks(table, measure)
+        return matrix.ranks(table, measure)
 
     def counted(self, record: Record, columns: Columns) -> Content:
         """Return the counters of the chosen polygons."""
@@ -314,3 +315,65 @@ def _spans(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.
     """Return starts[0], starts[0] + 1, ..., then from starts[1], for `lengths` numbers each."""
     before = np.cumsum(lengths) - lengths
     return np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths)
+
+
+Row = tuple[str, str, str]
+
+
+def rows(run: Run) -> list[Row]:
+    """Return every fact of `run.json` as (section, name, value); lists and nesting flattened."""
+    known = ("created", "schema_version", "interrupted", "resumed")
+    found = [("run", name, _text(run.facts[name])) for name in known if name in run.facts]
+    for section in ("scene", "environment", "cpu", "state", "plan", "devices", "frames", "seconds"):
+        values = run.facts.get(section)
+        if isinstance(values, list):
+            values = {str(number): value for number, value in enumerate(values)}
+        if isinstance(values, dict):
+            found += [(section, name, text) for name, text in _flat(values)]
+    return found
+
+
+def key_rows(run: Run) -> list[tuple[str, str]]:
+    """Return (name, value) of the few facts that times depend on most, where they are known."""
+    machine = run.facts.get("environment") or {}
+    scene = run.facts.get("scene") or {}
+    found = [("processor", label_of(run.facts)), ("system", machine.get("kernel"))]
+    for label, device in (run.facts.get("devices") or {}).items():
+        details = device.get("details") or {}
+        timer = (device.get("timer") or {}).get("timer", "not timed")
+        names = [details.get("renderer"), details.get("version"), f"timer: {timer}"]
+        found.append((label, ", ".join(str(name) for name in names if name)))
+    gpus = machine.get("gpus") or []
+    found += [("GPU", ", ".join(str(value) for value in gpu.values())) for gpu in gpus]
+    if scene:
+        size = f"{scene.get('polygons', 0):,} polygons; {scene.get('licence', '')}"
+        found.append(("scene", f"{scene.get('description') or scene.get('name')}: {size}"))
+    found.append(("commit", commit_of(run.facts)))
+    harness = f"{machine.get('harness', '')} {commit_of(run.facts, 'git')}"
+    found.append(("harness", harness.strip()))
+    found.append(("command", " ".join(map(str, machine.get("command") or []))))
+    return [(name, str(value)) for name, value in found if value]
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    found = []
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            found += _flat(value, f"{prefix}{name}: ")
+        else:
+            found.append((f"{prefix}{name}", _text(value)))
+    return found
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        return " ".join(value) or "none"
+    return json.dumps(value, ensure_ascii=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from shapely import Polygon, box
 
 from harness.frame import Frame
 from harness.machine.system import cpu_clock
-from harness.triangulating.cached import Lookup
+from harness.triangulating.database import Lookup
 from harness.triangulating.recipes import Recipe
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.ragged import ragged

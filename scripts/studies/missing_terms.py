@@ -31,7 +31,7 @@ from harness.frame import SUBPIXEL
 from harness.profile import design, law
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import AREAS, ASPECTS, Draw
-from harness.profile.fitting import r_squared, r_squared_within
+from harness.profile.law import r_squared, r_squared_within
 from harness.profile.placing import LEVEL, STEEP
 from harness.profile.profile import fitted_of
 

@@ -47,7 +47,7 @@ from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.fitting import COSTS, costs_of, r_squared, r_squared_within
+from harness.profile.law import COSTS, costs_of, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from harness.compare import compare_runs
+from harness.compare.comparison import compare_runs
 from harness.compare.html import to_html
 from harness.stored.folder import read_run
 from tests.chromium import LOADED

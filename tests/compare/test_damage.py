@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.compare import compare_runs
+from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
 from harness.stored.schema import NUMBERS

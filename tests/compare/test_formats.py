@@ -12,7 +12,7 @@ import pytest
 from lxml import etree
 from markdown_it import MarkdownIt
 
-from harness.compare import compare_runs, no_baseline
+from harness.compare.comparison import compare_runs, no_baseline
 from harness.compare.html import counter_plot, time_plot, to_html
 from harness.compare.outputs import LIMIT, MARKER, to_json, to_junit, to_markdown
 from harness.compare.settings import Settings

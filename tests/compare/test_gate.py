@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare import compare_runs
+from harness.compare.comparison import compare_runs
 from harness.compare.html import to_html
 from harness.compare.matching import case_name
 from harness.compare.outputs import to_json, to_junit, to_markdown

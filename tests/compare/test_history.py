@@ -11,10 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.history import find_runs, read_series
-from harness.history.change_points import LEAST_STEP, changes_of_exact, changes_of_noisy
-from harness.history.choosing import MOST
-from harness.history.series import TOGETHER
+from harness.history.series import (
+    LEAST_STEP,
+    MOST,
+    TOGETHER,
+    changes_of_exact,
+    changes_of_noisy,
+    find_runs,
+    read_series,
+)
 from tests.compare.runs import costlier, slower, write_run
 from tests.harness.test_cli import assert_one_line
 

@@ -14,7 +14,7 @@ import trimesh
 
 from harness.commands.export import COMPILING
 from harness.export.apart import triangulate_many
-from harness.profile.fitting import COSTS
+from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase
 from tests.harness.test_cli import MOCK, assert_one_line
 

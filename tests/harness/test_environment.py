@@ -73,7 +73,7 @@ def test_a_run_that_knows_the_harness_alone_tells_of_it():
 
 
 def test_comparison_and_history_tell_the_users_commit(tmp_path):
-    from harness.compare import compare_runs
+    from harness.compare.comparison import compare_runs
     from harness.compare.wording import run_lines
     from harness.history.plots import run_label
     from tests.compare.runs import MACHINE, write_run

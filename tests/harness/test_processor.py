@@ -11,7 +11,7 @@ import pytest
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.figures import groups
-from harness.history import read_series
+from harness.history.series import read_series
 from harness.machine import environment
 from harness.scaling import merging
 from harness.stored.folder import Run, read_run

@@ -17,7 +17,7 @@ from harness.page.result import read_result
 from harness.profile.profile import read_coefficients
 from harness.stored import atomic
 from harness.stored.folder import POLYGONS, Run, read_arrays
-from harness.webpages.single_file import write_whole
+from harness.webpages import write_whole
 from tests.compare.runs import write_run
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no device nodes in its files")
@@ -64,7 +64,7 @@ def test_a_pipe_is_written_into(tmp_path):
 
 @pytest.mark.parametrize("to_file", [False, True])
 def test_standard_output_is_written_into(tmp_path, to_file):
-    code = "from pathlib import Path; from harness.webpages.single_file import write_whole;"
+    code = "from pathlib import Path; from harness.webpages import write_whole;"
     code += "write_whole(Path('/dev/stdout'), 'text')"
     target = tmp_path / "out"
     with target.open("wb") as file:

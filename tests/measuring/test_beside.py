@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.compare import compare_runs
+from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.frame import View, make_frame
 from harness.measuring import run as running

@@ -16,11 +16,10 @@ from harness.figures.intervals import Ratio, mean_interval
 from harness.measuring.timing import EMPTY, Times
 from harness.page.profile_data import STEPS
 from harness.profile import design, law
-from harness.profile.advice import CRITERIA
-from harness.profile.aspects import aspects
+from harness.profile.advice import CRITERIA, aspects
 from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.fitting import COSTS as OF_CRITERIA
-from harness.profile.fitting import solve
+from harness.profile.law import COSTS as OF_CRITERIA
+from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
 from harness.profile.words import seconds
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium

@@ -80,7 +80,7 @@ def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
 def test_a_machine_that_slows_down_tells_no_law(harness, monkeypatch):
     monkeypatch.setattr(measured, "EPOCHS", 12)
     monkeypatch.setattr(advice, "advise", lambda *_: None)
-    monkeypatch.setattr("harness.profile.chart.plot", lambda *_: "none")
+    monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
     code, out, err = profiled(harness, "Drifting")
     assert code == INCONCLUSIVE
     assert_one_line(err, "the machine's speed changed by a factor of")
@@ -102,7 +102,7 @@ def test_a_slow_device_ends_in_a_sentence_with_what_is_known(harness, monkeypatc
 
 def test_fewer_parts_are_told(harness, monkeypatch):
     monkeypatch.setattr(advice, "advise", lambda *_: None)
-    monkeypatch.setattr("harness.profile.chart.plot", lambda *_: "none")
+    monkeypatch.setattr("harness.profile.words.plot", lambda *_: "none")
     measure = measured.measure
     assert measured.settings(0.5, 126).limit_s == 126
     assert measured.settings(0.1, 126).limit_s == measured.LIMIT_S

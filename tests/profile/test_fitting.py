@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.profile import design, fitting
-from harness.profile.fitting import COSTS, costs_of
+from harness.profile import design, law
+from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of, keep, read_coefficients
 
 TRUE = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
@@ -29,7 +29,7 @@ def test_times_are_predicted_in_spite_of_noise_and_outliers(designed):
     random = np.random.default_rng(0)
     seconds = rows @ TRUE * np.exp(0.01 * random.standard_normal(len(rows)))
     seconds[random.random(len(rows)) < 0.03] *= 1.5
-    found = fitting.solve(rows, seconds, groups)
+    found = law.solve(rows, seconds, groups)
     assert (found >= 0).all()
     assert rows @ found == pytest.approx(rows @ TRUE, rel=0.04)
 
@@ -37,8 +37,8 @@ def test_times_are_predicted_in_spite_of_noise_and_outliers(designed):
 def test_what_a_group_has_in_common_bends_the_fit_little(designed):
     rows, groups = designed
     common = np.exp(0.2 * np.random.default_rng(0).standard_normal(groups.max() + 1))
-    found = fitting.solve(rows, rows @ TRUE * common[groups], groups)
-    r2 = fitting.r_squared_within(rows @ TRUE, rows @ found, groups)
+    found = law.solve(rows, rows @ TRUE * common[groups], groups)
+    r2 = law.r_squared_within(rows @ TRUE, rows @ found, groups)
     # With the weight of what is shared at 1 instead of `BETWEEN`, it is 0.9996.
     assert r2 > 0.9999
 
@@ -47,7 +47,7 @@ def test_what_a_group_has_in_common_bends_the_fit_little(designed):
 def test_terms_may_be_of_any_size(signed):
     size = np.array([1e9, 1e-30])
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    found = fitting.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1], signed=signed)
+    found = law.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1], signed=signed)
     assert found * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
@@ -55,28 +55,28 @@ def test_r2_within_polygons_is_blind_to_their_size():
     sizes = np.repeat([1.0, 10.0, 100.0], 50)
     choice = np.random.default_rng(1).uniform(0.9, 1.1, 150)
     polygons = np.repeat([0, 1, 2], 50).tolist()
-    assert fitting.r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
-    assert fitting.r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
-    assert fitting.r_squared_within(sizes * choice, sizes, polygons) < 0.01
+    assert law.r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
+    assert law.r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
+    assert law.r_squared_within(sizes * choice, sizes, polygons) < 0.01
 
 
 def test_a_set_of_polygons_counts_by_its_draws():
     """Nine draws of one set, and one of another that costs two per cent more."""
     columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]
-    (found,) = fitting.solve(columns, seconds, [*[0] * 9, 1])
+    (found,) = law.solve(columns, seconds, [*[0] * 9, 1])
     assert found == pytest.approx(1.002, abs=0.001)
 
 
 def test_draws_that_another_program_disturbed_hardly_count():
     columns, seconds = np.ones((50, 1)), np.ones(50)
     seconds[:10] = 5.0
-    (found,) = fitting.solve(columns, seconds, list(range(50)))
+    (found,) = law.solve(columns, seconds, list(range(50)))
     assert found == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_draw_may_have_nothing_of_a_term():
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    found = fitting.solve(design, design @ [3.0, 2.0], [0, 0, 1, 1])
+    found = law.solve(design, design @ [3.0, 2.0], [0, 0, 1, 1])
     assert found == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
@@ -85,15 +85,15 @@ def test_what_is_known_at_once_does_not_end_the_search_for_the_rest():
     design = np.repeat([[1.0, 0.0], [0.0, 1.0]], [5, 20], axis=0)
     seconds = design @ [3.0, 2.0]
     seconds[5:9] *= 5.0
-    found = fitting.solve(design, seconds, list(range(25)))
+    found = law.solve(design, seconds, list(range(25)))
     assert found == pytest.approx([3.0, 2.0], rel=0.02)
 
 
 def test_r2_is_the_share_of_the_variance_that_is_explained():
     measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
-    assert fitting.r_squared(measured, predicted) == pytest.approx(0.5)
+    assert law.r_squared(measured, predicted) == pytest.approx(0.5)
     logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
-    within = fitting.r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
+    within = law.r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
     assert within == pytest.approx(0.75)
 
 

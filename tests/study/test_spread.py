@@ -10,11 +10,12 @@ import pytest
 
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.reference import predict
+from harness.report import matrix
 from harness.report.matrix import criteria_of
 from harness.report.report_data import content_of
 from harness.stored import drawings
 from harness.stored.folder import read_run
-from harness.study import counted_ways, polygon_ranking
+from harness.study import subjects
 from harness.study.correlations import difference, ranks
 from scenes import load
 from tests.conftest import exit_code
@@ -34,8 +35,8 @@ def run_folder(tmp_path_factory):
 
 
 def test_polygons_are_triangulated_in_many_ways(run_folder):
-    table = polygon_ranking.read(read_run(run_folder), View(1024))
-    assert table["polygon"].nunique() == counted_ways.POLYGONS
+    table = matrix.read(read_run(run_folder), View(1024))
+    assert table["polygon"].nunique() == subjects.POLYGONS
     by_polygon = table.groupby("polygon").size()
     assert by_polygon.max() > 20
     names = set(table["triangulator"])
@@ -44,7 +45,7 @@ def test_polygons_are_triangulated_in_many_ways(run_folder):
 
 
 def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
-    table = polygon_ranking.read(read_run(run_folder), View(1024))
+    table = matrix.read(read_run(run_folder), View(1024))
     frame = make_frame(load(SCENE).polygons, View(1024))
     number = int(table["polygon"].iloc[-1])
     polygon = frame.polygons[frame.source.tolist().index(number)]
@@ -58,8 +59,8 @@ def test_what_is_counted_is_what_the_polygon_costs_in_its_frame(run_folder):
 
 
 def test_criteria_are_ranked_within_polygons(run_folder):
-    table = polygon_ranking.read(read_run(run_folder), View(1024))
-    found = polygon_ranking.ranks(table, "helper_lanes")
+    table = matrix.read(read_run(run_folder), View(1024))
+    found = matrix.ranks(table, "helper_lanes")
     q, h, a, d = (found[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape"))
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
@@ -85,14 +86,14 @@ def test_the_default_picture_is_of_polygons(run_folder):
 
 def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
     run = read_run(run_folder)
-    assert polygon_ranking.read(run, View(512)) is None
+    assert matrix.read(run, View(512)) is None
     for name, content in (("a", "polygon,resolution\n1,256\n"), ("b", "\0\0"), ("c", "")):
         folder = tmp_path / name
         folder.mkdir()
         for file in ("run.json", "cases.jsonl"):
             (folder / file).write_bytes((run_folder / file).read_bytes())
-        (folder / polygon_ranking.FILE).write_text(content)
-        assert polygon_ranking.read(read_run(folder), View(1024)) is None
+        (folder / matrix.SPREAD).write_text(content)
+        assert matrix.read(read_run(folder), View(1024)) is None
         assert "Within a polygon" not in content_of(read_run(folder))["groups"][0]["judged"]
 
 
@@ -109,7 +110,7 @@ def test_drawings_of_older_versions_have_no_rings(run_folder, tmp_path):
         (folder / name).write_bytes((run_folder / name).read_bytes())
     np.savez(folder / drawings.FOLDER / file.name, **older)
     assert drawings.read(read_run(folder), View(1024)).ring_ends is None
-    assert polygon_ranking.write(read_run(folder)) is None
+    assert matrix.write(read_run(folder)) is None
 
 
 def test_without_a_spread_the_sentence_is_that_of_ratios():
@@ -119,5 +120,5 @@ def test_without_a_spread_the_sentence_is_that_of_ratios():
 
 
 def test_the_table_is_a_plain_file(run_folder):
-    table = pd.read_csv(Path(run_folder) / polygon_ranking.FILE)
+    table = pd.read_csv(Path(run_folder) / matrix.SPREAD)
     assert {"polygon", "triangulator", "half_perimeter", "helper_lanes", "fit"} <= set(table)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from harness.commands.running import folder_for
-from harness.compare.repeat import repeat
+from harness.compare.matching import repeat
 from harness.errors import UsageError
 from harness.stored.folder import read_run
 from harness.study.correlations import by_resolution, correlate, measure_table
@@ -208,7 +208,7 @@ def scripted(name: str, seconds: list[float], quads: int = 5) -> dict[str, objec
 
 
 def test_two_runs_agree_where_both_decide(monkeypatch):
-    monkeypatch.setattr("harness.compare.repeat.without_twins", list)
+    monkeypatch.setattr("harness.compare.matching.without_twins", list)
     steady = [1.0] * 12
     first = [scripted("a", steady), scripted("b", [2.0] * 12), scripted("c", [3.0] * 12)]
     swapped = [scripted("a", steady), scripted("b", [4.0] * 12), scripted("c", [3.0] * 12, 6)]

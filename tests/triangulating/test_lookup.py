@@ -11,10 +11,9 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
-from harness.triangulating import cached, frames
 from harness.triangulating import database as store
-from harness.triangulating.cached import KEEP_S, Lookup
-from harness.triangulating.database import ModelDatabase, Timed
+from harness.triangulating import frames
+from harness.triangulating.database import KEEP_S, Lookup, ModelDatabase, Timed
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.recipes import Recipe, parse
 from scenes import load
@@ -43,7 +42,7 @@ def database(tmp_path) -> Path:
 
 @pytest.fixture
 def all_kept(monkeypatch):
-    monkeypatch.setattr(cached, "KEEP_S", 0.0)
+    monkeypatch.setattr(store, "KEEP_S", 0.0)
 
 
 @pytest.fixture
@@ -168,11 +167,8 @@ def test_nothing_is_read_for_another_question(database, computed):
 @pytest.mark.parametrize("what", ["triangulators_version", "processor"])
 def test_another_version_or_machine_computes_again(database, monkeypatch, what):
     cut("delaunay", POLYGONS[:2], 0, None, database)
-    monkeypatch.setattr(
-        store if what == "triangulators_version" else cached,
-        what,
-        lambda: "another" if what == "triangulators_version" else {"name": "another"},
-    )
+    answers = {"triangulators_version": "another", "processor": {"name": "another"}}
+    monkeypatch.setattr(store, what, lambda: answers[what])
     assert cut("delaunay", POLYGONS[:2], 0, None, database).cached == 0
 
 
@@ -224,7 +220,7 @@ def test_entries_with_and_without_a_time_live_together(database):
 
 @pytest.mark.usefixtures("all_kept")
 def test_long_computing_is_written_on_the_way(database, monkeypatch):
-    monkeypatch.setattr(cached, "WRITE_S", 0.0)
+    monkeypatch.setattr(store, "WRITE_S", 0.0)
     with Lookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
         model.keep(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)

@@ -10,7 +10,7 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring import records
-from harness.triangulating import cached
+from harness.triangulating import database as store
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.recipes import Recipe, parse
 from tests.measuring.test_run import nothing_at_once
@@ -55,7 +55,7 @@ def test_what_a_search_found_is_not_called_proven(polygons, apart):
 
 
 def test_what_is_read_is_as_proven_as_what_was_computed(polygons, tmp_path, monkeypatch):
-    monkeypatch.setattr(cached, "KEEP_S", 0.0)
+    monkeypatch.setattr(store, "KEEP_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
     first = cut("optimal:half-perimeter", polygons, database)
@@ -65,7 +65,7 @@ def test_what_is_read_is_as_proven_as_what_was_computed(polygons, tmp_path, monk
 
 
 def test_what_is_not_proven_is_computed_again(polygons, tmp_path, monkeypatch, apart):
-    monkeypatch.setattr(cached, "KEEP_S", 0.0)
+    monkeypatch.setattr(store, "KEEP_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
     cut("optimal:half-perimeter", polygons, database)

@@ -1,4 +1,4 @@
-"""One HTML file with everything in it: its scripts, its style, its numbers."""
+"""What HTML pages are made with: templates, and one file with everything in it."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import base64
 import gzip
 import json
 import os
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.stored import atomic
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 
 def static(package: str, name: str) -> str:
@@ -57,3 +61,21 @@ def write_whole(file: Path, text: str) -> None:
         atomic.write(file, text.encode())
     except OSError as error:
         raise UsageError(f"cannot write {file}: {error.strerror}; give another --out") from error
+
+
+@cache
+def template(package: str, name: str) -> Template:
+    """Return the file `name` of the templates/ of `package`.
+
+    What it shows is escaped, and what it names must be there.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # only where a page is written
+
+    environment = Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    return environment.get_template(name)

@@ -1,1 +1,0 @@
-"""What HTML pages are made with: templates, and one file with everything in it."""
