@@ -68,22 +68,23 @@ def census(
     drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
     command, given again, does what is missing.
     """
-    from harness.commands.many import (
-        census_options,
-        count_many_files,
-        count_tiles,
-        several_names,
-    )
+    from harness.commands.many import count
     from harness.errors import UsageError
-    from harness.scaling.tile_census import TileOptions
-    from scenes.slices import chosen
+    from harness.scaling.census import Options, TileOptions
+    from harness.scaling.parts import files
+    from scenes.slices import chosen, in_degrees
+    from triangulators.registry import full_name
 
     reporter = Reporter(quiet=quiet)
+    names = tuple(map(full_name, triangulators))
+    if len(set(names)) < 2:
+        raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
     tiles = chosen(file)
     if tiles is None:
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
-        options = census_options(file, triangulators, scale, cell, layer, where)
-        count_many_files(file, out, options, dask, reporter)
+        # A thousand units, or a hundredth of a degree: a kilometre.
+        size = cell or (0.01 if in_degrees(files(file)[0]) else 1000.0)
+        count(file, out, Options(names, scale, size, layer, where), dask, reporter)
         return
     if any(given is not None for given in (units_per_pixel, cell, layer, where)):
         raise UsageError(
@@ -91,4 +92,4 @@ def census(
             "these; write FILE:zoom=12-16,layers=building,pixels=512"
         )
     name, what = tiles
-    count_tiles(name, out, TileOptions(several_names(triangulators), what), dask, reporter)
+    count(name, out, TileOptions(names, what), dask, reporter)

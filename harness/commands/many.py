@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -17,21 +18,14 @@ from harness.errors import (
     UsageError,
     refuse_failed,
 )
-from harness.export.certified import Certified
-from harness.export.export import FORMATS, chosen
 from harness.progress import Reporter
-from harness.scaling import census_report, tile_report
-from harness.scaling.census import COUNTING
-from harness.scaling.census import Options as CensusOptions
-from harness.scaling.cluster import DaskCrew
 from harness.scaling.dataset import Dataset, Summary
-from harness.scaling.parts import files
-from harness.scaling.sums import total, whole
 from harness.scaling.task_queue import Alone, Crew
-from harness.scaling.tile_census import TILE_COUNTING, TileOptions, also_found
-from harness.scaling.triangulated import Options
 from harness.stored.folder import clear_errors
-from scenes.slices import in_degrees
+
+if TYPE_CHECKING:
+    from harness.scaling import triangulated
+    from harness.scaling.census import Options, TileOptions
 
 SAID_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
@@ -46,6 +40,8 @@ def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
     if not where:
         yield Alone()
         return
+    from harness.scaling.cluster import DaskCrew  # which a command without --dask can do without
+
     crew = DaskCrew(where, reporter)
     try:
         reporter.say(f"{crew.threads} workers; dashboard: {crew.dashboard}")
@@ -55,7 +51,7 @@ def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
 
 
 def triangulate_many_files(
-    pattern: str, out: Path, options: Options, where: str | None, reporter: Reporter
+    pattern: str, out: Path, options: triangulated.Options, where: str | None, reporter: Reporter
 ) -> None:
     """Triangulate the parts of many files into a folder, and say what is in it.
 
@@ -66,107 +62,76 @@ def triangulate_many_files(
     Inconclusive
         if parts were set aside, or polygons failed
     """
+    from harness.export.certified import Certified
+    from harness.export.export import FORMATS
+    from harness.scaling.triangulated import TRIANGLES
+
     if out.suffix.lower() in FORMATS and not out.is_dir():
         raise UsageError(f"-o {out}: give a folder, for a file of each part")
-    summary = _complete(Dataset(pattern, out, options), out, where, reporter)
-    _say(out, summary, reporter)
+    summary = _complete(Dataset(pattern, out, options, TRIANGLES), out, where, reporter)
+    _warn(summary, reporter)
+    rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
+    typer.echo(
+        f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
+        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
+        f"{summary.proven:,} proven optimal"
+    )
+    if summary.certified:
+        typer.echo(f"{out}: {Certified.total(summary.certified)}")
     _refuse_set_aside(out, summary)
     refuse_failed(summary.counts, out)
 
 
-def count_many_files(
+def count(
     pattern: str,
     out: Path,
-    options: CensusOptions,
+    options: Options | TileOptions,
     where: str | None,
     reporter: Reporter,
 ) -> None:
-    """Count the footprints of many files, write what came out, and show a table.
+    """Count the polygons of many files or tiles, write what came out, and show a table.
 
     Raises
     ------
     UsageError
         if there is no file, or the folder is not for that
     NothingMeasured
-        if there is no footprint that all could do
+        if there is no polygon that all could do
     Inconclusive
         if parts were set aside
     """
-    names = options.triangulators
-    dataset = Dataset(pattern, out / "parts", options, COUNTING)
-    summary = _complete(dataset, out, where, reporter)
-    sums = whole(total(dataset.out, dataset.keys_done), len(names))
-    if not sums.footprints:
-        _warn(summary, reporter)
-        raise NothingMeasured(f"{os.path.relpath(out)}: no footprint was done by all triangulators")
-    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
-        census_report.write(out, sums, options)
-    _warn(summary, reporter)
-    Console(highlight=False).print(census_report.table(sums, names))
-    typer.echo(
-        f"{os.path.relpath(out)}: {sums.footprints:,} footprints in {summary.seconds:.1f} s: "
-        "census.csv, cells.csv, plots/"
-    )
-    # A footprint that one triangulator cannot do is left out for all: a warning tells how many.
-    _refuse_set_aside(out, summary)
+    from harness.scaling import census_report
+    from harness.scaling.census import COUNTING, TILE_COUNTING, TileOptions, also_found
+    from harness.scaling.sums import total
 
-
-def count_tiles(
-    pattern: str, out: Path, options: TileOptions, where: str | None, reporter: Reporter
-) -> None:
-    """Count the polygons of map tiles, write what came out, and show a table.
-
-    Raises as `count_many_files` does.
-    """
-    names = options.triangulators
-    dataset = Dataset(pattern, out / "parts", options, TILE_COUNTING)
+    kind = TILE_COUNTING if isinstance(options, TileOptions) else COUNTING
+    dataset = Dataset(pattern, out / "parts", options, kind)
     summary = _complete(dataset, out, where, reporter)
     groups = total(dataset.out, dataset.keys_done)
     damaged, known = also_found(dataset.out, dataset.keys_done)
-    polygons = whole(groups, len(names)).footprints
-    if not polygons:
+    noun = census_report.noun(options)
+    counted = sum(sums.footprints for sums in groups.values())
+    if not counted:
         _warn(summary, reporter)
-        asked = options.chosen.layers or ()
-        missing = next((f" {name!r}; it has {', '.join(known)}" for name in asked if known), "")
-        why = f"there is no layer{missing}" if missing else "no polygon was done by all"
+        why = f"no {noun[:-1]} was done by all triangulators"
+        if isinstance(options, TileOptions):
+            asked = options.chosen.layers or ()
+            if missing := [name for name in asked if known]:
+                why = f"there is no layer {missing[0]!r}; it has {', '.join(known)}"
         raise NothingMeasured(f"{os.path.relpath(out)}: {why}")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
-        tile_report.write(out, groups, names, damaged)
+        written = census_report.write(out, groups, options, damaged)
     _warn(summary, reporter)
     for name, why in damaged[:NAMED]:
         reporter.warn(f"tile {name} {why}")
     console = Console(highlight=False)
-    console.print(tile_report.table(groups, names, console))
+    console.print(census_report.table(groups, options, console))
     typer.echo(
-        f"{os.path.relpath(out)}: {polygons:,} polygons in {summary.seconds:.1f} s: census.csv, "
-        "plots/" + ", damaged.csv" * bool(damaged)
+        f"{os.path.relpath(out)}: {counted:,} {noun} in {summary.seconds:.1f} s: "
+        f"{', '.join(written)}"
     )
+    # A polygon that one triangulator cannot do is left out for all: a warning tells how many.
     _refuse_set_aside(out, summary)
-
-
-def census_options(
-    pattern: str,
-    triangulators: Sequence[str],
-    units_per_pixel: float,
-    cell: float | None,
-    layer: str | None,
-    where: str | None,
-) -> CensusOptions:
-    """Return what a census counts; raises UsageError for fewer than two triangulators.
-
-    cell : None for a thousand units, or a hundredth of a degree
-    """
-    names = several_names(triangulators)
-    size = cell or (0.01 if in_degrees(files(pattern)[0]) else 1000.0)
-    return CensusOptions(names, units_per_pixel, size, layer, where)
-
-
-def several_names(triangulators: Sequence[str]) -> tuple[str, ...]:
-    """Return full names; raises UsageError for fewer than two triangulators."""
-    names = tuple(chosen(name, None) for name in triangulators)
-    if len(set(names)) < 2:
-        raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
-    return names
 
 
 def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
@@ -212,15 +177,3 @@ def _warn(summary: Summary, reporter: Reporter) -> None:
             reporter.warn(f"and {len(summary.set_aside) - NAMED:,} more parts, all in the manifest")
             break
         reporter.warn(f"set aside {which}: {reason}")
-
-
-def _say(out: Path, summary: Summary, reporter: Reporter) -> None:
-    _warn(summary, reporter)
-    rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
-    typer.echo(
-        f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
-        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
-        f"{summary.proven:,} proven optimal"
-    )
-    if summary.certified:
-        typer.echo(f"{out}: {Certified.total(summary.certified)}")

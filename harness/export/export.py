@@ -24,7 +24,7 @@ from harness.export.mesh import Batch
 from harness.export.writers import About, NpzWriter, ObjWriter, Writer
 from harness.stored.atomic import Output
 from scenes import load
-from scenes.cleaning.clean import Cleaned
+from scenes.cleaning.clean import Cleaned, counted_notes
 from scenes.files import Chunk, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
@@ -90,12 +90,6 @@ class Report:
         kept: list[tuple[str, str]] = getattr(self, kind)
         kept.extend(notes[: _NOTES_KEPT - len(kept)])
         self.counts += counted_notes(kind, notes)
-
-
-def counted_notes(kind: str, notes: Iterable[tuple[str, str]]) -> Counter[tuple[str, str]]:
-    """Count notes of a kind by their reasons, without what differs from polygon to polygon."""
-    # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
-    return Counter((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
 
 
 def export_file(

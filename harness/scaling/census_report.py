@@ -1,8 +1,11 @@
-"""What a census found: a table of gains, their distribution, and a map of them."""
+"""What a census found: a table of gains, their distribution, and a map of them.
+
+Footprints are one group. Polygons of map tiles have a line for each zoom and layer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +14,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.pictures.style import TWO_COLUMNS, draw, looks, plain_table
-from harness.scaling.census import Options
-from harness.scaling.sums import BINS, GAINED, MEASURES, Sums
+from harness.scaling.census import Options, TileOptions
+from harness.scaling.sums import BINS, GAINED, MEASURES, Group, Sums, whole
 from harness.stored import atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.console import Console
     from rich.table import Table
 
 SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)
@@ -76,28 +80,81 @@ def quantile_of(bins: NDArray[np.int64], quantile: float) -> float:
     return float(EDGES[min(place, BINS - 1)].round(4))
 
 
-def write(folder: Path, sums: Sums, options: Options) -> None:
-    """Write census.csv, cells.csv and the pictures into `folder`; raises OSError."""
-    write_csv(folder / "census.csv", list(rows(sums, options.triangulators)))
-    names = [f"helper_lanes {name}" for name in options.triangulators]
-    cells = [
-        {"x": x * options.cell, "y": y * options.cell, "footprints": int(values[0])}
-        | dict(zip(names, values[1:].astype(int).tolist(), strict=True))
-        for (x, y), values in sorted(sums.cells.items())
-    ]
-    write_csv(folder / "cells.csv", cells)
-    draw(folder / "plots", "gains", distribution, sums, options.triangulators)
-    if sums.cells:
+def write(
+    folder: Path,
+    groups: Mapping[Group, Sums],
+    options: Options | TileOptions,
+    damaged: Sequence[tuple[str, str]],
+) -> list[str]:
+    """Write census.csv and the pictures into `folder`; returns what was written; raises OSError.
+
+    Of footprints cells.csv and a map, too; of tiles damaged.csv, if any is.
+    """
+    names = options.triangulators
+    sums = whole(groups, len(names))
+    written = {"census.csv": list(_lines(groups, options))}
+    if isinstance(options, TileOptions):
+        if damaged:
+            written["damaged.csv"] = [{"tile": tile, "reason": why} for tile, why in damaged]
+    else:
+        lanes = [f"helper_lanes {name}" for name in names]
+        written["cells.csv"] = [
+            {"x": x * options.cell, "y": y * options.cell, "footprints": int(values[0])}
+            | dict(zip(lanes, values[1:].astype(int).tolist(), strict=True))
+            for (x, y), values in sorted(sums.cells.items())
+        ]
+    for name, content in written.items():
+        text = pd.DataFrame(content).to_csv(index=False, lineterminator="\n") if content else ""
+        atomic.write(folder / name, text.encode())
+    draw(folder / "plots", "gains", distribution, sums, names, noun(options))
+    if isinstance(options, Options) and sums.cells:
         draw(folder / "plots", "map", map_of, sums, options)
+    return [*written, "plots/"]
 
 
-def table(sums: Sums, triangulators: Sequence[str]) -> Table:
-    """Return what a terminal shows: helper lanes, which a choice of triangulation saves."""
-    title = f"{sums.footprints:,} footprints: helper lanes, compared with {triangulators[0]}"
+def noun(options: Options | TileOptions) -> str:
+    """Return what is counted."""
+    return "polygons" if isinstance(options, TileOptions) else "footprints"
+
+
+def _lines(
+    groups: Mapping[Group, Sums], options: Options | TileOptions
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of census.csv; of tiles for each zoom and layer."""
+    for (zoom, layer), sums in _in_order(groups):
+        about: dict[str, Any] = {}
+        if isinstance(options, TileOptions):
+            about = {"zoom": zoom, "layer": layer, "tiles": sums.tiles, "polygons": sums.footprints}
+            about |= {name: getattr(sums, name) for name in ("vertices", "dropped", "repaired")}
+        for row in rows(sums, options.triangulators):
+            if about:
+                del row["footprints"]
+            yield about | row
+
+
+def _in_order(groups: Mapping[Group, Sums]) -> list[tuple[Group, Sums]]:
+    """Return groups by zoom, then by layer."""
+    return sorted(groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
+
+
+def table(groups: Mapping[Group, Sums], options: Options | TileOptions, console: Console) -> Table:
+    """Return what a terminal shows: helper lanes, which a choice of triangulation saves.
+
+    Of tiles vertices are left out where there is no room for them.
+    """
+    names = options.triangulators
+    if isinstance(options, TileOptions):
+        wide = console.options.update(max_width=1000)
+        full = _table_of_tiles(groups, names, vertices=True)
+        if console.measure(full, options=wide).maximum <= console.width:
+            return full
+        return _table_of_tiles(groups, names, vertices=False)
+    sums = whole(groups, len(names))
+    title = f"{sums.footprints:,} footprints: helper lanes, compared with {names[0]}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
     shown = plain_table(title, "triangulator", *headings)
-    for row in rows(sums, triangulators):
-        if row["measure"] == "helper_lanes" and row["triangulator"] != triangulators[0]:
+    for row in rows(sums, names):
+        if row["measure"] == "helper_lanes" and row["triangulator"] != names[0]:
             shown.add_row(
                 row["triangulator"],
                 f"{-row['gain_of_total']:+.1%}",
@@ -108,7 +165,34 @@ def table(sums: Sums, triangulators: Sequence[str]) -> Table:
     return shown
 
 
-def distribution(sums: Sums, triangulators: Sequence[str], what: str = "footprints") -> Figure:
+def _table_of_tiles(
+    groups: Mapping[Group, Sums], triangulators: Sequence[str], *, vertices: bool
+) -> Table:
+    base, *others = triangulators
+    counted = ("tiles", "polygons", *["vertices"] * vertices, "lost", "helpers")
+    # A long name breaks where it has a colon or a hyphen.
+    names = [name.replace(":", ":\n").replace("-", "-\n") for name in others]
+    shown = plain_table(
+        f"map tiles: helper lanes, compared with {base}",
+        *("zoom", "layer", *(f">{heading}" for heading in (*counted, *names))),
+        padding=(0, 1, 0, 0),
+    )
+    for (zoom, layer), sums in _in_order(groups):
+        shown.add_row("" if zoom is None else str(zoom), layer, *_cells(sums, vertices=vertices))
+    if len(groups) > 1:  # a tile has several layers, so that tiles do not add up
+        _, *rest = _cells(whole(groups, len(triangulators)), vertices=vertices)
+        shown.add_row("", "(all)", "", *rest)
+    return shown
+
+
+def _cells(sums: Sums, *, vertices: bool) -> list[str]:
+    lanes = sums.totals[:, MEASURES.index("helper_lanes")]
+    counts = (sums.tiles, sums.footprints, *[sums.vertices] * vertices, sums.dropped, int(lanes[0]))
+    saved = [f"{own / lanes[0] - 1:+.1%}" if lanes[0] else "" for own in lanes[1:]]
+    return [*(f"{each:,}" for each in counts), *saved]
+
+
+def distribution(sums: Sums, triangulators: Sequence[str], what: str) -> Figure:
     """Draw which share of footprints gains at least so much, for quads and for helper lanes."""
     from matplotlib.figure import Figure
 
@@ -165,9 +249,3 @@ def map_of(sums: Sums, options: Options) -> Figure:
         fontsize=8,
     )
     return figure
-
-
-def write_csv(file: Path, content: Sequence[dict[str, Any]]) -> None:
-    """Write rows as a table; raises OSError."""
-    text = pd.DataFrame(content).to_csv(index=False, lineterminator="\n") if content else ""
-    atomic.write(file, text.encode())

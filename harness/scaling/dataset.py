@@ -18,10 +18,8 @@ from typing import Any
 from harness.errors import UsageError
 from harness.machine import environment
 from harness.progress import Parts, Reporter
-from harness.scaling.part_files import Done
-from harness.scaling.parts import Cut, Part, by_rows, cut_all, files
+from harness.scaling.parts import Cut, Done, Part, by_rows, cut_all, files
 from harness.scaling.task_queue import Crew, work_through
-from harness.scaling.triangulated import do_part, read_done
 from harness.stored import atomic
 from harness.stored.atomic import BEGUN
 from harness.stored.folder import clear_errors
@@ -113,15 +111,12 @@ class Kind:
     files: Callable[[str], list[Path]] = files
 
 
-TRIANGLES = Kind("triangulating", ".parquet", do_part, read_done)
-
-
 class Dataset:
     """The files, cut into parts, and the folder for what is made of them.
 
     pattern : a file, a folder of files, or a pattern
     options : what the results depend on beside the input, a dataclass with `layer` and `where`
-    kind : what is made; triangles by default
+    kind : what is made
 
     Raises
     ------
@@ -129,10 +124,10 @@ class Dataset:
         if there is no file, or the folder cannot be written or holds other results
     """
 
-    def __init__(self, pattern: str, out: Path, options: Any, kind: Kind | None = None) -> None:
+    def __init__(self, pattern: str, out: Path, options: Any, kind: Kind) -> None:
         self.out = out.absolute()
         self.options = options
-        self.kind = kind or TRIANGLES
+        self.kind = kind
         self._told_options = json.loads(json.dumps(asdict(options)))
         self.code = environment.code_version()
         found = self.kind.files(pattern)

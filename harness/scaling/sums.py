@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.scaling.part_files import Done, lasting
+from harness.scaling.parts import Done, lasting
 from harness.stored.atomic import Output
 from harness.stored.folder import UNREADABLE
 
@@ -72,7 +72,11 @@ class Sums:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.totals += other.totals
         self.bins += other.bins
-        for cell, values in other.cells.items():
+        self.add_cells(other.cells)
+
+    def add_cells(self, cells: Mapping[tuple[int, int], NDArray[np.float64]]) -> None:
+        """Add what other footprints have in each cell."""
+        for cell, values in cells.items():
             self.cells[cell] = self.cells[cell] + values if cell in self.cells else values
 
     def arrays(self) -> dict[str, NDArray[Any]]:

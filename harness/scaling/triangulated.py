@@ -11,8 +11,8 @@ from harness.errors import UsageError
 from harness.export.certified import Certified
 from harness.export.export import Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
-from harness.scaling.part_files import AT_A_TIME, Done, about, lasting, make_part
-from harness.scaling.parts import Part
+from harness.scaling.dataset import Kind
+from harness.scaling.parts import AT_A_TIME, Done, Part, about, lasting, make_part
 from harness.stored.atomic import Output
 from scenes.files import read_chunks
 
@@ -89,3 +89,6 @@ def _done(part: Part, options: Options, code: str, report: Report) -> Done:
         about=about(part, asdict(options), code),
         notes=report.notes,
     )
+
+
+TRIANGLES = Kind("triangulating", ".parquet", do_part, read_done)

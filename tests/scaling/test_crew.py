@@ -15,9 +15,9 @@ import pytest
 import shapely
 
 from harness.progress import Reporter
-from harness.scaling.dataset import TRIANGLES, Dataset
+from harness.scaling.dataset import Dataset
 from harness.scaling.task_queue import ATTEMPTS, Alone, work_through
-from harness.scaling.triangulated import Options
+from harness.scaling.triangulated import TRIANGLES, Options
 from tests.paths import ROOT
 from tests.scaling import tasks
 from tests.scaling.conftest import EVERY, contents, ids, write_parquet
@@ -61,9 +61,9 @@ def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
 
 def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
     pattern = str(parts / "*.parquet")
-    alone = Dataset(pattern, tmp_path / "alone", OPTIONS)
+    alone = Dataset(pattern, tmp_path / "alone", OPTIONS, TRIANGLES)
     alone.complete(Alone(), quiet())
-    spread = Dataset(pattern, tmp_path / "spread", OPTIONS)
+    spread = Dataset(pattern, tmp_path / "spread", OPTIONS, TRIANGLES)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
     assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
@@ -83,7 +83,7 @@ def test_a_footprint_that_crashes_costs_its_part(two_workers, parts, footprints,
 
 
 def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path):
-    dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", OPTIONS)
+    dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", OPTIONS, TRIANGLES)
     dataset.code = "0" * 16
     summary = dataset.complete(two_workers, quiet())
     assert len(summary.set_aside) == 3

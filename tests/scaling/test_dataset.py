@@ -17,7 +17,7 @@ from harness.export.apart import triangulate_many
 from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.task_queue import Alone
-from harness.scaling.triangulated import Options
+from harness.scaling.triangulated import TRIANGLES, Options
 from harness.stored import atomic
 from tests.scaling.conftest import EVERY, contents, ids, parts_in, rows, write_parquet
 
@@ -25,7 +25,7 @@ OPTIONS = Options("optimal:half-perimeter")
 
 
 def complete(pattern, out, options=OPTIONS):
-    return Dataset(str(pattern), out, options).complete(Alone(), Reporter(quiet=True))
+    return Dataset(str(pattern), out, options, TRIANGLES).complete(Alone(), Reporter(quiet=True))
 
 
 def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footprints):
@@ -138,7 +138,7 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
         move(made, place, forced=forced)
 
-    dataset = Dataset(str(parts), out, OPTIONS)
+    dataset = Dataset(str(parts), out, OPTIONS, TRIANGLES)
     chosen = dataset.missing[2].key
     monkeypatch.setattr(atomic, "move", full)
     summary = dataset.complete(Alone(), Reporter(quiet=True))
@@ -193,9 +193,7 @@ def test_certificates_are_summed_over_parts(parts, tmp_path):
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_path, monkeypatch):
-    from harness.scaling import dataset
-
-    done = dataset.TRIANGLES.do
+    done = TRIANGLES.do
     calls = []
 
     def stopping(*arguments):
@@ -204,7 +202,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(harness, parts, tmp_pat
             raise KeyboardInterrupt
         return done(*arguments)
 
-    monkeypatch.setattr(dataset, "TRIANGLES", replace(dataset.TRIANGLES, do=stopping))
+    monkeypatch.setattr("harness.scaling.triangulated.TRIANGLES", replace(TRIANGLES, do=stopping))
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 130
     assert "stopped; 3 of 6 parts are in out; to go on, give the same command again" in error

@@ -26,10 +26,10 @@ from pmtiles.writer import write
 from harness.frame import SUBPIXEL, frame_of, view_of
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
+from harness.scaling.census import TILE_COUNTING, TileOptions, also_found
 from harness.scaling.dataset import Dataset
 from harness.scaling.sums import MEASURES, total
 from harness.scaling.task_queue import Alone
-from harness.scaling.tile_census import TILE_COUNTING, TileOptions, also_found
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
@@ -73,7 +73,7 @@ def of_the_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, s
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
 def test_sums_are_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MOST_TILES", 2)
-    monkeypatch.setattr("harness.scaling.tile_census.AT_A_TIME", 300)
+    monkeypatch.setattr("harness.scaling.census.AT_A_TIME", 300)
     groups, _, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = of_the_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
@@ -275,16 +275,16 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
 
 KILLED = """
 import os, signal, sys
-from harness.scaling import tile_census
+from harness.scaling import census
 from harness.cli import main
 begun = []
-real = tile_census.save
+real = census.save
 def save(*arguments):
     if begun:
         os.kill(os.getpid(), signal.SIGKILL)
     begun.append(1)
     real(*arguments)
-tile_census.save = save
+census.save = save
 sys.argv[1:] = {arguments!r}
 main()
 """
