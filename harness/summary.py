@@ -24,9 +24,9 @@ from harness.figures.registry import (
     predictions,
 )
 from harness.figures.verdict import AFTER, Decision, Standing, advice, break_even, decide, explained
-from harness.pictures.style import plain_table
 from harness.stored import atomic
 from harness.stored.folder import Record
+from harness.style import plain_table
 
 MOST_COLUMNS = 4
 """Figures of the table; with them, 80 characters hold all of it."""

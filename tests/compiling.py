@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
+from harness.heatmaps import lane_maps
 from harness.measuring.lower_limits import fewest
 from harness.measuring.processes import COMPILED_LATE
-from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import outlines
 from harness.triangulating.frames import triangulate_polygons

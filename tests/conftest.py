@@ -15,12 +15,12 @@ import pytest
 from hypothesis import settings
 from shapely.geometry import Polygon, box, mapping
 
+from harness import style
 from harness.cli import main
 from harness.measuring import server, tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.measuring.worker import Inline
-from harness.pictures import style
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
 from tests.chromium import Chromium

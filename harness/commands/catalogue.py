@@ -80,7 +80,7 @@ KINDS: dict[str, Callable[[], Iterator[Row]]] = {
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    from harness.pictures.style import plain_table
+    from harness.style import plain_table
 
     table = plain_table(None, *rows[0])
     for row in rows:

@@ -81,8 +81,8 @@ def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
 
 def _say_orders(found: pd.DataFrame) -> None:
     """Print the times in ratio to the first base's, in own orders and both in a common one."""
-    from harness.pictures.style import plain_table
     from harness.rasterisers.base import ORDERS
+    from harness.style import plain_table
 
     orders = [name for name in found.columns if name in ORDERS]
     for (scene, _, device, resolution), part in found.groupby(

@@ -56,10 +56,10 @@ def history(
     --all. Studies are left out: they measure each case once.
     """
     from harness.figures import groups
-    from harness.figures.words import count
     from harness.history.plots import plot_history
     from harness.history.series import Choice, find_runs, matching, read_series, worth_showing
     from harness.stored import atomic
+    from harness.style import count
 
     found = find_runs(folders, studies=everything)
     runs = found.runs
@@ -93,8 +93,8 @@ def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return one line for each change: when, of what, from which level to which."""
     import numpy as np
 
-    from harness.figures.words import figure, percent
     from harness.history.plots import run_label
+    from harness.style import figure, percent
 
     lines = []
     for entry in series:

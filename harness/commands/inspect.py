@@ -135,7 +135,7 @@ def _draw(
     import numpy as np
 
     from harness.frame import make_frame
-    from harness.pictures.heatmaps import draw_heatmaps
+    from harness.heatmaps import draw_heatmaps
     from harness.triangulating.frames import triangulate_polygons
 
     frame = make_frame([scene.polygons[polygon]], view)
@@ -225,9 +225,9 @@ def _list_every(
 ) -> None:
     """List every triangulation of a polygon with its criteria; draw shape against overdraw."""
     from harness.commands.running import default_folder
-    from harness.pictures.style import plain_table
     from harness.stored import atomic
     from harness.study import enumeration
+    from harness.style import plain_table
     from triangulators import Skipped, TriangulationError
 
     folder = out or default_folder(scene.name, before="every-")

@@ -25,7 +25,7 @@ from harness.compare.wording import (
     total_cells,
     within,
 )
-from harness.figures.words import count
+from harness.style import count
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -101,7 +101,7 @@ def _print_group(group: Group, console: Console) -> None:
 def _rich_table(title: str, heading: tuple[str, ...], words: tuple[int, ...]) -> Table:
     from rich.text import Text
 
-    from harness.pictures.style import plain_table
+    from harness.style import plain_table
 
     table = plain_table(Text(title))
     for number, name in enumerate(heading):

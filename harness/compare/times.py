@@ -34,9 +34,9 @@ from scipy import stats
 from harness.compare.model import Against, Drift, Outcome, TimeChange
 from harness.compare.settings import Settings
 from harness.figures import run_state
+from harness.figures.counters import CYCLES
 from harness.figures.intervals import paired_ratio
 from harness.figures.run_state import ENOUGH, kept_pairs
-from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
 QUANTILE = 0.1

@@ -18,7 +18,7 @@ from harness.compare.model import (
     Total,
 )
 from harness.figures.registry import find
-from harness.figures.words import count, figure, percent
+from harness.style import count, figure, percent
 
 FIRST = ("quads", "bbox_tests", "helper_lanes")
 """Counters that stand for the cost best, the best first."""

@@ -13,11 +13,11 @@ from typing import Final, Literal
 
 import numpy as np
 
+from harness.figures.counters import CYCLES
 from harness.figures.groups import base_of, time_ratio
 from harness.figures.intervals import FASTER, SLOWER, Ratio, Verdict, student_interval
 from harness.figures.registry import find, measures, value_of
 from harness.figures.run_state import QUIET, State
-from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 
 Kind = Literal["at once", "after", "up to", "not shown", "never"]

@@ -12,8 +12,8 @@ import numpy as np
 from harness.figures.registry import find
 from harness.history.series import TIME, TOGETHER, Series
 from harness.machine.environment import commit_of
-from harness.pictures.style import COLOURS, MARKERS, draw
 from harness.stored.folder import Run
+from harness.style import COLOURS, MARKERS, draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

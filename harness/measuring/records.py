@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.figures.counters import CYCLES
 from harness.figures.registry import LEAST, OUTLINE
 from harness.figures.run_state import undisturbed
 from harness.figures.views import NAMES, VIEWS
@@ -17,7 +18,6 @@ from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
 from harness.rasterisers.base import Counters
-from harness.rasterisers.counters import CYCLES
 from harness.stored.folder import Record
 from harness.triangulating.frames import FrameTriangulation
 

@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured, UsageError
+from harness.figures.counters import CYCLES
 from harness.figures.run_state import judge
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
 from harness.machine import environment, system
@@ -29,7 +30,6 @@ from harness.measuring.scene import Columns, SceneRun
 from harness.measuring.two_versions import Beside, Halves, head_records
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
-from harness.rasterisers.counters import CYCLES
 from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted, read_run
 from harness.triangulating.recipes import ORIGINAL, Recipe

@@ -16,11 +16,11 @@ from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
 from harness.frame import OWN_VIEWS
 from harness.page.device_summaries import CRITERIA
-from harness.pictures.style import looks
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
+from harness.style import looks
 from harness.webpages import encoded
 
 FORMAT = "raster-harness page"

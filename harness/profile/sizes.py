@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, did_you_mean
 from harness.figures.verdict import listed
 from harness.frame import SUBPIXEL, Frame, View, frame_of
-from harness.pictures.style import ONE_COLUMN, STYLE, looks, plain_table
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
+from harness.style import ONE_COLUMN, STYLE, looks, plain_table
 from harness.triangulating.frames import time_in_rounds, triangulate_polygons
 from harness.triangulating.recipes import Recipe
 from scenes import Scene

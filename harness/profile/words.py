@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.figures.verdict import listed
-from harness.pictures.style import plain_table
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
+from harness.style import plain_table
 
 if TYPE_CHECKING:
     from rich.table import Table
 from typing import TYPE_CHECKING
 
-from harness.pictures.style import draw, look_of
+from harness.style import draw, look_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from harness.errors import NoRasteriser, UsageError, unknown
+from harness.figures.counters import Counter, learn
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -18,7 +19,6 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.counters import Counter, learn
 
 __all__ = [
     "Counter",

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, unknown
+from harness.figures.counters import Counter
 from harness.machine import system
-from harness.rasterisers.counters import Counter
 
 if TYPE_CHECKING:
     from harness.frame import Frame

@@ -20,7 +20,10 @@ from harness.figures.polygons import (
     ratios,
 )
 from harness.figures.registry import PREDICTED, find, measures, predictions
-from harness.pictures.style import (
+from harness.report import matrix
+from harness.stored.drawings import view_of
+from harness.stored.folder import Record, Run
+from harness.style import (
     COLOURS,
     MOST_VECTOR_MARKS,
     TWO_COLUMNS,
@@ -29,9 +32,6 @@ from harness.pictures.style import (
     scatter,
     scatter_over_medians,
 )
-from harness.report import matrix
-from harness.stored.drawings import view_of
-from harness.stored.folder import Record, Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,7 +19,6 @@ from harness.figures.registry import PREDICTED, Figure, figures_of, find, measur
 from harness.figures.run_state import state_of
 from harness.figures.verdict import Standing, advice, decide, explained
 from harness.machine.environment import commit_of, label_of
-from harness.pictures.style import looks
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
 from harness.stored import drawings
@@ -27,6 +26,7 @@ from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
 from harness.stored.schema import FITS, USUAL_OPTIONS
 from harness.study.correlations import Estimate
+from harness.style import looks
 from harness.summary import row_of
 from harness.webpages import encoded
 

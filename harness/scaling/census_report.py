@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.pictures.style import TWO_COLUMNS, draw, looks, plain_table
 from harness.scaling.census import Options, TileOptions
 from harness.scaling.sums import BINS, GAINED, MEASURES, Group, Sums, whole
 from harness.stored import atomic
+from harness.style import TWO_COLUMNS, draw, looks, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -22,8 +22,8 @@ from harness.figures.groups import SAME
 from harness.figures.intervals import median_over
 from harness.figures.polygons import Column, spearman
 from harness.figures.registry import find, measures, predictions
-from harness.pictures.style import draw, legend_below, panels, plain_table, scatter_over_medians
 from harness.stored.folder import Record
+from harness.style import draw, legend_below, panels, plain_table, scatter_over_medians
 from triangulators.criteria import FEATURES_KEPT
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.pictures.style import COLOURS, draw
+from harness.style import COLOURS, draw
 from triangulators import vertices
 from triangulators.criteria import predict
 from triangulators.methods.exhaustive import enumerate_triangulations

@@ -11,8 +11,8 @@ import pandas as pd
 from harness.figures.groups import group_of, groups, time_ratio
 from harness.figures.intervals import FASTER
 from harness.figures.registry import find
-from harness.pictures.style import draw, looks
 from harness.stored.folder import Record
+from harness.style import draw, looks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,9 +25,9 @@ from harness.figures.intervals import FASTER, SLOWER
 from harness.figures.polygons import PREDICTED, columns_of
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
-from harness.pictures.style import draw, legend_below, looks, panels, plain_table
 from harness.stored.folder import Record, Run
 from harness.study.subjects import Design, choose_polygons
+from harness.style import draw, legend_below, looks, panels, plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
 from triangulators import criteria, registry

@@ -25,10 +25,10 @@ from harness.figures.groups import groups
 from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
 from harness.figures.registry import find, measures, predictions
-from harness.pictures.style import COLOURS, draw, family_of, plain_table
 from harness.stored.folder import Record
 from harness.study.correlations import TIME, label
 from harness.study.subjects import LEAST
+from harness.style import COLOURS, draw, family_of, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

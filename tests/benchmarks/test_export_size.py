@@ -23,7 +23,7 @@ TILES = 10
 
 EXPORT = """
 import json, resource, sys
-from harness.export import export_file
+from harness.export.export import export_file
 report = export_file(sys.argv[1], sys.argv[2])
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 print(json.dumps([report.polygons, report.seconds, report.triangulate_s, peak]))

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from harness.errors import UsageError
-from harness.export import FORMATS, check_evidence, export_file, geo
+from harness.export import check_evidence, geo
+from harness.export.export import FORMATS, export_file
 from harness.export.mesh import heights
 from scenes import SceneError, load
 

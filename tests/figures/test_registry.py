@@ -15,13 +15,12 @@ from rich.console import Console
 
 from harness.compare.comparison import compare_runs
 from harness.compare.settings import Settings
-from harness.figures import registry
+from harness.figures import counters, registry
 from harness.figures.registry import Figure, figures_of, find, measures, predictions
-from harness.pictures.style import looks
-from harness.rasterisers import counters
 from harness.report.report_data import content_of
 from harness.stored.folder import read_run
 from harness.study import correlations
+from harness.style import looks
 from harness.summary import print_summary, write_csv
 from tests.harness.test_summary import record
 from triangulators import criteria

@@ -116,7 +116,7 @@ def test_inspect_draws_a_picture(harness, block):
 def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch):
     told = []
     monkeypatch.setattr(
-        "harness.pictures.heatmaps.draw_heatmaps",
+        "harness.heatmaps.draw_heatmaps",
         lambda frame, *_: told.extend(frame.source.tolist()),
     )
     assert harness("inspect", str(block), "--polygon", "2")[0] == 0
@@ -198,7 +198,7 @@ def test_gains_are_drawn_where_the_view_varies(harness, block, monkeypatch):
     assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
     figures = {}
     monkeypatch.setattr(
-        "harness.pictures.style.save", lambda figure, _, name: [figures.setdefault(name, figure)]
+        "harness.style.save", lambda figure, _, name: [figures.setdefault(name, figure)]
     )
     assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0
     (name,) = [n for n in figures if "rotation" in n and n.endswith("over-ear-clipping")]

@@ -8,7 +8,7 @@ from PIL import Image
 from shapely import Polygon, box
 
 from harness.frame import View, make_frame
-from harness.pictures.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
+from harness.heatmaps import PANEL_PX, draw_heatmaps, lane_maps
 from harness.rasterisers import Options
 from triangulators import triangulate
 

@@ -12,10 +12,10 @@ import shapely
 from harness.errors import UsageError
 from harness.figures.views import VIEWS
 from harness.frame import Frame
+from harness.heatmaps import lane_maps
 from harness.measuring import tasks
 from harness.measuring.records import _views_of
 from harness.measuring.worker import Worker
-from harness.pictures.heatmaps import lane_maps
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import submission
 from harness.rasterisers.context import BoundMesh

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.pictures.style import COLOURS, STYLE, TWO_COLUMNS
 from harness.report.plots import NAME, plot_run
 from harness.stored.folder import read_run
+from harness.style import COLOURS, STYLE, TWO_COLUMNS
 from tests.conftest import PRINTED_DPI
 from triangulators import criteria
 

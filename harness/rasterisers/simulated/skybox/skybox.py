@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
+from harness.figures.counters import CYCLES
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Image, Options, Triangles, per_polygon
-from harness.rasterisers.counters import CYCLES
 from harness.rasterisers.reference import SHADED, colours
 from harness.rasterisers.simulated.building import Lacking
 from harness.rasterisers.simulated.design import Design

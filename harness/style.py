@@ -1,4 +1,4 @@
-"""How things look, the same in every plot and report: colours, symbols, style, files.
+"""How things look, the same in every plot, table and report: colours, symbols, numbers, files.
 
 A triangulator has one colour and one symbol wherever it is shown. Those that most runs have are
 fixed by name; others take what is left, in the order in which they appear.
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from rich.table import Table
     from rich.text import TextType
+
 
 # Okabe and Ito's eight colours, told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
@@ -246,3 +247,21 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
             figure.savefig(file)
             figure.set_layout_engine("none")  # a second file has the layout of the first
     return files
+
+
+def count(number: int, noun: str, several: str = "") -> str:
+    """Write `1 case`, `2 cases`."""
+    return f"{number:,} {noun if number == 1 else several or noun + 's'}"
+
+
+def percent(change: float) -> str:
+    """Write a relative change with a sign and as many digits as matter: `+12.3 %`."""
+    size = abs(change) * 100
+    digits = 0 if size >= 100 else 1 if size >= 0.1 else 3
+    return f"{change * 100:+,.{digits}f} %"
+
+
+def figure(value: float) -> str:
+    """Write a number with as many digits as matter."""
+    whole = float(value).is_integer() or abs(value) >= 1000
+    return f"{value:,.0f}" if whole else f"{value:,.4g}"

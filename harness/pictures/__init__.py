@@ -1,1 +1,0 @@
-"""Plots and heatmaps, and the style that all of them share."""
