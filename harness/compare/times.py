@@ -173,19 +173,16 @@ def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChang
     if not p_values:
         return list(changes)
     corrected = iter(stats.false_discovery_control(p_values, method="bh").tolist())
-    return [
-        change if change.q_value is None else _settle(change, next(corrected), settings)
-        for change in changes
-    ]
-
-
-def _settle(change: TimeChange, q_value: float, settings: Settings) -> TimeChange:
-    decided = change.outcome in ("regressed", "improved")
-    allowed = Q_VALUE if change.against == "rounds" else 1 - settings.confidence
-    if decided and q_value > allowed:
-        reason = f"may be chance among so many cases (q = {q_value:.2g})"
-        return replace(change, q_value=q_value, outcome="inconclusive", reason=reason)
-    return replace(change, q_value=q_value)
+    settled = []
+    for change in changes:
+        if change.q_value is not None:
+            change = replace(change, q_value=(q_value := next(corrected)))
+            allowed = Q_VALUE if change.against == "rounds" else 1 - settings.confidence
+            if change.outcome in ("regressed", "improved") and q_value > allowed:
+                reason = f"may be chance among so many cases (q = {q_value:.2g})"
+                change = replace(change, outcome="inconclusive", reason=reason)
+        settled.append(change)
+    return settled
 
 
 def _against_peers(pair: Pair, known: Samples, peers: Samples, settings: Settings) -> TimeChange:

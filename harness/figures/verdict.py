@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -83,8 +83,7 @@ class BreakEven:
         return f"{least} or more" if math.isinf(high) else f"{least}{between}{math.ceil(high):,}"
 
 
-@dataclass(frozen=True)
-class _Estimate:
+class _Estimate(NamedTuple):
     value: float
     low: float
     high: float
@@ -101,39 +100,27 @@ def break_even(record: Record, base: Record | None) -> BreakEven | None:
     ratio = time_ratio(record, base)
     if ratio is None or ratio.exact or base is None or record is base:
         return None
-    longer = _longer(record, base)
-    if longer is None:
-        return None
+    rounds, usual = (each.get("triangulate_samples_s") or () for each in (record, base))
+    known = len(rounds) == len(usual) >= FEWEST_ROUNDS
+    if known:
+        longer = _Estimate(*student_interval(np.subtract(rounds, usual)))
+    else:  # it was timed once
+        once, usually = record.get("triangulate_s"), base.get("triangulate_s")
+        if once is None or usually is None:
+            return None
+        longer = _Estimate(*[once - usually] * 3)
     if ratio.verdict == FASTER:
         if longer.high <= 0:
             return BreakEven(AT_ONCE)
-        return _over(AFTER, longer, _saved(ratio, base), _known(record, base))
+        return _over(AFTER, longer, _saved(ratio, base), known)
     if ratio.verdict == SLOWER:
         if longer.high >= 0:
             return BreakEven(NEVER)
         quicker = _Estimate(-longer.value, -longer.high, -longer.low)
         saved = _saved(ratio, base)
         lost = _Estimate(-saved.value, -saved.high, -saved.low)
-        return _over(UP_TO, quicker, lost, _known(record, base))
+        return _over(UP_TO, quicker, lost, known)
     return BreakEven(NOT_SHOWN)
-
-
-def _rounds(record: Record) -> Sequence[float]:
-    return record.get("triangulate_samples_s") or ()
-
-
-def _known(record: Record, base: Record) -> bool:
-    return len(_rounds(record)) == len(_rounds(base)) >= FEWEST_ROUNDS
-
-
-def _longer(record: Record, base: Record) -> _Estimate | None:
-    """Return by how many seconds triangulating takes longer; one value where it was timed once."""
-    if not _known(record, base):
-        seconds, usual = record.get("triangulate_s"), base.get("triangulate_s")
-        if seconds is None or usual is None:
-            return None
-        return _Estimate(*[seconds - usual] * 3)
-    return _Estimate(*student_interval(np.subtract(_rounds(record), _rounds(base))))
 
 
 def _saved(ratio: Ratio, base: Record) -> _Estimate:
@@ -166,11 +153,13 @@ def _over(kind: Kind, top: _Estimate, bottom: _Estimate, known: bool) -> BreakEv
 
 
 def _end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int) -> float:
+    # The end solves (top - x bottom)^2 = (top - top_end)^2 + x^2 (bottom - bottom_end)^2: both
+    # intervals' reaches add as squares. Of its two roots `sign` names the one meant.
     if bottom_end <= 0:
         return math.inf
     below = bottom_end * (2 * bottom - bottom_end)
     inside = (top * bottom) ** 2 - top_end * (2 * top - top_end) * below
-    if below <= 0:  # the saving is known to less than a factor of two
+    if below <= 0:  # bottom_end is twice bottom or more: the roots do not lie around the ratio
         return top_end / bottom_end
     return (top * bottom + sign * math.sqrt(max(0.0, inside))) / below
 
@@ -267,11 +256,12 @@ def decide(members: Sequence[Record]) -> Decision | None:
     base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
     ground, choice, saving = _choose(rivals, base, measure)
-    alike = [
-        each.name
-        for each in rivals
-        if ground == SHOWN and each is not choice and each is not base and _level(each, choice)
-    ]
+    alike = []
+    for each in rivals if ground == SHOWN else ():
+        if each is not choice and each is not base:
+            ratio = time_ratio(each.record, choice.record)
+            if ratio is not None and ratio.verdict != SLOWER:
+                alike.append(each.name)
     timed = any(each.ratio is not None and each is not base for each in rivals)
     return Decision(
         tuple(ranked),
@@ -320,6 +310,7 @@ def _median(record: Record) -> float:
 def _choose(
     rivals: Sequence[Standing], base: Standing, measure: str | None
 ) -> tuple[Ground, Standing, Ratio | None]:
+    # Strongest ground first: what is too little to judge, then times, then counters, then nothing.
     others = [each for each in rivals if each is not base]
     if not others:
         return ALONE, rivals[0], None
@@ -335,7 +326,7 @@ def _choose(
     if all(each.verdict == SLOWER for each in others):
         return KEEP, base, None
     open_ = [each for each in rivals if each.verdict != SLOWER]
-    counts = {each.name: _count(each, measure) for each in open_}
+    counts = {each.name: (each.record.get("counters") or {}).get(measure) for each in open_}
     known = [each for each in open_ if counts[each.name] is not None]
     # The base first: where nothing is counted less, nothing speaks for a change.
     known.sort(key=lambda each: (counts[each.name], each is not base))
@@ -345,16 +336,6 @@ def _choose(
     if known and all(counters == every[0] for counters in every):
         return EQUAL, usual, None
     return OPEN, base if base in rivals else open_[0], None
-
-
-def _count(each: Standing, measure: str | None) -> int | None:
-    found: int | None = (each.record.get("counters") or {}).get(measure)
-    return found
-
-
-def _level(each: Standing, choice: Standing) -> bool:
-    ratio = time_ratio(each.record, choice.record)
-    return ratio is not None and ratio.verdict != SLOWER
 
 
 def explained(decision: Decision) -> str | None:
