@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.errors import UsageError
+from harness.settings import RESOLUTIONS, Fit
 from scenes.scene import Scene, Tiling, Viewing
 
 SUBPIXEL = 256
@@ -27,9 +28,6 @@ SUBPIXEL = 256
 
 MARGIN_PX = 1.0
 """Kept free at each side: geometry that is clipped has its seam quads counted twice."""
-
-FitMode = Literal["box", "circle", "tile", "view"]
-"""How the scene is laid on the viewport."""
 
 MARGIN_STEP_PX = 64
 """Of the margin round a tile, so that quads, blocks and bins lie as if the viewport began there."""
@@ -41,8 +39,6 @@ ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --resolution, --rotation,
 
 WHOLE = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 """The window of a frame that nothing cuts."""
-
-MAX_RESOLUTION = 16384
 
 
 @dataclass(frozen=True)
@@ -59,11 +55,12 @@ class View:
 
     resolution: int = 1024
     rotation: float = 0.0
-    fit: FitMode = "box"
+    fit: Fit = "box"
 
     def __post_init__(self) -> None:
-        if not 8 <= self.resolution <= MAX_RESOLUTION:
-            raise UsageError(f"resolution {self.resolution} is outside 8..{MAX_RESOLUTION} pixels")
+        least, most = RESOLUTIONS
+        if not least <= self.resolution <= most:
+            raise UsageError(f"resolution {self.resolution} is outside {least}..{most} pixels")
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation} is not a finite number of degrees")
         if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):
@@ -220,7 +217,7 @@ def view_of(scene: Scene) -> View:
 def _seen(scene: Scene, viewing: Viewing, view: View) -> Frame:
     """Lay all views of a model on each other."""
     frame = frame_as_it_is(viewing.pixels, viewing.points, viewing.offsets, viewing.ring_ends)
-    flat = frame_as_it_is(MAX_RESOLUTION, *on_grid(scene.polygons))
+    flat = frame_as_it_is(RESOLUTIONS[1], *on_grid(scene.polygons))
     source, tiles = viewing.source, viewing.first
     return replace(frame, view=view, source=source, tiles=tiles, flat=flat, viewing=viewing)
 

@@ -15,6 +15,7 @@ from harness.commands import options
 from harness.commands.run import NO_CONTEXT
 from harness.errors import UsageError
 from harness.progress import Reporter
+from harness.settings import RESOLUTIONS
 
 if TYPE_CHECKING:
     from harness.frame import View
@@ -28,7 +29,7 @@ COMPARED = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter
 
 def _sizes(text: str) -> options.Several:
     """Read 16-1024 as 16, 32, ... 1024: sizes that double, and the last one."""
-    size = options.number(int, *options.RESOLUTIONS, " pixels")
+    size = options.number(int, *RESOLUTIONS, " pixels")
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
     if first > last:

@@ -13,18 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from harness.measuring.settings import MOST_S
+from harness.settings import MOST_S, MOST_SEED, MOST_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
 PROFILES = Path("results") / "profiles"
 """Where `profile` writes unless told otherwise."""
-
-RESOLUTIONS = (8, 16384)
-SAMPLES = (1, 4, 8)
-MOST_WORK = 65_000
-ORDERS = ("native", "walk", "vertex-cache", "morton", "shuffled")
-"""What `frame` and `rasterisers` allow, which are slow to import: a test compares them."""
-
-MOST_SEED = 2**63 - 1
 
 Read = Callable[[str], Any]
 

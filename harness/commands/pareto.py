@@ -44,8 +44,8 @@ def pareto(
     from harness.commands.running import measure_study, require_all
     from harness.frame import View
     from harness.measuring.plan import Plan
-    from harness.measuring.settings import TimingSettings
     from harness.report import write_report
+    from harness.settings import TimingSettings
     from harness.stored import atomic
     from harness.study import pareto as study
     from harness.triangulating.recipes import parse_all

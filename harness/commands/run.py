@@ -6,20 +6,21 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, cast
 
 import typer
 from rich.console import Console
 
 from harness.commands import options
 from harness.errors import UsageError
-from harness.measuring.settings import (
+from harness.progress import Reporter
+from harness.settings import (
+    CHOSEN_FITS,
     DEFAULT_TRIANGULATORS,
     MODEL_TRIANGULATORS,
     TIMEOUT_S,
     TimingSettings,
 )
-from harness.progress import Reporter
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
 QUICK_TIMEOUT_S = 60.0
@@ -29,9 +30,6 @@ MOST_REPEATS = 1000
 
 NO_CONTEXT = cast("typer.Context", None)
 """What `study` runs with, which gives no options by the command line."""
-
-Fit = Literal["box", "circle"]
-"""`harness.frame.FitMode` but for what brings its view along; a test compares them."""
 
 
 def run(
@@ -52,7 +50,7 @@ def run(
     resolution: options.Resolutions = options.Several((1024,)),
     rotation: options.Rotations = options.Several((0.0,)),
     fit: Annotated[
-        Fit,
+        CHOSEN_FITS,
         typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
     ] = "box",
     samples: options.Samples = options.Several((1,)),

@@ -54,9 +54,9 @@ def validate(
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.measuring.run import Part
-    from harness.measuring.settings import TimingSettings
     from harness.rasterisers.base import Options
     from harness.report import write_report
+    from harness.settings import TimingSettings
     from harness.stored import atomic
     from harness.study import correlations, regret
     from harness.study.subjects import choose_polygons, choose_triangulators

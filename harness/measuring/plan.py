@@ -10,8 +10,8 @@ from typing import Any
 
 from harness.errors import UsageError
 from harness.frame import View
-from harness.measuring.settings import DEFAULT_TRIANGULATORS, MOST_S, TIMEOUT_S, TimingSettings
 from harness.rasterisers.base import Options
+from harness.settings import DEFAULT_TRIANGULATORS, MOST_S, MOST_SEED, TIMEOUT_S, TimingSettings
 from harness.triangulating.recipes import Recipe, parse_all
 
 
@@ -38,7 +38,7 @@ class Plan:
     def __post_init__(self) -> None:
         timing = self.timing
         for what, value, most in (
-            ("seed", self.seed, 2**63 - 1),
+            ("seed", self.seed, MOST_SEED),
             ("timeout", self.timeout_s, MOST_S),
             ("budget", timing.budget_s, MOST_S),
             ("warm-up", timing.warm_up_s, MOST_S),

@@ -10,7 +10,7 @@ from contextlib import suppress
 from harness.machine import system
 from harness.measuring import tasks  # noqa: F401 - for the workers
 from harness.measuring.server import MARK
-from harness.measuring.settings import DEFAULT_TRIANGULATORS
+from harness.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating.frames import warm_up
 from harness.triangulating.recipes import parse
 from triangulators.batch import triangulate_many  # noqa: F401 - for the workers

@@ -28,8 +28,8 @@ import numpy as np
 from harness.figures.intervals import median_interval, paired_ratio
 from harness.figures.run_state import ENOUGH, undisturbed
 from harness.machine import system
-from harness.measuring.settings import TimingSettings
 from harness.rasterisers.base import Sample
+from harness.settings import TimingSettings
 
 Timer = Literal["gpu", "cpu", "wall"]
 

@@ -16,12 +16,13 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import UsageError
-from harness.frame import MAX_RESOLUTION, SUBPIXEL
+from harness.frame import SUBPIXEL
 from harness.models.diagonals import outlines, shapes
 from harness.models.flat_faces import Part, flat_faces
 from harness.models.in_place import opened
 from harness.models.views import DISTANCE, VIEWS, Ball, ball_of, directions, placed, projected, ways
 from harness.rasterisers.spans import DEEPEST
+from harness.settings import RESOLUTIONS
 from scenes.scene import Scene, SceneError, Viewing
 from scenes.spec import arguments_for, parsed
 
@@ -169,8 +170,8 @@ def read(
 def _refuse(views: int, pixels: int, distance: float, depth: str) -> None:
     if not 1 <= views <= VIEWS:
         raise SceneError(f"views={views} is outside 1..{VIEWS}")
-    if pixels % 2 or not 8 <= pixels <= MAX_RESOLUTION:
-        raise SceneError(f"pixels={pixels} is no even number from 8 to {MAX_RESOLUTION}")
+    if pixels % 2 or not RESOLUTIONS[0] <= pixels <= RESOLUTIONS[1]:
+        raise SceneError(f"pixels={pixels} is no even number from 8 to {RESOLUTIONS[1]}")
     if not NEAREST <= distance <= FARTHEST:
         raise SceneError(f"distance={distance:g} is outside {NEAREST:g}..{FARTHEST:g} radii")
     if depth not in DEPTHS:

@@ -17,7 +17,7 @@ from pydantic import model_validator as validator
 from harness.errors import UsageError
 from harness.figures.intervals import median_interval
 from harness.figures.registry import PREDICTED
-from harness.frame import MAX_RESOLUTION, SUBPIXEL, View
+from harness.frame import SUBPIXEL, View
 from harness.measuring import records
 from harness.measuring.plan import Case as CaseOfPlan
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
@@ -37,6 +37,7 @@ from harness.page.saved import (
 )
 from harness.page.saved import Times as Told
 from harness.rasterisers.reference import SHADED
+from harness.settings import RESOLUTIONS
 from harness.stored import drawings
 from harness.stored.drawings import view_of
 from harness.stored.folder import Record, Run, Store, read_arrays
@@ -61,7 +62,7 @@ class _Record(Part):
     scene: Name
     scene_hash: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
     triangulator: Name
-    resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
+    resolution: Annotated[int, Field(ge=RESOLUTIONS[0], le=RESOLUTIONS[1])]
     rotation: Finite
     fit: Literal["box", "circle"] = "box"
     reason: Annotated[str, StringConstraints(max_length=10_000)] | None = None
@@ -112,7 +113,7 @@ def _contradiction(record: _Record, counted: _Counters) -> str | None:
 
 
 class _View(Part):
-    resolution: Annotated[int, Field(ge=8, le=MAX_RESOLUTION)]
+    resolution: Annotated[int, Field(ge=RESOLUTIONS[0], le=RESOLUTIONS[1])]
     rotation: Finite
     fit: Literal["box", "circle"]
     scene: Name

@@ -13,10 +13,10 @@ from harness.errors import Inconclusive, NothingMeasured
 from harness.figures.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.settings import TimingSettings
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
+from harness.settings import TimingSettings
 
 CONTROL = "(control)"
 """Name under which one draw of the design is drawn a second time."""

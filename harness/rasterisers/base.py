@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, unknown
 from harness.figures.counters import Counter
 from harness.machine import system
+from harness.settings import MOST_WORK, ORDERS, SAMPLES, Order
 
 if TYPE_CHECKING:
     from harness.frame import Frame
@@ -31,14 +32,6 @@ Image = NDArray[np.uint8]
 Counters = dict[str, NDArray[np.int64]]
 """Counter name -> (p,) one exact integer a polygon of the frame, or () where the device only
 gives a total."""
-
-Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
-"""In which triangles are submitted: caches and early tests depend on it; see `Options`."""
-
-ORDERS: tuple[Order, ...] = get_args(Order)
-
-SAMPLES = (1, 4, 8)
-MAX_WORK = 65_000  # llvmpipe ends a loop, in silence, after 65,535 rounds
 
 
 @dataclass(frozen=True)
@@ -61,8 +54,8 @@ class Options:
     def __post_init__(self) -> None:
         if self.samples not in SAMPLES:
             raise UsageError(f"{self.samples} samples a pixel: choose 1, 4 or 8")
-        if not 0 <= self.work <= MAX_WORK:
-            raise UsageError(f"work {self.work} is outside 0..{MAX_WORK} iterations")
+        if not 0 <= self.work <= MOST_WORK:
+            raise UsageError(f"work {self.work} is outside 0..{MOST_WORK} iterations")
         if self.order not in ORDERS:
             raise unknown("order", self.order, ORDERS)
 

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from harness.settings import Fit
+
 SECTIONS = ("plan", "environment", "devices", "scene", "seconds", "beside", "state", "written")
 LISTS = ("warnings", "frames", "resumed", "merged")
 """Parts of run.json that are tables, and lists."""
@@ -19,7 +21,6 @@ MOST = 2**63
 """No number of a record is as large: what reads them computes with 64 bits."""
 
 Number = Annotated[float, Field(gt=-MOST, lt=MOST, allow_inf_nan=False)]
-Fit = Literal["box", "circle", "tile", "view"]
 FITS: tuple[Fit, ...] = get_args(Fit)
 
 

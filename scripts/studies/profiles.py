@@ -42,7 +42,6 @@ from harness.figures.intervals import Ratio, mean_interval
 from harness.frame import on_coarser_grid
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
-from harness.measuring.settings import TimingSettings
 from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
@@ -51,6 +50,7 @@ from harness.profile.law import COSTS, costs_of, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
+from harness.settings import TimingSettings
 from harness.study.regret import regret_ends, regret_interval
 from scripts.studies.held_out import Draw, HeldOut, held_out_draws, time_draws
 from scripts.studies.missing_terms import drawn

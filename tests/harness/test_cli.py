@@ -13,8 +13,8 @@ from typing import get_args
 import pytest
 
 from harness.commands.index import COMMANDS, load
-from harness.commands.run import Fit
-from harness.frame import OWN_VIEWS, FitMode
+from harness.frame import OWN_VIEWS
+from harness.settings import CHOSEN_FITS, Fit
 from tests.paths import ROOT
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
@@ -222,7 +222,7 @@ def test_no_command_is_left_out_of_the_table():
 
 
 def test_fit_has_the_choices_of_a_view():
-    assert (*get_args(Fit), *OWN_VIEWS) == get_args(FitMode)
+    assert (*get_args(CHOSEN_FITS), *OWN_VIEWS) == get_args(Fit)
 
 
 WITHOUT_HEAVY_LIBRARIES = (
@@ -265,17 +265,6 @@ print([name for name in heavy if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.splitlines() == ["report", "[]"]
-
-
-def test_limits_of_options_are_those_of_what_they_set():
-    from harness import frame
-    from harness.commands import options
-    from harness.rasterisers import base
-
-    assert options.RESOLUTIONS == (8, frame.MAX_RESOLUTION)
-    assert options.SAMPLES == base.SAMPLES
-    assert options.MOST_WORK == base.MAX_WORK
-    assert options.ORDERS == base.ORDERS
 
 
 @pytest.mark.parametrize(

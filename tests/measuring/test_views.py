@@ -13,10 +13,10 @@ from harness.figures.views import over_views, said
 from harness.frame import View, frame_of, view_of
 from harness.measuring.lower_limits import limits
 from harness.measuring.plan import Plan
-from harness.measuring.settings import MODEL_TRIANGULATORS
 from harness.models.seen import read
 from harness.page.page_data import content_of
 from harness.rasterisers.reference import outlines, quads_of
+from harness.settings import MODEL_TRIANGULATORS
 from harness.stored.folder import read_arrays, read_run
 from harness.stored.schema import wrong_field
 from harness.triangulating.seen import original

@@ -1,8 +1,9 @@
-"""What a run measures and how carefully, unless told otherwise: all that `--help` needs to know."""
+"""What a run measures, how carefully, and within which limits: all that `--help` needs to know."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 DEFAULT_TRIANGULATORS = (
     "fan",
@@ -23,9 +24,30 @@ MODEL_TRIANGULATORS = (
 )
 """Of a model that is seen from several sides: the length is the mean of H over rotations."""
 
+RESOLUTIONS = (8, 16384)
+"""Least and most pixels along a side of the viewport."""
+
+Fit = Literal["box", "circle", "tile", "view"]
+"""How the scene is laid on the viewport."""
+
+CHOSEN_FITS = Literal["box", "circle"]
+"""Those of scenes that do not bring their view along."""
+
+SAMPLES = (1, 4, 8)
+"""Per pixel."""
+
+MOST_WORK = 65_000
+"""Iterations a fragment: llvmpipe ends a loop, in silence, after 65,535 rounds."""
+
+Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
+"""In which triangles are submitted: caches and early tests depend on it; see `Options`."""
+
+ORDERS: tuple[Order, ...] = get_args(Order)
+
+MOST_SEED = 2**63 - 1
+
 TIMEOUT_S = 600.0
 """Seconds after which a triangulator or a device is stopped."""
-
 
 MOST_S = 1e6
 """Seconds that nothing of ours takes; more is a mistake."""
