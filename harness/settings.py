@@ -95,3 +95,20 @@ class TimingSettings:
         if number > 0 and left_s == 0.0:
             return None
         return replace(self, limit_s=left_s / (self.processes - number))
+
+
+@dataclass(frozen=True)
+class StudySize:
+    """Size of a study.
+
+    polygons : how many are drawn from the scene
+    random : random triangulations of each
+    most_vertices : larger polygons are left out, because their optima take long
+    all_below : a polygon with fewer triangulations than this has all of them measured instead of
+        random ones, among them those with T-junctions that the paper's method makes
+    """
+
+    polygons: int = 24
+    random: int = 30
+    most_vertices: int = 400
+    all_below: int = 100

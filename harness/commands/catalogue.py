@@ -1,4 +1,4 @@
-"""`harness list`: the names that other commands take."""
+"""`harness list` and `doctor`: the names that commands take, and what works on this machine."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from harness.commands.options import Json
-from harness.errors import unknown
+from harness.errors import NoRasteriser, unknown
 
 Row = dict[str, Any]
 """What is told of one name, by heading."""
@@ -118,3 +119,26 @@ def catalogue(
         Console().print(f"{name}\n" if kind is None else "", end="", style="bold")
         Console().print(_table(rows))
         Console().print("\n" if kind is None else "", end="")
+
+
+COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
+
+
+def doctor() -> None:
+    """Check devices, drivers, extensions and timers; say how to repair what does not work."""
+    from harness import rasterisers
+    from harness.doctor import examine
+    from harness.rasterisers import devices
+
+    devices.forget()
+    console = Console(highlight=False)
+    findings = examine()
+    width = max(len(finding.name) for finding in findings)
+    for finding in findings:
+        line = Text(f"{finding.status:<8}", style=COLOURS[finding.status])
+        line.append(f"{finding.name:<{width}}  {finding.detail}", style="default")
+        console.print(line, soft_wrap=True)
+        if finding.fix:
+            console.print(f"{'':<8}{'':<{width}}  -> {finding.fix}", markup=False, soft_wrap=True)
+    if not any(rasterisers.get(name).devices() for name in ("opengl", "webgpu")):
+        raise NoRasteriser("no OpenGL or WebGPU device works here; see what to install, above")

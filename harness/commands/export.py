@@ -1,4 +1,4 @@
-"""`harness triangulate` and `harness cache`: meshes from polygons, and the model database."""
+"""`harness triangulate`, `check-evidence` and `cache`: meshes, their proofs, and the model database."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from harness.commands.options import Dask, Layer, Limit, Quiet, Where
-from harness.errors import UsageError, refuse_failed
+from harness.errors import Inconclusive, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
@@ -286,3 +286,26 @@ def cache(
     typer.echo(f"{info.path}: {info.entries:,} triangulations, {info.file_bytes:,} bytes")
     for name, (count, size) in info.by_triangulator.items():
         typer.echo(f"  {name}: {count:,}, {size:,} bytes")
+
+
+def check_evidence(
+    file: Annotated[Path, typer.Argument(help="What triangulate --certify --evidence FILE wrote.")],
+) -> None:
+    """Check proofs that triangulations are optimal, in whole numbers; refuse what does not hold.
+
+    It prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program
+    behind it, harness/export/check_evidence.py, needs Python alone and no other file of ours. It
+    lists all empty triangles: a polygon of 60 vertices takes seconds, one of 300 hours.
+    """
+    from harness.export.check_evidence import judge
+
+    refused = checked = 0
+    with file.open("rb") as lines:
+        for place, words, holds in judge(lines):
+            typer.echo(f"{place}: {words}")
+            checked += 1
+            refused += not holds
+    if not checked:
+        raise UsageError(f"{file} has no evidence: triangulate --certify --evidence writes it")
+    if refused:
+        raise Inconclusive(f"{file}: {refused} of {checked} proofs refused, see above")

@@ -77,7 +77,7 @@ COMMANDS = {
     ),
     "merge": Entry(
         MEASURE,
-        "merge:merge",
+        "page:merge",
         "Merge runs into one, by case; the order in which they are given does not matter.",
         (f"merge {RUN} {LATER} --hosts first,second --out results/merged",),
     ),
@@ -99,19 +99,19 @@ COMMANDS = {
     ),
     "study validate": Entry(
         STUDY,
-        "validate:validate",
+        "study:validate",
         "Say how well each criterion predicts the measured cost, within single polygons.",
         ("study validate --scene city --quick",),
     ),
     "study gains": Entry(
         STUDY,
-        "gains:gains",
+        "study:gains",
         "Compare each triangulator's time with the bases', in all views; say which one was faster.",
         (f"study gains {RUN} --out results/gains",),
     ),
     "study pareto": Entry(
         STUDY,
-        "pareto:pareto",
+        "study:pareto",
         "Measure the Pareto front of the paper's A and D, and the sweep of their weights.",
         (
             "study pareto --scene paper",
@@ -145,7 +145,7 @@ COMMANDS = {
     ),
     "check-evidence": Entry(
         GEOMETRY,
-        "check_evidence:check_evidence",
+        "export:check_evidence",
         "Check proofs that triangulations are optimal, in whole numbers; refuse what does not "
         "hold.",
         ("check-evidence proofs.jsonl",),
@@ -168,7 +168,7 @@ COMMANDS = {
     ),
     "doctor": Entry(
         MACHINE,
-        "doctor:doctor",
+        "catalogue:doctor",
         "Check devices, drivers, extensions and timers; say how to repair what does not work.",
         ("doctor",),
     ),

@@ -1,4 +1,4 @@
-"""`harness report`, `page` and `import`: a run as one HTML file, to read or to measure with."""
+"""`harness report`, `page`, `import`, `merge`: runs as HTML files, and runs made of other files."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from harness.errors import UsageError
 
 if TYPE_CHECKING:
     from harness.page import profile_result
+from itertools import chain
+
+from harness.commands.options import Several, several
 
 
 def report(
@@ -181,3 +184,46 @@ def _import_profile(
     for warning in found.warnings:
         typer.echo(f"warning: {warning}", err=True)
     tell(found.content, out, found.trouble)
+
+
+def merge(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one scene.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the merged run.")],
+    hosts: Annotated[
+        Several | None,
+        typer.Option(
+            parser=several(),
+            metavar="NAME,...",
+            help="One for each run: the host it was measured on. Its devices are "
+            "called device@host then, so that one kind of device on several hosts stays apart.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Merge runs into one, by case; the order in which they are given does not matter.
+
+    Counters of one kind of device must be equal on all hosts.
+    """
+    from harness.compare.matching import latest
+    from harness.progress import Reporter
+    from harness.report import write_report
+    from harness.scaling import merging
+    from harness.stored import atomic
+    from harness.stored.folder import clear_errors, read_run
+    from harness.summary import print_summary, write_csv
+
+    read = [latest(read_run(run)) for run in runs]
+    for problem in chain.from_iterable(run.problems for run in read):
+        Reporter().warn(problem)
+    if hosts:
+        if len(hosts) != len(read):
+            raise UsageError(f"--hosts names {len(hosts)} hosts for {len(read)} runs: give as many")
+        read = [merging.on_host(run, name) for run, name in zip(read, hosts, strict=True)]
+    with clear_errors(out), atomic.folder(out) as made:
+        merging.merge(read, made)
+        stored = read_run(made)
+        write_csv(stored.records, made / "summary.csv")
+        write_report(stored)
+    console = Console(quiet=quiet)
+    print_summary(stored.records, console)
+    console.print(f"results: {os.path.relpath(out)}", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`harness study all`: do our findings hold on other data?"""
+"""`harness study`: validate criteria, gains of the choice, the Pareto front, all on your data."""
 
 from __future__ import annotations
 
@@ -6,17 +6,267 @@ import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
 
 from harness.commands import options
-from harness.commands.gains import gains
 from harness.commands.run import run
-from harness.commands.validate import validate
 from harness.errors import Inconclusive, NothingMeasured, UsageError
-from harness.study.subjects import Design
+from harness.progress import Reporter
+from harness.settings import StudySize
+
+if TYPE_CHECKING:
+    import pandas as pd
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from harness.measuring.run import Part
+    from scenes import Scene
+
+
+COUNTED_ON_THE_CPU = ("reference", "binning")
+"""Rasterisers whose counters are the exact predictions."""
+
+ENOUGH = 12
+"""Polygons below which a study says that it is a look and no result."""
+
+QUICK = StudySize(polygons=6, random=10, most_vertices=60)
+QUICK_S = 0.02
+"""Seconds of drawing each triangulation, and of its first draws."""
+
+
+def validate(
+    scene: options.SceneName = "city",
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolutions = options.Several((128,)),
+    work: options.Works = options.Several((0, 8)),
+    polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = StudySize.polygons,
+    random: Annotated[
+        int, typer.Option(min=0, help="Random triangulations of each polygon.")
+    ] = StudySize.random,
+    seed: options.Seed = 0,
+    budget: options.Budget = 0.1,
+    out: Annotated[Path | None, options.study_folder("validate")] = None,
+    resume: options.Resume = None,
+    force: options.Force = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Six polygons, short times: a look, not a result.")
+    ] = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Say how well each criterion predicts the measured cost, within single polygons.
+
+    Each polygon is drawn with many triangulations, named and random ones. A criterion is good if it
+    ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
+    best costs little more than the best there is: its regret.
+    """
+    from harness.commands.running import measure_study, require_all
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.measuring.run import Part
+    from harness.rasterisers.base import Options
+    from harness.report import write_report
+    from harness.settings import TimingSettings
+    from harness.stored import atomic
+    from harness.study import correlations, regret
+    from harness.study.subjects import choose_polygons, choose_triangulators
+    from harness.triangulating.recipes import parse_all
+
+    design = QUICK if quick else StudySize(polygons=polygons, random=random)
+    named = options.named_rasterisers(rasterisers, "bounding-box")
+    plan = Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=parse_all(["optimal"]),  # each polygon has its own, below
+        rasterisers=tuple(dict.fromkeys([*named, *COUNTED_ON_THE_CPU])),
+        devices=tuple(device or ()),
+        views=tuple(View(size) for size in resolution),
+        # In one kind of order, so that nothing but the diagonals differs.
+        options=tuple(Options(work=count, order="walk") for count in work),
+        timing=TimingSettings(0.01, budget_s=QUICK_S if quick else budget, warm_up_s=QUICK_S),
+    )
+    reporter = Reporter(quiet=quiet, verbose=verbose)
+
+    def take_apart(label: str, whole: Scene) -> list[Part]:
+        return [
+            Part(f"{label}#{number}", part, choose_triangulators(design, part.polygons[0]))
+            for number, part in choose_polygons(whole, design)
+        ]
+
+    run = measure_study(plan, take_apart, "validate", reporter, out=out, resume=resume, force=force)
+    with reporter.stage("correlating", 1):
+        table = correlations.measure_table(run.records)
+        with atomic.folder(run.path, added=True) as made:
+            ranked = correlations.write(table, made)
+            correlations.plot_study(ranked, table, made)
+            lost = regret.write(run.records, made)
+        write_report(run)
+    correlations.print_matrix(ranked, Console())
+    regret.print_regret(lost, Console())
+    if (few := table["polygon"].nunique()) < ENOUGH:
+        typer.echo(f"{few} polygons say little; by default a study has {StudySize.polygons}")
+    typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
+    require_all(run)
+
+
+BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
+"""Default bases of the ratios: what programs use today, and the best that the harness knows."""
+
+MOST_SAID = 12
+"""How many views in which another was faster are named; gains.csv has them all."""
+
+
+def gains(
+    runs: Annotated[list[Path], typer.Argument(help="Run folders.")],
+    out: Annotated[Path, typer.Option(help="Folder for gains.csv and plots.")],
+    bases: Annotated[
+        options.Several,
+        typer.Option(
+            parser=options.several(), metavar="NAME,...", help="Triangulators to compare with."
+        ),
+    ] = options.Several(BASES),
+) -> None:
+    """Compare each triangulator's time with the bases', in all views; say which one was faster."""
+    import pandas as pd
+
+    from harness.figures import groups
+    from harness.stored import atomic
+    from harness.stored.folder import read_run
+    from harness.study.gains import best, by_order, gain_table, plot
+    from harness.triangulating.recipes import parse_all
+
+    wanted = [str(recipe) for recipe in parse_all(bases)]
+    read = [read_run(path) for path in runs]
+    table = gain_table([run.records for run in groups.by_processor(read)], wanted)
+    if table.empty:
+        raise NothingMeasured("no two triangulators were timed together on the same polygons")
+    orders = [p for n in wanted if len(p := by_order(table, n).assign(base=n))]
+    with atomic.folder(out, added=True) as made:
+        files = plot(table, made / "plots")
+        table.to_csv(made / "gains.csv", index=False, float_format="%.5g")
+        if orders:
+            pd.concat(orders).to_csv(made / "orders.csv", index=False, float_format="%.4g")
+    if mixed := groups.several_processors(read):
+        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    if orders:
+        _say_orders(orders[0])
+    for name in wanted:
+        _say_how_it_did(best(table, name), name)
+    typer.echo(f"{len(table)} ratios in {out}/gains.csv, {len(files)} plots")
+
+
+def _say_how_it_did(views: pd.DataFrame, name: str) -> None:
+    """Say in how many views another triangulator was shown to be faster than `name`."""
+    if views.empty:
+        return
+    beaten = views[views["faster"] != ""]
+    several = len(views[["rasteriser", "device"]].drop_duplicates()) > 1
+    kept = len(views) - len(beaten)
+    typer.echo(f"{name}: no other was shown to be faster in {kept} of {len(views)} views")
+    for row in beaten.head(MOST_SAID).to_dict("records"):
+        view = f"{row['scene']} {row['resolution']} px"
+        view += f", {row['rasteriser']} on {row['device']}" if several else ""
+        usual_of = (("rotation", "turned", 0), ("work", "work", 0), ("samples", "samples", 1))
+        for key, word, usual in usual_of:
+            if row[key] != usual:
+                view += f", {word} {row[key]:g}"
+        view += f", {row['order']} order" if row["order"] != "native" else ""
+        typer.echo(f"  {view}: {row['faster']} faster")
+    if len(beaten) > MOST_SAID:
+        typer.echo(f"  and {len(beaten) - MOST_SAID} more views")
+
+
+def _say_orders(found: pd.DataFrame) -> None:
+    """Print the times in ratio to the first base's, in own orders and both in a common one."""
+    from harness.rasterisers.base import ORDERS
+    from harness.style import plain_table
+
+    orders = [name for name in found.columns if name in ORDERS]
+    for (scene, _, device, resolution), part in found.groupby(
+        ["scene", "rasteriser", "device", "resolution"], sort=False
+    ):
+        base = part["base"].iloc[0]
+        title = f"{scene} {resolution} px, {device}: time vs {base}"
+        headings = (">own order", *(f">both in {name}" for name in orders))
+        table = plain_table(title, "triangulator", *headings)
+        for row in part.to_dict("records"):
+            shown = (row[name] for name in ("own", *orders))
+            cells = ["" if value != value else f"{value:.3f}" for value in shown]
+            table.add_row(row["triangulator"], *cells)
+        Console().print(table)
+
+
+PARETO_POLYGONS = 6
+
+PARETO_S = 0.4
+
+
+def pareto(
+    scene: options.SceneName = "paper",
+    polygons: Annotated[
+        int, typer.Option(min=0, help="Polygons whose whole front is found and measured.")
+    ] = PARETO_POLYGONS,
+    rasterisers: options.Rasterisers = None,
+    device: options.Devices = None,
+    resolution: options.Resolution = 512,
+    seed: options.Seed = 0,
+    budget: options.Budget = PARETO_S,
+    out: Annotated[Path | None, options.study_folder("pareto")] = None,
+    resume: options.Resume = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
+
+    A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
+    triangulations of a polygon that no other beats in both.
+    """
+    from harness.commands.running import measure_study, require_all
+    from harness.frame import View
+    from harness.measuring.plan import Plan
+    from harness.report import write_report
+    from harness.settings import TimingSettings
+    from harness.stored import atomic
+    from harness.study import pareto as fronts_of
+    from harness.triangulating.recipes import parse_all
+    from scenes.spec import label
+
+    view = View(resolution)
+    plan = Plan(
+        scene=scene,
+        seed=seed,
+        triangulators=parse_all((*fronts_of.SWEEP, fronts_of.WITH_C, *fronts_of.named())),
+        rasterisers=options.named_rasterisers(rasterisers, "bounding-box"),
+        devices=tuple(device or ()),
+        views=(view,),
+        timing=TimingSettings(precision=0.005, budget_s=budget, warm_up_s=0.05),
+    )
+    reporter = Reporter(quiet=quiet, verbose=verbose)
+    fronts: dict[str, fronts_of.MeasuredFront] = {}
+
+    def take_apart(label: str, whole: Scene) -> list[Part]:
+        parts, found = fronts_of.take_apart(label, whole, polygons, view)
+        fronts.update(found)
+        return parts
+
+    run = measure_study(plan, take_apart, "pareto", reporter, out=out, resume=resume, force=force)
+    folder = run.path
+    table = fronts_of.pareto_table(run, fronts)
+    with reporter.stage("plotting", 1):
+        with atomic.folder(folder, added=True) as made:
+            fronts_of.front_table(fronts).to_csv(made / "fronts.csv", index=False)
+            table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
+            fronts_of.plot(table, fronts, Path(label(scene)).stem, made / "plots")
+        write_report(run)
+    fronts_of.print_table(table, label(scene), Console(highlight=False))
+    typer.echo(f"study: {folder}")
+    require_all(run)
+
 
 ANGLES = options.Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))
 
@@ -38,7 +288,7 @@ def study(
     resolution: options.Resolutions = options.Several((256, 1024)),
     polygons: Annotated[
         int, typer.Option(min=1, help="Polygons to validate with.")
-    ] = Design.polygons,
+    ] = StudySize.polygons,
     seed: options.Seed = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Few polygons, short times: a look, not a result.")

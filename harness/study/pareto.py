@@ -25,8 +25,9 @@ from harness.figures.intervals import FASTER, SLOWER
 from harness.figures.polygons import PREDICTED, columns_of
 from harness.frame import View, make_frame
 from harness.measuring.run import Part
+from harness.settings import StudySize
 from harness.stored.folder import Record, Run
-from harness.study.subjects import Design, choose_polygons
+from harness.study.subjects import choose_polygons
 from harness.style import draw, legend_below, looks, panels, plain_table
 from harness.triangulating.recipes import parse_all
 from scenes import Scene
@@ -109,7 +110,7 @@ def take_apart(
     fronts: dict[str, MeasuredFront] = {}
     parts = []
     if alone or polygons:
-        design = Design(polygons=max(polygons, 1), most_vertices=LIMIT)
+        design = StudySize(polygons=max(polygons, 1), most_vertices=LIMIT)
         for number, part in choose_polygons(scene, design):
             drawn = make_frame(part.polygons, view).polygons
             if len(drawn) != 1 or drawn[0].interiors:  # the grid breaks it

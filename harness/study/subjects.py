@@ -13,7 +13,7 @@ the frame. Nothing of it is timed.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from harness.errors import UsageError
 from harness.figures.registry import predictions
 from harness.frame import SUBPIXEL, View
 from harness.rasterisers.reference import Reference, predict
+from harness.settings import StudySize
 from harness.stored import drawings
 from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
@@ -44,24 +45,7 @@ LEAST = "optimal:exact-quads"
 """What regret is measured against: no triangulation shades fewer quads. Large ones are skipped."""
 
 
-@dataclass(frozen=True)
-class Design:
-    """Size of a study.
-
-    polygons : how many are drawn from the scene
-    random : random triangulations of each
-    most_vertices : larger polygons are left out, because their optima take long
-    all_below : a polygon with fewer triangulations than this has all of them measured instead of
-        random ones, among them those with T-junctions that the paper's method makes
-    """
-
-    polygons: int = 24
-    random: int = 30
-    most_vertices: int = 400
-    all_below: int = 100
-
-
-def choose_polygons(scene: Scene, design: Design) -> list[tuple[int, Scene]]:
+def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
     """Return (number in the scene, scene of that polygon alone), from few to many vertices.
 
     Simple polygons only: the optimum is exact, and random triangulations are uniform, where
@@ -105,7 +89,7 @@ def _alone(scene: Scene, number: int) -> Scene:
     return replace(alone, dropped=[], repaired=[])
 
 
-def choose_triangulators(design: Design, polygon: Polygon) -> tuple[Recipe, ...]:
+def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:
     """Return all triangulations to measure of a polygon without holes."""
     from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
 

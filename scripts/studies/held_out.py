@@ -16,7 +16,8 @@ from harness.measuring.processes import Backend, Bench
 from harness.measuring.timing import EMPTY, REFERENCE, TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.study.subjects import Design, choose_polygons
+from harness.settings import StudySize
+from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
 from scenes import Scene
 
@@ -75,7 +76,7 @@ def held_out_draws(
     polygons: list[str] = []
     ways: list[str] = []
     for place, scene in enumerate(scenes):
-        for number, alone in choose_polygons(scene, Design(polygons=24)):
+        for number, alone in choose_polygons(scene, StudySize(polygons=24)):
             frame = make_frame(alone.polygons, View(resolution))
             for name in names:
                 recipe = parse(name, seed=seed, calibration=calibration)

@@ -23,7 +23,8 @@ from harness.rasterisers.simulated.simulated import read
 from harness.rasterisers.simulated.skybox import program
 from harness.rasterisers.simulated.skybox.edges import work
 from harness.rasterisers.simulated.squares import descended
-from harness.study.subjects import Design, choose_polygons
+from harness.settings import StudySize
+from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse_all
 from scenes import load
@@ -43,7 +44,7 @@ PARAMETERS = (
 TURNED_AT = 256
 """The size at which parameters are turned."""
 
-DESIGN = Design(polygons=6, most_vertices=200)
+DESIGN = StudySize(polygons=6, most_vertices=200)
 THIN_AREA, ASPECTS, ANGLES, PLACES = 64.0, (1, 2, 4, 8, 16, 32, 64, 128, 256), (0, 22, 45), 32
 KEPT = [
     *("scene", "polygon", "resolution", "device", "triangulator", "triangles", "cycles"),

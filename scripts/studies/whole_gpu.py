@@ -25,7 +25,7 @@ from harness.figures.polygons import spearman
 from harness.frame import SUBPIXEL, View, make_frame
 from harness.rasterisers.base import Options, submission
 from harness.rasterisers.simulated.attila.attila import BINDING, Attila, Parameters
-from harness.study.design import Design
+from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
 from scenes import load
 from triangulators import criteria, triangulate
@@ -50,7 +50,7 @@ COUNTED = (*Attila.counters, "cycles")
 def draws(scene: str, polygons: int) -> Iterator[tuple[tuple[object, ...], object]]:
     """Yield each draw's key and what draws it and returns its row."""
     gpus = {bound: Attila(Parameters(bound)) for bound in BINDING}
-    for number, alone in choose_polygons(load(scene), Design(polygons=polygons)):
+    for number, alone in choose_polygons(load(scene), StudySize(polygons=polygons)):
         frame = make_frame(alone.polygons, View(PIXELS))
         (polygon,) = frame.polygons
         for name in TRIANGULATORS:

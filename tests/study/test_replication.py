@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from harness.errors import Inconclusive, NothingMeasured, UsageError
+from harness.settings import StudySize
 from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
-from harness.study.subjects import Design
 from tests.conftest import exit_code
 
 
@@ -156,8 +156,8 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 @pytest.fixture
 def small(monkeypatch):
     """Make the four studies small."""
-    monkeypatch.setattr("harness.commands.validate.QUICK", Design(2, random=4, most_vertices=20))
-    monkeypatch.setattr("harness.commands.validate.QUICK_S", 1e-4)
+    monkeypatch.setattr("harness.commands.study.QUICK", StudySize(2, random=4, most_vertices=20))
+    monkeypatch.setattr("harness.commands.study.QUICK_S", 1e-4)
     monkeypatch.setattr("harness.commands.study.ANGLES", (0.0, 45.0))
 
 

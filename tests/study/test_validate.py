@@ -11,9 +11,10 @@ import pytest
 from harness.commands.running import folder_for
 from harness.compare.matching import repeat
 from harness.errors import UsageError
+from harness.settings import StudySize
 from harness.stored.folder import read_run
 from harness.study.correlations import by_resolution, correlate, measure_table
-from harness.study.subjects import Design, choose_polygons, choose_triangulators
+from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import briefly, exit_code
@@ -23,7 +24,7 @@ from tests.measuring.test_run import interrupt_after_one
 
 def test_polygons_are_simple_and_of_all_sizes():
     city = load("city")
-    chosen = choose_polygons(city, Design(polygons=12))
+    chosen = choose_polygons(city, StudySize(polygons=12))
     sizes = [len(part.polygons[0].exterior.coords) - 1 for _, part in chosen]
     assert sizes == sorted(sizes)
     assert sizes[0] >= 8
@@ -35,15 +36,15 @@ def test_polygons_are_simple_and_of_all_sizes():
 
 def test_triangulations_are_sampled_broadly():
     city = load("city:buildings=80")
-    polygon = choose_polygons(city, Design(polygons=3))[1][1].polygons[0]
-    names = [str(each) for each in choose_triangulators(Design(random=30), polygon)]
+    polygon = choose_polygons(city, StudySize(polygons=3))[1][1].polygons[0]
+    names = [str(each) for each in choose_triangulators(StudySize(random=30), polygon)]
     assert {"ear-clipping", "delaunay", "optimal:overdraw", "worst:half-perimeter"} <= set(names)
     assert sum(name.startswith("random#") for name in names) == 30
     assert len(set(names)) == len(names)
 
 
 def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
-    chosen = choose_triangulators(Design(random=30), load("paper").polygons[0])
+    chosen = choose_triangulators(StudySize(random=30), load("paper").polygons[0])
     names = [str(each) for each in chosen]
     assert sum(name.startswith("listed#") for name in names) == 47
     assert not any(name.startswith("random") for name in names)
@@ -51,7 +52,7 @@ def test_a_polygon_with_few_triangulations_is_cut_in_all_ways():
 
 def test_a_scene_without_simple_polygons_is_refused():
     with pytest.raises(UsageError, match="no polygon without holes"):
-        choose_polygons(load("city:buildings=5"), Design(most_vertices=3))
+        choose_polygons(load("city:buildings=5"), StudySize(most_vertices=3))
 
 
 def test_two_folders_are_one_too_many(harness):
@@ -63,7 +64,7 @@ def test_two_folders_are_one_too_many(harness):
 @pytest.mark.usefixtures("no_plots")
 @pytest.mark.parametrize("command", ["validate", "pareto"])
 def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypatch):
-    monkeypatch.setattr("harness.commands.validate.QUICK_S", 1e-4)
+    monkeypatch.setattr("harness.commands.study.QUICK_S", 1e-4)
     arguments = (
         "study",
         command,
@@ -110,7 +111,7 @@ def study(tmp_path_factory):
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         briefly(patch)  # counters are judged here
-        patch.setattr("harness.commands.validate.QUICK_S", 1e-4)
+        patch.setattr("harness.commands.study.QUICK_S", 1e-4)
         assert exit_code(*arguments) == 0
     return folder
 
