@@ -1,4 +1,4 @@
-"""`harness triangulate`, `check-evidence` and `cache`: meshes, their proofs, and the model database."""
+"""`harness triangulate`, `check-evidence` and `cache`: triangles, proofs, what is kept of them."""
 
 from __future__ import annotations
 

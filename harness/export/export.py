@@ -19,9 +19,8 @@ from harness.export import mesh as meshes
 from harness.export.apart import triangulate_many
 from harness.export.certified import Certified
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
-from harness.export.gltf import GltfWriter
 from harness.export.mesh import Batch
-from harness.export.writers import About, NpzWriter, ObjWriter, Writer
+from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writer
 from harness.stored.atomic import Output
 from scenes import load
 from scenes.cleaning.clean import Cleaned, counted_notes

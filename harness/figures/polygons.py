@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.estimates import estimated
+from harness.figures.counters import estimated
 from harness.figures.registry import PREDICTED
 from harness.stored.folder import Record, Run, read_arrays
 

@@ -18,7 +18,7 @@ from functools import cache
 from typing import Any, Literal
 
 from harness.figures import counters
-from harness.figures.estimates import ESTIMATES
+from harness.figures.counters import ESTIMATES
 from harness.stored.folder import Record
 from triangulators import criteria
 

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured, UsageError
 from harness.figures.counters import CYCLES
-from harness.figures.run_state import judge
+from harness.figures.run_state import default_path, judge, reference_draws
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
 from harness.machine import environment, system
 from harness.machine.environment import label_of, processor, same
-from harness.machine.state import default_path, reference_draws
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.figures.estimates import estimated, of_measure
+from harness.figures.counters import estimated, of_measure
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import (
     Columns,

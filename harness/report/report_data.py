@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.figures import views
-from harness.figures.estimates import ESTIMATES, estimated
+from harness.figures.counters import ESTIMATES, estimated
 from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, error_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions

@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from harness.machine import state
-from harness.machine.state import reference_draws
+from harness.figures import run_state
+from harness.figures.run_state import reference_draws
 from tests.measuring.test_run import measure, plan_for
 
 
@@ -56,7 +56,7 @@ def test_each_device_view_and_machine_has_its_own(tmp_path, monkeypatch):
     reference_draws(records(1e-3), file)
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
         assert reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
-    monkeypatch.setattr(state, "processor", lambda: {"label": "another"})
+    monkeypatch.setattr(run_state, "processor", lambda: {"label": "another"})
     assert reference_draws(records(5e-3), file)[0]["slower"] == 1.0
 
 
@@ -86,4 +86,4 @@ def test_a_run_keeps_what_it_was_compared_with(block, tmp_path):
     assert 0 < entry["best_s"] <= entry["reference_s"]
     assert math.isclose(entry["slower"], entry["reference_s"] / entry["best_s"])
     assert facts["cpu"]["label"]
-    assert state.default_path().exists()
+    assert run_state.default_path().exists()

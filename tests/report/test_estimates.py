@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.figures.estimates import ESTIMATES, estimated, of_measure
+from harness.figures.counters import ESTIMATES, estimated, of_measure
 from harness.figures.polygons import columns_of, error_of, error_of_ratios
 from harness.figures.registry import PREDICTED, find
 from harness.stored.folder import read_run
