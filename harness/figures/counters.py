@@ -1,4 +1,4 @@
-"""What rasterisers count: how each counter is shown, and what criteria predict of it, in its unit."""
+"""What rasterisers count: how each counter is shown; what criteria predict of it, in its unit."""
 
 from __future__ import annotations
 

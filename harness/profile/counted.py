@@ -95,7 +95,7 @@ def counters(draw: Draw) -> dict[str, int]:
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     most = COARSE * SUBPIXEL
-    tiles = reference.predict(points, triangles)["tiles_64_exact"]
+    tiles = reference.predict_tiles(points, triangles)["tiles_64_exact"]
     sums = {name: int(values.sum()) for name, values in each.items()}
     return {
         "triangles": len(triangles),

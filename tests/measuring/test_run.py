@@ -15,6 +15,7 @@ import pytest
 from rich.console import Console
 from shapely import Polygon, box
 
+import triangulators
 from harness import rasterisers
 from harness.errors import NothingMeasured, UsageError
 from harness.frame import Frame, bare_frame
@@ -28,7 +29,6 @@ from harness.measuring.worker import Inline, OpenWorker, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.stored.folder import Store, read_arrays, read_run
-from harness.triangulating import recipes
 from harness.triangulating.recipes import Recipe, parse_all
 from tests.conftest import write_geojson
 from tests.mock import MockRasteriser
@@ -120,14 +120,14 @@ def nothing_at_once(_recipe: Recipe, arrays: Ragged) -> tuple[list[object], np.n
 
 def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the triangulator `name` fail on every polygon of that many holes."""
-    whole = recipes.triangulate_with_gap
+    whole = triangulators.triangulate_with_gap
 
     def triangulate(polygon: Polygon, wanted: str, **more: object) -> object:
         if wanted == name and len(polygon.interiors) == holes:
             raise ValueError("scripted")
         return whole(polygon, wanted, **more)
 
-    monkeypatch.setattr(recipes, "triangulate_with_gap", triangulate)
+    monkeypatch.setattr(triangulators, "triangulate_with_gap", triangulate)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
 
 
