@@ -1,7 +1,7 @@
 """Puts docs/try.html together, one file that needs no network: `python docs/try/build.py`.
 
-Its parts: earcut as npm has it, the flips of ports/javascript, the report's style and elements, the
-measuring page's exact rasteriser, and the page's own scripts, which lie beside this file.
+Its parts: earcut as npm has it, the flips of ports/javascript, the report's style, elements and
+exact rasteriser, and the page's own scripts, which lie beside this file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STYLES = (ROOT / "harness/report/static/report.css", HERE / "page.css")
 GEOMETRY = (
     EARCUT / "dist/earcut.min.js",
     PORT / "flip-triangles.cjs",
-    ROOT / "harness/page/static/grid.js",
+    ROOT / "harness/report/static/spans.js",
     HERE / "polygon.js",
     HERE / "triangles.js",
 )

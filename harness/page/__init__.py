@@ -11,7 +11,7 @@ from harness.measuring.processes import Bench
 from harness.page.page_data import content_of
 from harness.page.profile_data import content_of as content_of_profile
 from harness.rasterisers.base import shader
-from harness.report import CHARTS, ELEMENTS, STYLE
+from harness.report import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report import PACKAGE as REPORT
 from harness.stored.folder import Run
 from harness.webpages import packed, static, template, write_whole
@@ -64,7 +64,13 @@ def _write(
     text = template(PACKAGE, name).render(
         version=__version__,
         style="".join(styles if name == "profile.html" else styles[:2]),
-        script="\n".join([static(REPORT, ELEMENTS), *(static(PACKAGE, each) for each in scripts)]),
+        script="\n".join(
+            [
+                static(REPORT, ELEMENTS),
+                static(REPORT, SPANS),
+                *(static(PACKAGE, each) for each in scripts),
+            ]
+        ),
         data=packed(content),
         **shown,
     )

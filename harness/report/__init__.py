@@ -12,7 +12,7 @@ from harness.stored.folder import Run
 from harness.webpages import packed, static, template, write_whole
 
 PACKAGE = "harness.report"
-ELEMENTS = "elements.js"
+ELEMENTS, SPANS = "elements.js", "spans.js"
 """What the measuring page uses, too, as it does `CHARTS` and the style."""
 FILE = "report.html"
 STYLE = "report.css"
@@ -23,6 +23,7 @@ SCRIPTS = (
     "csv.js",
     "chart.js",
     "ranking.js",
+    SPANS,
     "raster.js",
     "heatmap.js",
     "matrix.js",

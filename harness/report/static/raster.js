@@ -1,7 +1,6 @@
-/* Rasterises a polygon's triangles exactly as the harness counts them: integers on the 1/256 px
-   grid, top-left rule (y up), whole 2x2 quads. All products stay below 2^53, so they are exact. */
+/* What a polygon's triangles cost in each pixel, exactly as the harness counts it. */
 
-const UNIT = 256, HALF = 128, LARGEST = 1400;
+const LARGEST = 1400;
 
 const startsOf = (counts) => { let sum = 0; return counts.map((count) => (sum += count) - count); };
 
@@ -42,32 +41,26 @@ function windowOf(points) {
 
 /* Per pixel of the window, row 0 at the bottom: covered lanes, helper lanes, bounding-box tests. */
 function shade(points, triangles, { left, bottom, width, height }) {
-  const covered = new Uint16Array(width * height), helpers = new Uint16Array(width * height), tests = new Uint16Array(width * height);
-  const add = (map, x, y) => { if (x >= left && y >= bottom && x < left + width && y < bottom + height) map[(y - bottom) * width + x - left]++; };
+  const [covered, helpers, tests] = [0, 1, 2].map(() => new Uint16Array(width * height));
+  const add = (map, y, first, last) => {
+    if (y < bottom || y >= bottom + height) return;
+    const row = (y - bottom) * width - left;
+    for (let x = Math.max(first, left); x <= Math.min(last, left + width - 1); x++) map[row + x]++;
+  };
   for (let t = 0; t < triangles.length; t += 3) {
-    const corner = [0, 1, 2].map((i) => [points[2 * triangles[t + i]], points[2 * triangles[t + i] + 1]]);
-    const [a, b, c] = corner;
-    const doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    const range = (i) => {
-      const values = corner.map((p) => p[i]);
-      return [Math.ceil((Math.min(...values) - HALF) / UNIT), Math.floor((Math.max(...values) - HALF) / UNIT)];
-    };
-    const [x0, x1] = range(0), [y0, y1] = range(1);
-    for (let y = y0; y <= y1; y++) for (let x = x0; x <= x1; x++) add(tests, x, y);
-    if (!doubled) continue;
-    const ring = doubled > 0 ? [a, b, c] : [a, c, b];
-    const edges = ring.map((p, i) => {
-      const q = ring[(i + 1) % 3], dx = q[0] - p[0], dy = q[1] - p[1];
-      return { p, dx, dy, bias: dy < 0 || (dy === 0 && dx > 0) ? 0 : 1 };
-    });
-    const inside = (x, y) => edges.every(({ p, dx, dy, bias }) => dx * (UNIT * y + HALF - p[1]) - dy * (UNIT * x + HALF - p[0]) - bias >= 0);
-    for (let y = y0 - (y0 & 1); y <= y1; y += 2) {
-      for (let x = x0 - (x0 & 1); x <= x1; x += 2) {
-        const lanes = [inside(x, y), inside(x + 1, y), inside(x, y + 1), inside(x + 1, y + 1)];
-        if (!lanes.includes(true)) continue;
-        lanes.forEach((is, lane) => add(is ? covered : helpers, x + (lane & 1), y + (lane >> 1)));
+    const corners = [0, 1, 2].map((i) => [points[2 * triangles[t + i]], points[2 * triangles[t + i] + 1]]);
+    const [[x0, x1], [y0, y1]] = [0, 1].map((axis) => reachOf(corners, axis));
+    for (let y = y0; y <= y1; y++) add(tests, y, x0, x1);
+    walkTriangle(...corners, (y, ...rows) => {
+      const quads = new Set();
+      rows.forEach(([first, last], k) => {
+        add(covered, y + k, first, last);
+        for (let x = first; x <= last; x++) quads.add(x & ~1);
+      });
+      for (const quad of quads) {
+        rows.forEach(([first, last], k) => [quad, quad + 1].filter((x) => x < first || x > last).forEach((x) => add(helpers, y + k, x, x)));
       }
-    }
+    });
   }
   return { covered, helpers, tests };
 }
