@@ -97,6 +97,7 @@ def compare(
     from harness.compare.comparison import compare_runs, no_baseline
     from harness.compare.settings import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
+    from harness.webpages import write_whole
 
     settings = from_project(Path.cwd())
     settings = replace(
@@ -114,8 +115,22 @@ def compare(
         found = no_baseline(str(base), after, settings)
     else:
         found = compare_runs(before, after, settings)
-    _show(found, output)
-    _write_files(found, {"markdown": markdown, "junit": junit, "json": json_file, "html": html})
+    try:
+        typer.echo(_text(found, output.value), nl=False)
+        sys.stdout.flush()
+    except (BrokenPipeError, ReaderGone):  # who stops reading early changes no exit code
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    for kind, file in {
+        "markdown": markdown,
+        "junit": junit,
+        "json": json_file,
+        "html": html,
+    }.items():
+        if file is not None:
+            write_whole(file, _text(found, kind))
+    if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
+        with Path(summary).open("a", encoding="utf-8") as stream:
+            stream.write(_text(found, "markdown"))
     raise typer.Exit(found.exit_code)
 
 
@@ -134,58 +149,22 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _show(found: Comparison, output: Format) -> None:
-    """Write to standard output; a reader that stops early must not change the exit code."""
-    try:
-        typer.echo(_shown(found, output), nl=False)
-        sys.stdout.flush()
-    except (BrokenPipeError, ReaderGone):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _shown(found: Comparison, output: Format) -> str:
-    from harness.compare.outputs import print_comparison
-
-    if output is Format.table:
-        console = Console()
-        with console.capture() as text:
-            print_comparison(found, console)
-        return text.get()
-    return _text(found, output.value)
-
-
-def _json(content: object) -> str:
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _write_files(found: Comparison, files: dict[str, Path | None]) -> None:
-    for kind, file in files.items():
-        if file is not None:
-            _write(file, _text(found, kind))
-    summary = os.environ.get("GITHUB_STEP_SUMMARY")
-    if summary:
-        _write(Path(summary), _text(found, "markdown"), append=True)
-
-
 def _text(found: Comparison, kind: str) -> str:
     from harness.compare import outputs
 
+    if kind == "table":
+        console = Console()
+        with console.capture() as shown:
+            outputs.print_comparison(found, console)
+        return shown.get()
     if kind == "html":
         from harness.compare.html import to_html
 
         return to_html(found)
     if kind == "json":
-        return _json(outputs.to_json(found))
+        told = json.dumps(outputs.to_json(found), indent=2, ensure_ascii=False, allow_nan=False)
+        return told + "\n"
     return outputs.to_markdown(found) if kind == "markdown" else outputs.to_junit(found)
-
-
-def _write(file: Path, text: str, *, append: bool = False) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("a" if append else "w", encoding="utf-8") as stream:
-            stream.write(text)
-    except OSError as error:
-        raise UsageError(f"cannot write {file}: {error.strerror}") from error
 
 
 def _compare_repeated(first: Path, second: Path) -> None:

@@ -133,30 +133,23 @@ def _correlation(
 
 
 def _at_least(
-    criterion: str, measure: str, least: float, *, walker: bool = False
-) -> Callable[[Evidence], Figure | None]:
-    def check(evidence: Evidence) -> Figure | None:
-        found = _correlation(evidence, criterion, measure, walker=walker)
-        return found and found.provided(lambda figure: figure.value >= least)
-
-    return check
+    evidence: Evidence, criterion: str, measure: str, least: float, *, walker: bool = False
+) -> Figure | None:
+    found = _correlation(evidence, criterion, measure, walker=walker)
+    return found and found.provided(lambda figure: figure.value >= least)
 
 
-def _ahead(criterion: str, other: str, measure: str) -> Callable[[Evidence], Figure | None]:
+def _ahead(evidence: Evidence, criterion: str, other: str, measure: str) -> Figure | None:
     """Check that a criterion ranks better than another, by differences within each polygon."""
-
-    def check(evidence: Evidence) -> Figure | None:
-        one, two = (_correlation(evidence, name, measure) for name in (criterion, other))
-        if one is None or two is None:
-            return None
-        beside = f", {find(other).symbol} {two.written}"
-        found = _difference(evidence.compared, criterion, other, measure)
-        if found is None:
-            return replace(one, beside=beside, few=True)
-        beside += f", difference {found.written}"
-        return replace(one, holds=found.low > 0, few=found.few, beside=beside)
-
-    return check
+    one, two = (_correlation(evidence, name, measure) for name in (criterion, other))
+    if one is None or two is None:
+        return None
+    beside = f", {find(other).symbol} {two.written}"
+    found = _difference(evidence.compared, criterion, other, measure)
+    if found is None:
+        return replace(one, beside=beside, few=True)
+    beside += f", difference {found.written}"
+    return replace(one, holds=found.low > 0, few=found.few, beside=beside)
 
 
 def _difference(table: pd.DataFrame, criterion: str, other: str, measure: str) -> Figure | None:
@@ -178,69 +171,55 @@ def _shape_is_last(evidence: Evidence) -> Figure | None:
     return shape.provided(lambda _: min(values, key=values.__getitem__) == "shape")
 
 
-def _faster(table: str, base: str) -> Callable[[Evidence], Figure | None]:
+def _faster(table: pd.DataFrame, base: str) -> Figure | None:
     """Check that the best for H is drawn faster than `base` in the largest view."""
-
-    def check(evidence: Evidence) -> Figure | None:
-        row = _row(getattr(evidence, table), triangulator=BEST, base=base)
-        found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
-        return found and found.provided(lambda figure: figure.high < 1)
-
-    return check
+    row = _row(table, triangulator=BEST, base=base)
+    found = _figure(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
+    return found and found.provided(lambda figure: figure.high < 1)
 
 
-def _regret(criterion: str, measure: str, most: float) -> Callable[[Evidence], Figure | None]:
+def _regret(evidence: Evidence, criterion: str, measure: str, most: float) -> Figure | None:
     """Check that trusting a criterion costs at most a share `most`, in the largest view."""
-
-    def check(evidence: Evidence) -> Figure | None:
-        row = _row(evidence.regret, kind="criterion", name=criterion, measure=measure)
-        found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
-        if found is None or row is None:
-            return None
-        # Where all lose the same, the most that any lost has to do.
-        least_known = float(row["worst"]) if np.isnan(found.high) else found.high
-        return found.provided(lambda _: least_known <= most)
-
-    return check
+    row = _row(evidence.regret, kind="criterion", name=criterion, measure=measure)
+    found = _figure(row, "mean", "ci_low", "ci_high", percent=True)
+    if found is None or row is None:
+        return None
+    # Where all lose the same, the most that any lost has to do.
+    least_known = float(row["worst"]) if np.isnan(found.high) else found.high
+    return found.provided(lambda _: least_known <= most)
 
 
-def _turned(triangulator: str, holds: Callable[[Figure], bool]) -> Callable[..., Figure | None]:
-    """Check the helper lanes of what was triangulated once, over ear clipping's, at the worst."""
-
-    def check(evidence: Evidence) -> Figure | None:
-        table = evidence.turned
-        if table.empty:
-            return None
-        rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
-        rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
-        ratio = "helper_lanes_ratio"
-        rows = rows.dropna(subset=ratio).sort_values(ratio)
-        found = None if rows.empty else _figure(rows.iloc[-1], ratio, ratio, ratio)
-        return found and found.provided(holds)
-
-    return check
+def _at_worst(table: pd.DataFrame, triangulator: str) -> Figure | None:
+    """Return the helper lanes of what was triangulated once, over ear clipping's, at the worst."""
+    if table.empty:
+        return None
+    rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
+    rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_WALKER)]
+    ratio = "helper_lanes_ratio"
+    rows = rows.dropna(subset=ratio).sort_values(ratio)
+    return None if rows.empty else _figure(rows.iloc[-1], ratio, ratio, ratio)
 
 
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
         our_figures.Q_RANKS_LANES,
-        _at_least("expected-quads", "helper_lanes", 0.95),
+        lambda e: _at_least(e, "expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
         our_figures.H_BEFORE_A_BY_LANES,
-        _ahead("half-perimeter", "overdraw", "helper_lanes"),
+        lambda e: _ahead(e, "half-perimeter", "overdraw", "helper_lanes"),
     ),
     Claim(
         "H predicts the draw time better than the paper's A, polygon by polygon",
         our_figures.H_BEFORE_A_BY_TIME,
-        _ahead("half-perimeter", "overdraw", f"{TIME}0"),
+        lambda e: _ahead(e, "half-perimeter", "overdraw", f"{TIME}0"),
     ),
     Claim(
         "Where bounding boxes are walked, A predicts the tests: rank correlation of 0.999 or more",
         our_figures.A_RANKS_TESTS,
-        _at_least("overdraw", "bbox_tests", 0.999, walker=True),
+        lambda e: _at_least(e, "overdraw", "bbox_tests", 0.999, walker=True),
     ),
     Claim(
         "D, the shape, predicts helper lanes worst of the criteria that can rank",
@@ -250,33 +229,38 @@ CLAIMS = (
     Claim(
         "The best for H is drawn faster than ear clipping's triangles",
         our_figures.H_AGAINST_EAR_CLIPPING,
-        _faster("choice", USUAL),
+        lambda e: _faster(e.choice, USUAL),
     ),
     Claim(
         "The best for H is drawn faster than Delaunay's triangles",
         our_figures.H_AGAINST_DELAUNAY,
-        _faster("choice", DELAUNAY),
+        lambda e: _faster(e.choice, DELAUNAY),
     ),
     Claim(
         "It is so in the same order of triangles, too: the gain is one of diagonals",
         our_figures.H_AGAINST_DELAUNAY_WALKED,
-        _faster("walked", DELAUNAY),
+        lambda e: _faster(e.walked, DELAUNAY),
     ),
     Claim(
         "Trusting Q costs at most 1 % more quads than the fewest there are",
         our_figures.REGRET_OF_Q,
-        _regret("expected-quads", "quads", 0.01),
+        lambda e: _regret(e, "expected-quads", "quads", 0.01),
     ),
     Claim(
         "Triangulated once and turned, the best for H keeps helper lanes at 0.95 of ear clipping's"
         " or less",
         our_figures.H_TURNED,
-        _turned(BEST, lambda worst: worst.value <= 0.95),
+        lambda e: (
+            (f := _at_worst(e.turned, BEST)) and f.provided(lambda worst: worst.value <= 0.95)
+        ),
     ),
     Claim(
         "Triangulated once and turned, the best for A loses its advantage: 0.95 or more",
         our_figures.A_TURNED,
-        _turned("optimal:overdraw", lambda worst: worst.value > 0.95),
+        lambda e: (
+            (f := _at_worst(e.turned, "optimal:overdraw"))
+            and f.provided(lambda worst: worst.value > 0.95)
+        ),
     ),
 )
 
