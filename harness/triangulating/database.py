@@ -12,15 +12,13 @@ import hashlib
 import importlib.metadata
 import json
 import logging
-import math
 import os
 import sqlite3
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cache as once
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -46,10 +44,10 @@ _Result = TypeVar("_Result")
 
 
 class Timed(NamedTuple):
-    """The (m, 3) triangles of a polygon, and the seconds that they took, NaN if not known."""
+    """The (m, 3) triangles of a polygon, and the seconds that computing them took."""
 
     triangles: NDArray[np.int32]
-    seconds: float = math.nan
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -98,21 +96,13 @@ class ModelDatabase:
         """Close the file; it must not be used afterwards."""
         self._database.close()
 
-    def get_many(self, keys: Sequence[bytes]) -> dict[bytes, NDArray[np.int32]]:
-        """The (m, 3) triangles of those keys that are there and whole."""
-        return {key: model.triangles for key, model in self._found(keys).items()}
+    def find(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
+        """Return what is kept under those keys that are there and whole."""
+        nothing: dict[bytes, Timed] = {}
+        return self._safely(lambda: self._read(keys), nothing)
 
-    def get_timed(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
-        """Like `get_many`, of those that were put with the time that computing them took."""
-        found = self._found(keys).items()
-        return {key: model for key, model in found if not math.isnan(model.seconds)}
-
-    def put_many(self, triangulator: str, items: Iterable[tuple[bytes, NDArray[np.int32]]]) -> None:
+    def keep(self, triangulator: str, items: Iterable[tuple[bytes, Timed]]) -> None:
         """Keep triangulations; what is there already under the same key is replaced."""
-        self.put_timed(triangulator, [(key, Timed(triangles)) for key, triangles in items])
-
-    def put_timed(self, triangulator: str, items: Iterable[tuple[bytes, Timed]]) -> None:
-        """Like `put_many`, with the seconds that each took."""
         if self.path.exists() and self.path.stat().st_size > LIMIT_BYTES:
             size = f"{LIMIT_BYTES / 2**30:g} GiB"
             self._say(
@@ -121,7 +111,12 @@ class ModelDatabase:
             )
             return
         rows = [(key, triangulator, _sealed(key, model)) for key, model in items]
-        self._safely(lambda: self._write(rows), None)
+
+        def write() -> None:
+            with self._database:
+                self._database.executemany("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", rows)
+
+        self._safely(write, None)
 
     def clear(self) -> int:
         """Forget everything; returns how many triangulations there were."""
@@ -136,13 +131,9 @@ class ModelDatabase:
         entries = sum(count for count, _ in kinds.values())
         return DatabaseInfo(self.path, entries, self.path.stat().st_size, kinds)
 
-    def _found(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
-        nothing: dict[bytes, Timed] = {}
-        return self._safely(lambda: self._read(keys), nothing)
-
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, Timed]:
         found: dict[bytes, Timed] = {}
-        for batch in _batches(keys):
+        for batch in (keys[start : start + _BATCH] for start in range(0, len(keys), _BATCH)):
             marks = ",".join("?" * len(batch))
             query = f"SELECT key, value FROM model WHERE key IN ({marks})"
             for key, value in self._database.execute(query, batch):
@@ -154,10 +145,6 @@ class ModelDatabase:
                 else:
                     found[key] = model
         return found
-
-    def _write(self, rows: list[tuple[bytes, str, bytes]]) -> None:
-        with self._database:
-            self._database.executemany("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", rows)
 
     def _emptied(self) -> int:
         with self._database:
@@ -258,29 +245,20 @@ def _checksum(key: bytes, data: bytes) -> bytes:
 
 
 def _sealed(key: bytes, model: Timed) -> bytes:
-    """Checksum, triangles of 12 bytes each and, where it was measured, 8 bytes of seconds."""
+    """Checksum, triangles of 12 bytes each and 8 bytes of seconds."""
     data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
-    if not math.isnan(model.seconds):
-        data += struct.pack("<d", model.seconds)
+    data += struct.pack("<d", model.seconds)
     return _checksum(key, data) + data
 
 
 def _unsealed(key: bytes, value: Any) -> Timed | None:
-    if not isinstance(value, bytes) or len(value) % 12 not in (8, 4):
+    if not isinstance(value, bytes) or len(value) < 16 or len(value) % 12 != 4:
         return None
-    checksum, data = value[:8], value[8:]
-    if _checksum(key, data) != checksum:
+    data = value[8:]
+    if _checksum(key, data) != value[:8]:
         return None
-    count = len(data) // 12
-    triangles = np.frombuffer(data, "<i4", count=3 * count).reshape(-1, 3).astype(np.int32)
-    rest = data[12 * count :]
-    return Timed(triangles, *struct.unpack("<d", rest)) if rest else Timed(triangles)
-
-
-def _batches(keys: Sequence[bytes]) -> Iterator[list[bytes]]:
-    rest = iter(keys)
-    while batch := list(islice(rest, _BATCH)):
-        yield batch
+    triangles = np.frombuffer(data[:-8], "<i4").reshape(-1, 3).astype(np.int32)
+    return Timed(triangles, *struct.unpack("<d", data[-8:]))
 
 
 def _sound(path: Path) -> bool:
@@ -349,7 +327,7 @@ class Lookup:
         for polygon in polygons:
             points, ends = rings_of(polygon)
             self._keys.append(key(self._name, self._parameters, points, ends.tolist()))
-        found = self._database.get_timed(self._keys)
+        found = self._database.find(self._keys)
         return [found.get(key) for key in self._keys]
 
     def keep(self, number: int, triangles: NDArray[np.int32], seconds: float) -> None:
@@ -362,5 +340,5 @@ class Lookup:
 
     def _write(self) -> None:
         if self._database is not None and self._fresh:
-            self._database.put_timed(self._name, self._fresh)
+            self._database.keep(self._name, self._fresh)
             self._fresh = []

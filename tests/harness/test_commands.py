@@ -15,7 +15,7 @@ import trimesh
 from harness.commands.export import COMPILING
 from harness.export.apart import triangulate_many
 from harness.profile.law import COSTS
-from harness.triangulating.database import ModelDatabase
+from harness.triangulating.database import ModelDatabase, Timed
 from tests.harness.test_cli import MOCK, assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -77,7 +77,7 @@ def test_a_name_means_in_triangulate_what_it_means_everywhere(harness, block, ar
 
 def test_the_cache_can_be_looked_at_and_emptied(harness):
     with ModelDatabase() as database:
-        database.put_many("delaunay", [(b"key", np.zeros((1, 3), np.int32))])
+        database.keep("delaunay", [(b"key", Timed(np.zeros((1, 3), np.int32), 1.0))])
     code, out, _ = harness("cache", "info")
     assert code == 0
     assert "cache.sqlite" in out

@@ -9,9 +9,13 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.triangulating import database as model
-from harness.triangulating.database import ModelDatabase, default_path
+from harness.triangulating.database import ModelDatabase, Timed, default_path
 
-SOME = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+SOME = Timed(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
+
+
+def timed(triangles: np.ndarray) -> Timed:
+    return Timed(triangles, 0.5)
 
 
 @pytest.fixture
@@ -25,16 +29,16 @@ def key(number: int) -> bytes:
 
 def test_what_was_put_is_there_for_the_next(path):
     with ModelDatabase(path) as database:
-        assert database.get_many([key(1)]) == {}
-        database.put_many("delaunay", [(key(1), SOME), (key(2), SOME[:1])])
+        assert database.find([key(1)]) == {}
+        database.keep("delaunay", [(key(1), SOME), (key(2), timed(SOME.triangles[:1]))])
     with ModelDatabase(path) as database:
-        found = database.get_many([key(k) for k in range(1200)])
-        assert {k: v.tolist() for k, v in found.items()} == {
-            key(1): SOME.tolist(),
-            key(2): SOME[:1].tolist(),
+        found = database.find([key(k) for k in range(1200)])
+        assert {k: (v.triangles.tolist(), v.seconds) for k, v in found.items()} == {
+            key(1): (SOME.triangles.tolist(), 0.25),
+            key(2): (SOME.triangles[:1].tolist(), 0.5),
         }
         info = database.info()
-        assert (info.entries, info.by_triangulator) == (2, {"delaunay": (2, 8 + 24 + 8 + 12)})
+        assert (info.entries, info.by_triangulator) == (2, {"delaunay": (2, 16 + 24 + 16 + 12)})
         assert info.file_bytes > 0
         assert database.clear() == 2
         assert database.info().entries == 0
@@ -69,10 +73,10 @@ def test_another_version_of_the_triangulators_has_other_keys(monkeypatch):
 def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
     said: list[str] = []
     with ModelDatabase(path, said.append) as database:
-        database.put_many("delaunay", [(key(1), SOME)])
+        database.keep("delaunay", [(key(1), SOME)])
         monkeypatch.setattr(model, "LIMIT_BYTES", 0)
-        database.put_many("delaunay", [(key(2), SOME)])
-        assert list(database.get_many([key(1), key(2)])) == [key(1)]
+        database.keep("delaunay", [(key(2), SOME)])
+        assert list(database.find([key(1), key(2)])) == [key(1)]
     (line,) = said
     assert "is full (0 GiB), keeps no more; to empty it: raster-harness cache clear" in line
 
@@ -80,7 +84,7 @@ def test_a_full_file_keeps_no_more_and_says_so(path, monkeypatch):
 class TestDamage:
     def put(self, path: Path) -> None:
         with ModelDatabase(path) as database:
-            database.put_many("delaunay", [(key(k), SOME) for k in range(500)])
+            database.keep("delaunay", [(key(k), SOME) for k in range(500)])
 
     @pytest.mark.parametrize("how", ["rubbish", "cut", "holes", "other schema", "no table"])
     def test_a_damaged_file_is_begun_anew(self, path, how):
@@ -100,9 +104,9 @@ class TestDamage:
             database.close()
         said: list[str] = []
         with ModelDatabase(path, said.append) as database:
-            database.get_many([key(k) for k in range(500)])
-            database.put_many("delaunay", [(key(1), SOME)])
-            assert database.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+            database.find([key(k) for k in range(500)])
+            database.keep("delaunay", [(key(1), SOME)])
+            assert database.find([key(1)])[key(1)].triangles.tolist() == SOME.triangles.tolist()
         if how == "no table":  # which an empty file lacks too: it is made, nothing was damaged
             return
         assert len(said) == 1
@@ -126,7 +130,7 @@ class TestDamage:
         database.close()
         said: list[str] = []
         with ModelDatabase(path, said.append) as database:
-            found = database.get_many([key(k) for k in range(500)])
+            found = database.find([key(k) for k in range(500)])
         assert set(range(500)) - {k for k in range(500) if key(k) in found} == {7, 8, 9, 10, 11}
         assert len(said) == 5
 
@@ -143,13 +147,13 @@ def _work(path: Path, worker: int, damage: bool) -> int:
     with ModelDatabase(path, lambda _: None) as database:
         for turn in range(40):
             number = (worker * 7 + turn) % 60
-            database.put_many("delaunay", [(key(number), SOME + number)])
+            database.keep("delaunay", [(key(number), timed(SOME.triangles + number))])
             if damage and turn == 20:
                 with path.open("r+b") as stream:
                     stream.seek(0)
                     stream.write(b"\0" * 3000)
-            for each, triangles in database.get_many(list(keys)).items():
-                wrong += triangles.tolist() != (SOME + keys[each]).tolist()
+            for each, found in database.find(list(keys)).items():
+                wrong += found.triangles.tolist() != (SOME.triangles + keys[each]).tolist()
     return wrong
 
 
@@ -160,8 +164,8 @@ def test_several_processes_share_the_file(path, damage):
         jobs = [(path, worker, damage and worker == 2) for worker in range(3)]
         assert pool.starmap_async(_work, jobs).get(timeout=60) == [0, 0, 0]
     with ModelDatabase(path, lambda _: None) as database:
-        database.put_many("delaunay", [(key(1), SOME)])
-        assert database.get_many([key(1)])[key(1)].tolist() == SOME.tolist()
+        database.keep("delaunay", [(key(1), SOME)])
+        assert database.find([key(1)])[key(1)].triangles.tolist() == SOME.triangles.tolist()
 
 
 def test_default_path(monkeypatch, tmp_path):

@@ -13,7 +13,7 @@ from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
 from harness.triangulating import database as store
 from harness.triangulating import frames
-from harness.triangulating.database import KEEP_S, Lookup, ModelDatabase, Timed
+from harness.triangulating.database import KEEP_S, Lookup, ModelDatabase
 from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
 from harness.triangulating.recipes import Recipe, parse
 from scenes import load
@@ -206,16 +206,6 @@ def test_a_time_is_sealed_as_the_triangles_are(database):
     result = cut("delaunay", POLYGONS[:1], 0, None, database)
     assert result.cached == 0
     assert "an entry is damaged and is computed again" in result.notes[0]
-
-
-def test_entries_with_and_without_a_time_live_together(database):
-    one, two = (store.key("delaunay", {}, np.array([[k, 0.0]]), [1]) for k in (1, 2))
-    triangles = np.array([[0, 1, 2], [2, 3, 0]], dtype=np.int32)
-    with ModelDatabase(database) as model:
-        model.put_many("delaunay", [(one, triangles)])
-        model.put_timed("delaunay", [(two, Timed(triangles[:1], 0.25))])
-        assert {k: len(v) for k, v in model.get_many([one, two]).items()} == {one: 2, two: 1}
-        assert {k: v.seconds for k, v in model.get_timed([one, two]).items()} == {two: 0.25}
 
 
 @pytest.mark.usefixtures("all_kept")
