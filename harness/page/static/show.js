@@ -25,23 +25,21 @@ function rankedOf(view) {
 const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slower" : "no difference shown");
 
 function rankingOf(view) {
-  const rows = rankedOf(view);
-  const heading = (text, kind) => element("th", { scope: "col", class: kind }, text);
-  const head = element("tr", {}, heading("triangulator"), heading(`time against ${state.page.base} (95 %)`, "number"), heading("verdict"),
-    heading("draw [ms]", "number"), heading("helper lanes", "number"), heading("counters"));
-  const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" },
-    element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.name)}`, "aria-hidden": "true" }), `\u2060${row.name}`),
-    element("td", { class: "number" }, row.name === state.page.base ? "1" : row.ratio && row.complete
-      ? `${row.ratio.value.toFixed(3)} (${row.ratio.low.toFixed(3)}–${row.ratio.high.toFixed(3)})` : ""),
-    element("td", { class: `verdict ${row.ratio && row.complete ? verdictOf(row.ratio) : ""}` }, row.name === state.page.base ? "the base"
-      : !row.complete ? `${count(row.record.polygons)} polygons` : row.ratio ? verdictOf(row.ratio) : ""),
-    element("td", { class: "number" }, row.time?.samples_s.length ? digits(median(row.time.samples_s) * 1e3) : ""),
-    element("td", { class: "number" }, count(helpersOf(row.counters))),
-    element("td", {}, row.differing ? `differ in ${count(row.differing)} polygons` : "as expected")));
+  const told = (row) => row.ratio && row.complete;
+  const rows = rankedOf(view).map((row) => ({ ...row, colour: colourOf(row.name), isBase: row.name === state.page.base,
+    verdict: told(row) ? verdictOf(row.ratio) : "" }));
+  const columns = [
+    ["triangulator", "name", (row) => `\u2060${row.name}`],
+    [`time against ${state.page.base} (95 %)`, "number", (row) => (row.isBase ? "1" : told(row)
+      ? `${row.ratio.value.toFixed(3)} (${row.ratio.low.toFixed(3)}–${row.ratio.high.toFixed(3)})` : "")],
+    ["verdict", "verdict", (row) => (row.isBase ? "the base" : row.complete ? row.verdict : `${count(row.record.polygons)} polygons`)],
+    ["draw [ms]", "number", (row) => (row.time?.samples_s.length ? digits(median(row.time.samples_s) * 1e3) : "")],
+    ["helper lanes", "number", (row) => count(helpersOf(row.counters))],
+    ["counters", null, (row) => (row.differing ? `differ in ${count(row.differing)} polygons` : "as expected")],
+  ];
   const again = view.times?.[AGAIN], base = view.times?.[state.page.base];
   const note = again && view.epochs.length >= FEWEST_EPOCHS ? pairedRatio(again.samples_s, base.samples_s, view.epochs) : null;
-  return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking at ${conditionOf(view)}` },
-    element("table", { class: "ranking" }, element("caption", {}, conditionOf(view)), element("thead", {}, head), element("tbody", {}, ...body))),
+  return element("div", {}, rankingTable(`Ranking at ${conditionOf(view)}`, conditionOf(view), columns, rows),
     note ? element("p", { class: "quiet" }, `${state.page.base} drawn a second time, under another name: ${note.value.toFixed(3)} `
       + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that leaves out 1 here shows what times on this device cannot tell.`) : null);
 }

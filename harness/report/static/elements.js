@@ -36,3 +36,14 @@ function styled(variable) {
   probe.remove();
   return colour;
 }
+
+/* A ranking as a table that scrolls sideways. rows: {name, colour, complete, verdict, ...}; columns: [heading, class, row -> text
+   or node, meaning], of which the class "name" is the row's own heading. */
+function rankingTable(label, caption, columns, rows) {
+  const head = columns.map(([text, kind, , title]) => element("th", { scope: "col", class: kind === "name" ? null : kind, title }, text));
+  const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" }, ...columns.map(([, kind, show]) => (kind === "name"
+    ? element("th", { scope: "row" }, element("span", { class: "key", style: `background:${row.colour}`, "aria-hidden": "true" }), show(row))
+    : element("td", { class: kind === "verdict" ? `verdict ${row.verdict}` : kind }, show(row))))));
+  return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, element("table", { class: "ranking" },
+    element("caption", {}, caption), element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...body)));
+}

@@ -58,42 +58,32 @@ function rankingColumns(at, rows) {
   return columns.filter(([, , show]) => rows.some((each) => show(each.row)));
 }
 
-function rankingTable(at, index) {
+function rankingOf(at, index) {
   const rows = ranked(index);
   if (!rows.length) return null;
   const base = rows.find((each) => each.row.triangulator === at.base);
   const timed = rows.some((each) => each.row.time_ratio);
-  const ratios = rows.map((each) => comparison(each, at, base));
-  const known = ratios.filter(Boolean);
+  rows.forEach((each) => Object.assign(each, { colour: colourOf(each.row.triangulator), ratio: comparison(each, at, base),
+    verdict: each === base ? "" : each.row.verdict ?? "" }));
+  const known = rows.map((each) => each.ratio).filter(Boolean);
   const low = Math.min(1, ...known.map((r) => r.low)) - 0.01, high = Math.max(1, ...known.map((r) => r.high)) + 0.01;
-  const columns = rankingColumns(at, rows);
-  const paid = rows.some((each) => each.row.break_even);
-  const heading = (text, name, title) => element("th", { scope: "col", class: name, title }, text);
-  const versus = `${timed ? "time" : words(at.main || "")} against ${at.base}`;
-  const head = element("tr", {}, heading("", "number"), heading("triangulator"), heading("ratio (95\u00a0%)", "number"), heading("verdict"), heading(versus, "picture"),
-    ...(paid ? [heading("pays", null, meaning("break_even"))] : []),
-    ...columns.map(([title, what]) => heading(title, "number", what)));
-  const body = rows.map((each, place) => {
-    const { row } = each, ratio = ratios[place];
-    const interval = ratio ? ` (${ratio.low.toFixed(3)}–${ratio.high.toFixed(3)})` : "";
-    const verdict = each === base ? "the base" : each.complete ? row.verdict ?? "" : `${number(row.polygons)} of ${number(each.most)} polygons`;
-    return element("tr", { class: each.complete ? null : "incomplete" },
-      element("td", { class: "number" }, each.complete ? String(each.rank) : "–"),
-      element("th", { scope: "row" }, element("span", { class: "key", style: `background:${colourOf(row.triangulator)}`, "aria-hidden": "true" }), row.triangulator),
-      element("td", { class: "number" }, ratio ? (each === base ? "1" : `${ratio.value.toFixed(3)}${timed ? interval : ""}`) : ""),
-      element("td", { class: `verdict ${each === base ? "" : row.verdict ?? ""}` }, verdict),
-      element("td", { class: "picture" }, ratio && known.length > 1 ? intervalPicture(ratio, low, high, colourOf(row.triangulator)) : null),
-      ...(paid ? [element("td", { class: "pays" }, each.complete ? row.break_even ?? "" : "")] : []),
-      ...columns.map(([, , show]) => element("td", { class: "number" }, show(row))));
-  });
-  return element("div", {}, element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Ranking: ${at.rasteriser} on ${at.device}` },
-    element("table", { class: "ranking" }, element("caption", {}, `${at.rasteriser} on ${at.device}, ${at.condition}`),
-      element("thead", {}, head), element("tbody", {}, ...body))), at.explained ? element("p", { class: "quiet" }, at.explained) : null,
-      ...at.views.map((line) => element("p", { class: "quiet" }, line)));
+  const between = ({ ratio }) => (timed ? ` (${ratio.low.toFixed(3)}–${ratio.high.toFixed(3)})` : "");
+  const columns = [
+    ["", "number", (each) => (each.complete ? String(each.rank) : "–")],
+    ["triangulator", "name", (each) => each.row.triangulator],
+    ["ratio (95\u00a0%)", "number", (each) => (!each.ratio ? "" : each === base ? "1" : `${each.ratio.value.toFixed(3)}${between(each)}`)],
+    ["verdict", "verdict", (each) => (each === base ? "the base" : each.complete ? each.verdict : `${number(each.row.polygons)} of ${number(each.most)} polygons`)],
+    [`${timed ? "time" : words(at.main || "")} against ${at.base}`, "picture",
+      (each) => (each.ratio && known.length > 1 ? intervalPicture(each.ratio, low, high, each.colour) : null)],
+    ...(rows.some((each) => each.row.break_even) ? [["pays", "pays", (each) => (each.complete ? each.row.break_even ?? "" : ""), meaning("break_even")]] : []),
+    ...rankingColumns(at, rows).map(([title, what, show]) => [title, "number", (each) => show(each.row), what]),
+  ];
+  return element("div", {}, rankingTable(`Ranking: ${at.rasteriser} on ${at.device}`, `${at.rasteriser} on ${at.device}, ${at.condition}`, columns, rows),
+    at.explained ? element("p", { class: "quiet" }, at.explained) : null, ...at.views.map((line) => element("p", { class: "quiet" }, line)));
 }
 
 function drawRanking() {
-  const made = groupsAlike().map(([at, index]) => rankingTable(at, index)).filter(Boolean);
+  const made = groupsAlike().map(([at, index]) => rankingOf(at, index)).filter(Boolean);
   $("ranking").replaceChildren(...(made.length ? made : [element("p", { class: "empty" }, "No triangulator of this choice was measured.")]));
   tables.ranking = () => csvOfObjects(groupsAlike().flatMap(([, index]) => ranked(index).map((each) => ({ rank: each.complete ? each.rank : "", ...each.row }))));
 }
