@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import Row, bold, one, percent, some, table_row, text, two, whole
+from docs.held.lookups import Row, bold, grid, one, percent, some, table_row, text, two, whole
 
 LANES = "flips-lanes.md"
 """What `scripts/flips_lanes.py` printed."""
@@ -53,44 +53,41 @@ def _ends(found: list[float]) -> list[str]:
     return [two(min(found)), two(max(found))]
 
 
-def _drawn(scene: str, px: int) -> list[str]:
-    """Return cells of draw times in ratio to ear clipping's, the least in bold."""
-    cells = [two(_ratio(scene, name, px)) for name in (*SHOWN, BEST_FOR_H)]
-    return bold(cells, {place for place, cell in enumerate(cells) if cell == min(cells)})
+VIEWS = {of: f"{LABELS[of[0]]}, {of[1]}" for of in product(MEASURED, SIZES)}
 
 
 def drawn() -> list[str]:
     """Return the table of draw times in ratio to ear clipping's."""
-    views = product(MEASURED, SIZES)
-    return [table_row(f"{LABELS[scene]}, {px}", *_drawn(scene, px)) for scene, px in views]
+    return grid(VIEWS, (*SHOWN, BEST_FOR_H), _of_view, "row")
+
+
+def _of_view(of: tuple[str, int], name: str) -> str:
+    return two(_ratio(of[0], name, of[1]))
 
 
 def bought() -> list[str]:
     """Return the table of helper lanes and of draw times, both in ratio to ear clipping's."""
     lanes_of = {(row[0], int(row[1])): bold([row[3], *row[L1:]], {1}) for row in _rows()}
+    times_of = [line.strip("| ").split(" | ")[1:] for line in drawn()]
     return [
-        table_row(f"{LABELS[scene]}, {px}", *lanes_of[scene, px], *_drawn(scene, px))
-        for scene, px in product(MEASURED, SIZES)
+        table_row(VIEWS[of], *lanes_of[of], *cells)
+        for of, cells in zip(VIEWS, times_of, strict=True)
     ]
 
 
 def paid() -> list[str]:
     """Return the table of milliseconds to triangulate, and after how many draws they pay."""
-    lines = []
-    for scene in MEASURED:
-        rows = [_timed(scene, name) for name in ("ear-clipping", *SHOWN, BEST_FOR_H)]
-        cells = [_milliseconds(row["triangulate_ms"]) for row in rows]
-        cells += [_draws(_timed(scene, name)) for name in ("earcut-refine", "flips:l1", BEST_FOR_H)]
-        lines.append(table_row(LABELS[scene], *cells))
-    return lines
 
+    def spent(scene: str, name: str) -> str:
+        value = _timed(scene, name)["triangulate_ms"]
+        return two(value) if float(value) < 10.0 else whole(value)
 
-def _milliseconds(value: str) -> str:
-    return two(value) if float(value) < 10.0 else whole(value)
+    def pays(scene: str) -> list[str]:
+        names = ("earcut-refine", "flips:l1", BEST_FOR_H)
+        return [_timed(scene, name)["break_even"].removeprefix("after ") for name in names]
 
-
-def _draws(row: Row) -> str:
-    return row["break_even"].removeprefix("after ")
+    labels = {scene: LABELS[scene] for scene in MEASURED}
+    return grid(labels, ("ear-clipping", *SHOWN, BEST_FOR_H), spent, more=pays)
 
 
 TIMES = "flips-times.csv"

@@ -5,14 +5,16 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from docs.held import ROOT
 
 REFERENCE = ROOT / "results" / "reference"
 
 Row = dict[str, str]
+K, C = TypeVar("K"), TypeVar("C")
 
 
 @cache
@@ -111,3 +113,24 @@ def bold(cells: list[str], marked: set[int]) -> list[str]:
 def table_row(*cells: str) -> str:
     """Return a line of a table."""
     return "| " + " | ".join(cells) + " |"
+
+
+def grid(
+    labels: Mapping[K, str],
+    columns: Sequence[C],
+    cell: Callable[[K, C], str],
+    least: str = "",
+    more: Callable[[K], list[str]] = lambda _: [],
+) -> list[str]:
+    """Return the lines of a table: a label, a cell for each column, and what `more` says of a row.
+
+    least : of what the least cell is in bold: "row", "column", or none
+    """
+    cells = {key: [cell(key, column) for column in columns] for key in labels}
+    lines = []
+    for key, label in labels.items():
+        own = cells[key]
+        among = [own] * len(own) if least == "row" else list(zip(*cells.values(), strict=True))
+        marked = {place for place, text in enumerate(own) if least and text == min(among[place])}
+        lines.append(table_row(label, *bold(own, marked), *more(key)))
+    return lines

@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from statistics import NormalDist
-
 from docs.held import Held, Sentence
-from docs.held.lookups import (
-    Row,
-    matched,
-    some,
-    text,
-)
-from harness.figures.intervals import RUN_SCATTER
-from scripts.studies import states as studied
+from docs.held.lookups import Row, some, text
 
 
 def alarms() -> list[str]:
@@ -26,11 +16,9 @@ def alarms() -> list[str]:
     return [str(n) for n in (len(equal), ends.count("1"), ends.count("5"), found, len(slower))]
 
 
-STATES, IN_FOUR, AGAIN = (
-    f"llvmpipe/{name}.txt" for name in ("states", "states-in-four", "states-again")
-)
+STATES, AGAIN = "llvmpipe/states.txt", "llvmpipe/states-again.txt"
 """Runs of `scripts/studies/states.py`: the processor, a line of CSV for each run, then what pairs
-of them say. The first two are from before intervals held `RUN_SCATTER`, which the first one told.
+of them say.
 """
 
 LOADS = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
@@ -61,42 +49,6 @@ def _ends(runs: list[Row], column: str, digits: int) -> str:
     return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
 
 
-def apart() -> list[str]:
-    """Return of how many pairs of undisturbed runs in one state, of both triangulators, how many
-    are further apart than both intervals allow: by what each run alone says, of the first two
-    studies; then with what runs scatter, of all three.
-    """
-    alone = [number for file in (STATES, IN_FOUR) for number in _apart(file, scattered=False)]
-    held = [number for file in (STATES, IN_FOUR, AGAIN) for number in _apart(file, scattered=True)]
-    return [*alone, *held]
-
-
-def _apart(file: str, *, scattered: bool) -> tuple[str, str]:
-    found: list[bool] = []
-    held = NormalDist().inv_cdf(0.975) * RUN_SCATTER
-    for name in studied.NAMES:
-        runs = []
-        for run in _runs(file):
-            if run["triangulator"] != name or not run["run"].startswith("none-"):
-                continue
-            own = math.log(float(run["high"]) / float(run["low"])) / 2
-            alone = own if file != AGAIN else math.sqrt(max(0.0, own**2 - held**2))
-            reach = math.hypot(alone, held if scattered else 0.0)
-            runs.append((math.log(float(run["all"])), reach, float(run["reference_ms"])))
-        found += studied.apart(runs, studied.ONE_STATE)
-    return str(sum(found)), str(len(found))
-
-
-THEOREMS = (
-    r"In an hour, a hunt (?s:.*?)by up to 5 %\)",
-    r"(?s)^.*?## How an optimum is proven",
-    r"(?s)\*\*Potentials make exclusions.*?\*\*Large polygons",
-    r"\d(?=\. [A-Z])|1960|19\d\d|2014|2018|step \d|edges? \d",
-    r"one hole and up to 64 vertices",
-    r"250 lines|eight million|2,000 vertices",
-)
-"""Definitions, and an example that a test computes."""
-
 GATE: list[Held] = [
     Sentence(
         "Of {} pairs of equal code {} were called a regression and {} were inconclusive. {} of {}"
@@ -111,26 +63,3 @@ GATE_RULES = (
     r"Revels, [^)]*2016",
     r"\| \d \||makes it 0|in which 10 % of",
 )
-
-EQUALITY = "llvmpipe/optimum-equality.txt"
-
-
-def _on_device() -> list[str]:
-    lines = text(EQUALITY).splitlines()
-    scenes = [line for line in lines if " px, " in line]
-    of_scenes = sum(int(line.split()[-2].replace(",", "")) for line in scenes)
-    generated = sum(line.startswith("footprints, seed") for line in lines)
-    (footprints,) = matched(EQUALITY, r"footprints on the device: ([\d,]+)")
-    return [footprints, str(generated), f"{of_scenes:,}"]
-
-
-GPU: list[Held] = [
-    Sentence(
-        "{} footprints of {} generated cities and {} rings of all scenes (three views each, the"
-        " optimum and the worst)",
-        _on_device,
-    ),
-]
-
-GPU_DESIGN = (r"(?s)^.*?## What was measured where",)
-"""What the algorithm is made for, what it costs on paper, and what others have published."""

@@ -7,7 +7,7 @@ from operator import itemgetter
 from typing import Any
 
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import Row, one, percent, some, table_row, three, values
+from docs.held.lookups import Row, grid, one, percent, some, table_row, three, values
 from harness.profile.words import seconds
 from scripts.studies.missing_terms import KEPT, TILE
 
@@ -60,12 +60,8 @@ def term(name: str, of: str) -> str:
 def laws() -> list[str]:
     """Return the table of what each costs, by device."""
     shown = ("triangles", "set_up", "covering", "vertices", "fragments", "helper_lanes")
-    lines = []
-    for name, label in SHOWN.items():
-        costs = [term(name, of) for of in (*shown, *WALKED, "bbox_tests")]
-        fit = [three(profile(name)[key]) for key in ("r2_over", "r2_within")]
-        lines.append(table_row(label, *costs, *fit))
-    return lines
+    columns = (*shown, *WALKED, "bbox_tests")
+    return grid(SHOWN, columns, term, more=explained)
 
 
 def thin() -> list[str]:
@@ -102,15 +98,25 @@ NOUNS = {
 
 def judged() -> list[str]:
     """Return the table of how laws predict polygons that they have not seen."""
-    lines = []
-    for name, label in TIMED.items():
-        for scene, title in JUDGED.items():
-            rows, first = judged_rows(name, scene), first_judged(name, scene)
-            fit = [three(first[key]) for key in ("law_over", "law_within", "r2_most")]
-            regrets = [_regret(rows[who]) for who in WHO]
-            above = next(_above(row) for row in rows.values() if row["advice"] == "1")
-            lines.append(table_row(f"{label}, {title}", *fit, *regrets, above))
-    return lines
+    labels = {
+        (name, scene): f"{label}, {title}"
+        for name, label in TIMED.items()
+        for scene, title in JUDGED.items()
+    }
+
+    def cell(of: tuple[str, str], column: str) -> str:
+        if column not in WHO:
+            return three(first_judged(*of)[column])
+        row = judged_rows(*of)[column]
+        shown = f"{percent(row['regret'], 1)} %"
+        return f"**{shown}**" if row["advice"] == "1" else shown
+
+    def above(of: tuple[str, str]) -> list[str]:
+        row = next(row for row in judged_rows(*of).values() if row["advice"] == "1")
+        value, low, high = (percent(row[key], 1) for key in ("above", "above_low", "above_high"))
+        return [f"{value} % ({low} to {high})"]
+
+    return grid(labels, ("law_over", "law_within", "r2_most", *WHO), cell, more=above)
 
 
 def judged_rows(name: str, scene: str) -> dict[str, Row]:
@@ -134,16 +140,6 @@ def most_above() -> list[str]:
     found = [row for name in TIMED for scene in JUDGED for row in judged_rows(name, scene).values()]
     advised = [row for row in found if row["advice"] == "1"]
     return [percent(max(float(row[end]) for row in advised), 1) for end in ("above", "above_high")]
-
-
-def _above(row: Row) -> str:
-    value, low, high = (percent(row[key], 1) for key in ("above", "above_low", "above_high"))
-    return f"{value} % ({low} to {high})"
-
-
-def _regret(row: Row) -> str:
-    shown = f"{percent(row['regret'], 1)} %"
-    return f"**{shown}**" if row["advice"] == "1" else shown
 
 
 def coverage() -> list[str]:

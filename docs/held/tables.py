@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
+from itertools import product
 
 from docs.held.lookups import (
     Row,
-    bold,
+    grid,
     matched,
     one,
     percent,
     some,
-    table_row,
     three,
     two,
     values,
@@ -83,24 +83,18 @@ def correlation(
 def predicts() -> list[str]:
     """Return the table of rank correlations within a polygon."""
     columns = (
-        ("helper_lanes", "opengl", True),
-        ("time_work_0", "opengl", True),
-        ("time_work_8", "opengl", True),
-        ("bbox_tests", "bounding-box", False),
-        ("time_work_0", "bounding-box", False),
+        *(("helper_lanes", "opengl"), ("time_work_0", "opengl"), ("time_work_8", "opengl")),
+        *(("bbox_tests", "bounding-box"), ("time_work_0", "bounding-box")),
     )
-    cells: dict[str, list[str]] = {name: [] for name in CRITERIA}
-    for measure, rasteriser, with_interval in columns:
-        found = {name: correlation(name, measure, rasteriser) for name in CRITERIA}
-        top = max(float(row["value"]) for row in found.values())
-        for name, row in found.items():
-            cell = three(row["value"])
-            if float(row["value"]) == top:
-                cell = f"**{cell}**"
-            if with_interval:
-                cell += f" ({three(row['ci_low'])}-{three(row['ci_high'])})"
-            cells[name].append(cell)
-    return [table_row(label, *cells[name]) for name, label in CRITERIA.items()]
+
+    def cell(criterion: str, of: tuple[str, str]) -> str:
+        row = correlation(criterion, *of)
+        top = max(float(correlation(other, *of)["value"]) for other in CRITERIA)
+        shown = f"**{three(row['value'])}**" if float(row["value"]) == top else three(row["value"])
+        with_ends = of[1] == "opengl"
+        return shown + f" ({three(row['ci_low'])}-{three(row['ci_high'])})" * with_ends
+
+    return grid(CRITERIA, columns, cell)
 
 
 def pooled(criterion: str) -> str:
@@ -112,23 +106,16 @@ def pooled(criterion: str) -> str:
 
 def sizes() -> list[str]:
     """Return the table of rank correlations with helper lanes by the size of the viewport."""
-    lines = []
-    for px in (64, 256, 1024):
-        cells = []
-        for scene in ("city", "helsinki"):
-            file = f"cpu/validate-{scene}-sizes/correlations_by_resolution.csv"
-            for criterion in ("expected_quads", "half_perimeter", "overdraw"):
-                row = one(
-                    file,
-                    criterion=criterion,
-                    measure="helper_lanes",
-                    rasteriser="reference",
-                    statistic="spearman_within",
-                    resolution=px,
-                )
-                cells.append(three(row["value"]))
-        lines.append(table_row(f"{px} px", *bold(cells, {0, 3})))
-    return lines
+
+    def cell(px: int, of: tuple[str, str]) -> str:
+        file = f"cpu/validate-{of[0]}-sizes/correlations_by_resolution.csv"
+        what = {"measure": "helper_lanes", "rasteriser": "reference"}
+        kind = {"statistic": "spearman_within", "resolution": px}
+        shown = three(one(file, criterion=of[1], **what, **kind)["value"])
+        return f"**{shown}**" if of[1] == "expected_quads" else shown
+
+    columns = tuple(product(("city", "helsinki"), ("expected_quads", "half_perimeter", "overdraw")))
+    return grid({px: f"{px} px" for px in (64, 256, 1024)}, columns, cell)
 
 
 # ---------------------------------------------------------------- what trusting a criterion costs
@@ -165,21 +152,11 @@ def _regret_cell(row: Row, signed: bool = False) -> str:
 
 def regrets(*scenes: str) -> Callable[[], list[str]]:
     """Return what makes the table of helper lanes above the fewest there are."""
-
-    def lines() -> list[str]:
-        return [
-            table_row(
-                f"**{who}**" if who == "Q" else who,
-                *(
-                    _regret_cell(regret("cpu", scene, px, who, "helper_lanes"))
-                    for scene in scenes
-                    for px in (256, 1024)
-                ),
-            )
-            for who in TRUSTED
-        ]
-
-    return lines
+    labels = {who: f"**{who}**" if who == "Q" else who for who in TRUSTED}
+    views = tuple(product(scenes, (256, 1024)))
+    return lambda: grid(
+        labels, views, lambda who, of: _regret_cell(regret("cpu", *of, who, "helper_lanes"))
+    )
 
 
 def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[float]:
@@ -200,15 +177,8 @@ def orders() -> list[str]:
         "optimal:overdraw": "best for A",
         "delaunay": "Delaunay",
     }
-    columns = [(scene, order) for scene in SCENES for order in ("own", "vertex-cache", "walk")]
-    found = {name: [three(ordered(scene, name)[o]) for scene, o in columns] for name in labels}
-    least = [min(cells[place] for cells in found.values()) for place in range(len(columns))]
-    return [
-        table_row(
-            label, *bold(found[name], {p for p, c in enumerate(found[name]) if c == least[p]})
-        )
-        for name, label in labels.items()
-    ]
+    columns = tuple(product(SCENES, ("own", "vertex-cache", "walk")))
+    return grid(labels, columns, lambda name, of: three(ordered(of[0], name)[of[1]]), "column")
 
 
 def ordered(scene: str, name: str, base: str = "ear-clipping") -> Row:
@@ -240,17 +210,18 @@ def device_view(device: str, scene: str) -> dict:  # type: ignore[type-arg]
 
 def on_devices() -> list[str]:
     """Return the table of times on other rasterisers."""
-    lines = []
-    for scene in ("city", "helsinki"):
-        for device, label in DEVICES.items():
-            view = device_view(device, scene)
-            cells = [two(view["triangulators"][name]["time"][0]) for name in SHOWN]
-            best = {place for place, cell in enumerate(cells) if cell == min(cells)}
-            ranks = [
-                two(view["ranks"][c]) for c in ("expected_quads", "half_perimeter", "overdraw")
-            ]
-            lines.append(table_row(f"{SCENES[scene]}: {label}", *bold(cells, best), *ranks))
-    return lines
+    labels = {
+        (device, scene): f"{SCENES[scene]}: {label}"
+        for scene in ("city", "helsinki")
+        for device, label in DEVICES.items()
+    }
+    return grid(
+        labels,
+        SHOWN,
+        lambda of, name: two(device_view(*of)["triangulators"][name]["time"][0]),
+        "row",
+        lambda of: [two(device_view(*of)["ranks"][name]) for name in list(CRITERIA)[:2] + ["overdraw"]],
+    )
 
 
 # ---------------------------------------------------------------- sentences
@@ -273,14 +244,14 @@ def drawn(scene: str, px: int, name: str) -> float:
 
 def choice() -> list[str]:
     """Return the table of draw times in ratio to ear clipping's."""
-    lines = []
-    for scene, label in SCENES.items():
-        for px in (256, 1024, 4096):
-            cells = [three(drawn(scene, px, name)) for name in PEERS]
-            best = {place for place, cell in enumerate(cells) if cell == min(cells)}
-            over = three(gain(scene, px, CALIBRATED, "delaunay")["time_ratio"])
-            lines.append(table_row(f"{label}, {px}", *bold(cells, best), over))
-    return lines
+    views = {(s, px): f"{name}, {px}" for s, name in SCENES.items() for px in (256, 1024, 4096)}
+    return grid(
+        views,
+        PEERS,
+        lambda of, name: three(drawn(*of, name)),
+        "row",
+        lambda of: [three(gain(*of, CALIBRATED, "delaunay")["time_ratio"])],
+    )
 
 
 def run_of(scene: str) -> str:
@@ -330,19 +301,16 @@ def predicted_lanes() -> list[tuple[str, float, float, float]]:
                 if name == "ear-clipping" or row["status"] != "ok":
                     continue
                 if row["helper_lanes"] and row["polygons"] == base["polygons"]:
-                    counted = float(row["helper_lanes"]) / float(base["helper_lanes"])
-                    found.append(
-                        (scene, _lanes(row) / _lanes(base), _first(row) / _first(base), counted)
+                    by_quads, by_length, counted = (
+                        of(row) / of(base)
+                        for of in (
+                            lambda r: 4.0 * float(r["expected_quads"]) - float(r["fragments"]),
+                            lambda r: float(r["half_perimeter"]) + float(r["triangles"]),
+                            lambda r: float(r["helper_lanes"]),
+                        )
                     )
+                    found.append((scene, by_quads, by_length, counted))
     return found
-
-
-def _lanes(row: Row) -> float:
-    return 4.0 * float(row["expected_quads"]) - float(row["fragments"])
-
-
-def _first(row: Row) -> float:
-    return float(row["half_perimeter"]) + float(row["triangles"])
 
 
 def error_of_prediction(column: int) -> str:
