@@ -18,8 +18,8 @@ from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import disagreements
 from harness.triangulating.frames import triangulate_polygons
-from harness.triangulating.seen import in_views, original
 from harness.triangulating.recipes import parse
+from harness.triangulating.seen import in_views, original
 from scenes.scene import Viewing
 from tests.models.test_in_place import plate
 from tests.rasterisers import pictures
