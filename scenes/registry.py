@@ -124,7 +124,7 @@ ENTRIES = {
         ),
         Entry(
             "meshes",
-            "scenes.generated.meshes:build",
+            "scenes.generated.cad:build_faces",
             "n-gon faces of sheet metal parts, each in its plane",
             size=(2104, 12420, 122),
         ),

@@ -1,14 +1,190 @@
-"""`harness census`: what each triangulator gains on every footprint of a data set."""
+"""`harness census`, and what else works through data sets of many files, with --dask or without."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+
+from harness.errors import (
+    INTERRUPTED,
+    Inconclusive,
+    NothingMeasured,
+    UsageError,
+    refuse_failed,
+)
+from harness.progress import Reporter
+
+if TYPE_CHECKING:
+    from harness.scaling import triangulated
+    from harness.scaling.census import Options, TileOptions
+    from harness.scaling.dataset import Dataset, Summary
+    from harness.scaling.task_queue import Crew
+from typing import Annotated
 
 from harness.commands.options import Dask, Layer, Quiet, Several, Where, several
-from harness.progress import Reporter
+
+SAID_AFTER_S = 20.0
+COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
+
+NAMED = 10
+"""Parts set aside that are named one by one."""
+
+
+@contextmanager
+def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
+    """Give those who do the work; `where` is what --dask says, None for this process alone."""
+    if not where:
+        from harness.scaling.task_queue import Alone
+
+        yield Alone()
+        return
+    from harness.scaling.cluster import DaskCrew  # which a command without --dask can do without
+
+    crew = DaskCrew(where, reporter)
+    try:
+        reporter.say(f"{crew.threads} workers; dashboard: {crew.dashboard}")
+        yield crew
+    finally:
+        crew.close()
+
+
+def triangulate_many_files(
+    pattern: str, out: Path, options: triangulated.Options, where: str | None, reporter: Reporter
+) -> None:
+    """Triangulate the parts of many files into a folder, and say what is in it.
+
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder is not for that
+    Inconclusive
+        if parts were set aside, or polygons failed
+    """
+    from harness.export.certified import Certified
+    from harness.export.export import FORMATS
+    from harness.scaling.dataset import Dataset
+    from harness.scaling.triangulated import TRIANGLES
+
+    if out.suffix.lower() in FORMATS and not out.is_dir():
+        raise UsageError(f"-o {out}: give a folder, for a file of each part")
+    summary = _complete(Dataset(pattern, out, options, TRIANGLES), out, where, reporter)
+    _warn(summary, reporter)
+    rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
+    typer.echo(
+        f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
+        f"{summary.parts_done:,} of {summary.parts:,} parts; {summary.seconds:.1f} s{rate}; "
+        f"{summary.proven:,} proven optimal"
+    )
+    if summary.certified:
+        typer.echo(f"{out}: {Certified.total(summary.certified)}")
+    _refuse_set_aside(out, summary)
+    refuse_failed(summary.counts, out)
+
+
+def count(
+    pattern: str,
+    out: Path,
+    options: Options | TileOptions,
+    where: str | None,
+    reporter: Reporter,
+) -> None:
+    """Count the polygons of many files or tiles, write what came out, and show a table.
+
+    Raises
+    ------
+    UsageError
+        if there is no file, or the folder is not for that
+    NothingMeasured
+        if there is no polygon that all could do
+    Inconclusive
+        if parts were set aside
+    """
+    from harness.scaling import census_report
+    from harness.scaling.census import COUNTING, TILE_COUNTING, TileOptions, also_found
+    from harness.scaling.dataset import Dataset
+    from harness.scaling.sums import total
+    from harness.stored.folder import clear_errors
+
+    kind = TILE_COUNTING if isinstance(options, TileOptions) else COUNTING
+    dataset = Dataset(pattern, out / "parts", options, kind)
+    summary = _complete(dataset, out, where, reporter)
+    groups = total(dataset.out, dataset.keys_done)
+    damaged, known = also_found(dataset.out, dataset.keys_done)
+    noun = census_report.noun(options)
+    counted = sum(sums.footprints for sums in groups.values())
+    if not counted:
+        _warn(summary, reporter)
+        why = f"no {noun[:-1]} was done by all triangulators"
+        if isinstance(options, TileOptions):
+            asked = options.chosen.layers or ()
+            if missing := [name for name in asked if known]:
+                why = f"there is no layer {missing[0]!r}; it has {', '.join(known)}"
+        raise NothingMeasured(f"{os.path.relpath(out)}: {why}")
+    with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
+        written = census_report.write(out, groups, options, damaged)
+    _warn(summary, reporter)
+    for name, why in damaged[:NAMED]:
+        reporter.warn(f"tile {name} {why}")
+    console = Console(highlight=False)
+    console.print(census_report.table(groups, options, console))
+    typer.echo(
+        f"{os.path.relpath(out)}: {counted:,} {noun} in {summary.seconds:.1f} s: "
+        f"{', '.join(written)}"
+    )
+    # A polygon that one triangulator cannot do is left out for all: a warning tells how many.
+    _refuse_set_aside(out, summary)
+
+
+def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter) -> Summary:
+    """Do what is missing of a data set; if it is stopped, say how to go on and end the process."""
+    for file, earlier in dataset.cut.repeated.items():
+        reporter.warn(f"{file} has the content of {earlier}: its polygons count twice")
+    there = len(dataset.done)
+    if there:
+        reporter.say(f"{out}: {there:,} of {len(dataset.cut.parts):,} parts are there already")
+    try:
+        with (
+            crew_of(where if dataset.missing else "", reporter) as crew,
+            reporter.if_long(COMPILING, SAID_AFTER_S) as needless,
+        ):
+            return dataset.complete(crew, reporter, needless)
+    except KeyboardInterrupt:
+        typer.echo(
+            f"stopped; {len(dataset.done):,} of {len(dataset.cut.parts):,} parts are in {out}; "
+            "to go on, give the same command again",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _refuse_set_aside(out: Path, summary: Summary) -> None:
+    """Raise Inconclusive if parts were set aside."""
+    if summary.set_aside:
+        number = len(summary.set_aside)
+        raise Inconclusive(
+            f"{number:,} {'parts were' if number > 1 else 'part was'} set aside; the rest is in "
+            f"{os.path.relpath(out)}; mend the cause and give the same command again"
+        )
+
+
+def _warn(summary: Summary, reporter: Reporter) -> None:
+    """Say what was left out, and why."""
+    for (kind, reason), count in sorted(summary.counts.items()):
+        reporter.warn(f"{kind} {count:,}: {reason}")
+    if summary.pruned:
+        reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
+    for number, (which, reason) in enumerate(summary.set_aside.items()):
+        if number == NAMED:
+            reporter.warn(f"and {len(summary.set_aside) - NAMED:,} more parts, all in the manifest")
+            break
+        reporter.warn(f"set aside {which}: {reason}")
+
 
 CENSUS = (
     "ear-clipping",
@@ -68,7 +244,6 @@ def census(
     drawn as maps draw them, each cut at its edge, and have a line for each zoom and layer. The same
     command, given again, does what is missing.
     """
-    from harness.commands.many import count
     from harness.errors import UsageError
     from harness.scaling.census import Options, TileOptions
     from harness.scaling.parts import files

@@ -1,4 +1,4 @@
-"""`harness compare`: what changed between two runs, and whether the change may be merged."""
+"""`harness compare` and `history`: what changed between two runs, or over many."""
 
 from __future__ import annotations
 
@@ -17,6 +17,16 @@ from harness.errors import ReaderGone, UsageError
 
 if TYPE_CHECKING:
     from harness.compare.model import Comparison
+    from harness.stored.folder import Run
+from typing import TYPE_CHECKING, Any
+
+from harness.commands.options import Several, several
+from harness.errors import NothingMeasured
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from harness.history.series import Series
     from harness.stored.folder import Run
 
 
@@ -95,7 +105,7 @@ def compare(
     if repeat:
         _compare_repeated(base, head)
     from harness.compare.comparison import compare_runs, no_baseline
-    from harness.compare.settings import from_project, parse_gates, parse_threshold
+    from harness.compare.model import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
     from harness.webpages import write_whole
 
@@ -192,3 +202,114 @@ def _compare_repeated(first: Path, second: Path) -> None:
         alike = f"{verdicts.same / verdicts.pairs:.1%}"
         typer.echo(f"{where}: {which}; all three verdicts counted, they agree on {alike}")
     raise typer.Exit(1 if found.unequal else 0)
+
+
+def _only(kind: str) -> Any:
+    return typer.Option(parser=several(), metavar="NAME,...", help=f"Only these {kind}.")
+
+
+def history(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Runs, or folders with some in them."),
+    ],
+    metrics: Annotated[
+        Several,
+        typer.Option(
+            "--metrics",
+            "--metric",
+            parser=several(),
+            metavar="NAME,...",
+            help="Metrics: time, and those of: raster-harness list metrics. By default time and "
+            "the counters that stand for the cost.",
+        ),
+    ] = Several(("quads", "helper_lanes", "bbox_tests", "time")),
+    scene: Annotated[Several | None, _only("scenes")] = None,
+    triangulator: Annotated[Several | None, _only("triangulators")] = None,
+    rasteriser: Annotated[Several | None, _only("rasterisers")] = None,
+    everything: Annotated[
+        bool,
+        typer.Option("--all", help="Everything, also studies, and what only one run measured."),
+    ] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the plots and history.csv.")] = Path(
+        "results/history"
+    ),
+) -> None:
+    """Show what changed over runs, in the order they were made.
+
+    Counters change wherever they differ. Times are taken beside those of the other cases of
+    their runs, and change where their level does for three runs or more. What changed most is
+    shown, at most a dozen series: choose by --scene, --triangulator, --rasteriser, --metric, or
+    --all. Studies are left out: they measure each case once.
+    """
+    from harness.figures import groups
+    from harness.history.plots import plot_history
+    from harness.history.series import Choice, find_runs, matching, read_series, worth_showing
+    from harness.stored import atomic
+    from harness.style import count
+
+    found = find_runs(folders, studies=everything)
+    runs = found.runs
+    if found.studies:
+        typer.echo(f"left out: {count(found.studies, 'study', 'studies')}; see --all")
+    if not runs:
+        raise NothingMeasured("all runs are studies, which measure each case once; see --all")
+    wanted = Choice(scene or (), triangulator or (), rasteriser or (), everything)
+    series = matching(read_series(runs, metrics), wanted)
+    if not series:
+        raise NothingMeasured(f"none of the {len(runs)} runs has any of: {metrics}")
+    shown = worth_showing(series, wanted)
+    if shown:
+        with atomic.folder(out, added=True) as made:
+            plot_history(runs, shown, made)
+            _write_csv(runs, shown, made / "history.csv")
+    for run in runs:
+        for problem in run.problems:
+            typer.echo(f"warning: {problem}")
+    if mixed := groups.several_processors(runs):
+        typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    for line in changes(runs, shown):
+        typer.echo(line)
+    left = len(series) - len(shown)
+    rest = f"; {left:,} more series: --all, or choose by --scene, --triangulator ..." * bool(left)
+    where = str(out) if shown else "no case was measured by two runs"
+    typer.echo(f"{count(len(runs), 'run')}, {len(shown)} series: {where}{rest}")
+
+
+def changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
+    """Return one line for each change: when, of what, from which level to which."""
+    import numpy as np
+
+    from harness.history.plots import run_label
+    from harness.style import figure, percent
+
+    lines = []
+    for entry in series:
+        cuts = [0, *entry.changes, len(entry.values)]
+        for before, place, after in zip(cuts, cuts[1:], cuts[2:], strict=False):
+            levels = [
+                float(np.nanmedian(entry.values[start:end]))
+                for start, end in ((before, place), (place, after))
+            ]
+            growth = f" ({percent(levels[1] / levels[0] - 1)})" if levels[0] else ""
+            where = f"{entry.name.triangulator}, {entry.name.where}"
+            label = run_label(runs[place]).replace("\n", ", ")
+            lines.append(
+                f"{label}: {entry.metric} of {where}: "
+                f"{figure(levels[0])} → {figure(levels[1])}{growth}"
+            )
+    return lines or ["nothing changed"]
+
+
+def _write_csv(runs: Sequence[Run], series: Sequence[Series], file: Path) -> None:
+    """Write one row for each value of each series."""
+    import pandas as pd
+
+    rows = []
+    for entry in series:
+        case = (entry.metric, entry.name.triangulator, entry.name.where)
+        for number, (run, value) in enumerate(zip(runs, entry.values, strict=True)):
+            created = run.facts.get("created") or ""
+            rows.append((run.path, created, *case, value, int(number in entry.changes)))
+    names = ["run", "created", "metric", "triangulator", "where", "value", "change"]
+    pd.DataFrame(rows, columns=names).to_csv(file, index=False, lineterminator="\r\n")

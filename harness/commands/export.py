@@ -118,7 +118,7 @@ def triangulate(
         ):
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
-        from harness.commands.many import triangulate_many_files
+        from harness.commands.census import triangulate_many_files
         from harness.export.export import chosen
         from harness.scaling.triangulated import Options
 

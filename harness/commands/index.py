@@ -93,7 +93,7 @@ COMMANDS = {
     ),
     "history": Entry(
         COMPARE,
-        "history:history",
+        "compare:history",
         "Show what changed over runs, in the order they were made.",
         ("history results",),
     ),

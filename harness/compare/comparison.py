@@ -29,11 +29,12 @@ from harness.compare.model import (
     Drift,
     Exact,
     RunFacts,
+    Settings,
     Status,
     Total,
     Verdict,
+    require_known,
 )
-from harness.compare.settings import Settings, require_known
 from harness.figures import groups
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.figures.run_state import state_of

@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from harness.compare.model import Against, Drift, Outcome, TimeChange
-from harness.compare.settings import Settings
+from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
 from harness.figures import run_state
 from harness.figures.counters import CYCLES
 from harness.figures.intervals import paired_ratio

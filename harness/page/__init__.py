@@ -8,8 +8,7 @@ from typing import Any
 
 from harness import __version__
 from harness.measuring.processes import Bench
-from harness.page.page_data import content_of
-from harness.page.profile_data import content_of as content_of_profile
+from harness.page.page_data import content_of, content_of_profile
 from harness.rasterisers.base import shader
 from harness.report import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report import PACKAGE as REPORT

@@ -1,4 +1,4 @@
-"""What a measuring page holds: frames, triangulations, and what is known of them already."""
+"""What a measuring page holds: a run's frames, or a device's draws, and what is known of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ from harness.figures.groups import USUAL_BASE
 from harness.figures.polygons import columns_of
 from harness.figures.registry import predictions
 from harness.frame import OWN_VIEWS
-from harness.page.device_summaries import CRITERIA
+from harness.measuring.processes import Bench
+from harness.page.device_summaries import CRITERIA as SUMMARISED
+from harness.profile import law
+from harness.profile.advice import BASE, CRITERIA, SCENES, terms_of
+from harness.profile.counted import IN_PX, TERMS, counters
+from harness.profile.design import DESIGN, Draw, draws, snapped
+from harness.profile.law import COSTS, costs_of
+from harness.profile.profile import fitted_of
+from harness.profile.words import BY_SUM, BY_TERM
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
@@ -67,7 +75,7 @@ def content_of(run: Run) -> Content:
         "scene": str(views[0]["scene"]),
         "base": USUAL_BASE if USUAL_BASE in names else names[0],
         "looks": {name: asdict(look) for name, look in looks(names).items()},
-        "criteria": {name: predictions()[name].title for name in CRITERIA},
+        "criteria": {name: predictions()[name].title for name in SUMMARISED},
         "views": views,
     }
 
@@ -140,3 +148,73 @@ def _counts(run: Run, record: Record) -> tuple[NDArray[np.int64], ...] | None:
     if columns is None or not {*TOLD} <= set(columns):
         return None
     return tuple(np.rint(columns[name]).astype(np.int64) for name in TOLD)
+
+
+PROFILE_FORMAT = "raster-harness profile page"
+
+STEPS = (1, 2, 4, 8, 16)
+"""Grids that a browser's device may snap to, in 1/256 px; see `grid.js`."""
+
+
+def content_of_profile(bench: Bench, seed: int = 0) -> Content:
+    """Return everything that the page holds, JSON-ready; it makes the draws itself."""
+    made = draws(seed)
+    fitted, plain = fitted_of(made)
+    sums = {name: terms_of(bench, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
+    return {
+        "format": PROFILE_FORMAT,
+        "version": VERSION,
+        "harness": __version__,
+        "design": DESIGN,
+        "seed": seed,
+        "draws": [_about(draw) for draw in made],
+        "grids": {step: grid_of([snapped(draw, step) for draw in made]) for step in STEPS},
+        "fitted": _groups(made, fitted, seed),
+        "plain": _groups(made, plain, seed),
+        "terms": {
+            name: {**term._asdict(), "thin": BY_TERM.get(name, term.noun)}
+            for name, term in TERMS.items()
+        },
+        "sums": {
+            name: {"weights": [parts.get(term, 0) for term in TERMS], "words": BY_SUM[name]}
+            for name, parts in law.SUMS.items()
+        },
+        "in_px": IN_PX,
+        "costs": COSTS,
+        "base": BASE,
+        "criteria": CRITERIA,
+        "scenes": {
+            name: {each: _short(rows) for each, rows in found.items()}
+            for name, found in sums.items()
+            if found is not None
+        },
+    }
+
+
+def grid_of(made: Sequence[Draw]) -> Content:
+    """Return the checksum and the exact counters of each draw, and a criterion's terms of it."""
+    counted = [counters(draw) for draw in made]
+    predicted = costs_of([(draw.frame, draw.triangles) for draw in made])
+    return {
+        "checksums": [draw.checksum for draw in made],
+        "counters": {name: [each[name] for each in counted] for name in counted[0]},
+        "predicted": _short(predicted),
+    }
+
+
+def _about(draw: Draw) -> Content:
+    about = asdict(draw)
+    return {name: about[name] for name in ("kind", "name", "group", "work", "aspect", "area")}
+
+
+def _groups(made: Sequence[Draw], places: list[int], seed: int) -> Content:
+    """Return places among the draws, with the number of the group and of the fold of each."""
+    labels = np.unique([made[place].group for place in places], return_inverse=True)[1]
+    folds = law.folds_of(labels, seed).tolist()
+    reach = [law.quantile(int(labels.max()) + 1, each) for each in (law.CONFIDENCE, law.OF_ALL)]
+    return {"places": places, "labels": labels.tolist(), "folds": folds, "reach": reach}
+
+
+def _short(rows: Any) -> list[list[float]]:
+    """Return rows of numbers with digits enough for any fit."""
+    return [[float(f"{value:.9g}") for value in row] for row in rows.tolist()]

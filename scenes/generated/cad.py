@@ -1,4 +1,7 @@
-"""Flat parts as they are cut from sheet metal: plates, flanges, brackets, gears, name plates."""
+"""Flat parts as they are cut from sheet metal: plates, flanges, brackets, gears, name plates.
+
+Their faces, each in its own plane, are what a mesh pipeline triangulates.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from matplotlib import font_manager, ft2font
 from numpy.random import Generator
 
 from scenes.cleaning.clean import clean, in_rows, moved
+from scenes.readers.meshes import facets
 from scenes.real.glyphs import outline
 from scenes.scene import Scene, SceneError
 
@@ -175,3 +179,29 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
     text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])
     plate = shapely.Polygon(_rounded(x * scale + 22.0, 46.0, 8.0, segments))
     return shapely.difference(plate, text)
+
+
+def build_faces(*, seed: int = 0) -> Scene:
+    """Faces of ten generated sheet metal parts, 20 mm thick, laid out in rows."""
+    polygons = []
+    for part in build(seed=seed, parts=10, segments=16).polygons:
+        polygons += facets(*_extruded(part, 20.0))[0]
+    cleaned = clean(in_rows(polygons), [f"facet {i}" for i in range(len(polygons))])
+    return Scene(
+        name="meshes",
+        polygons=list(cleaned.polygons),
+        units="mm",
+        description="faces of sheet metal parts, each in its plane",
+        licence="generated, no rights reserved",
+        parameters={"seed": seed},
+        dropped=cleaned.dropped,
+        repaired=cleaned.repaired,
+    )
+
+
+def _extruded(part: shapely.Polygon, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a prism over the polygon."""
+    import trimesh
+
+    solid = trimesh.creation.extrude_polygon(part, height, engine="earcut")
+    return np.asarray(solid.vertices), np.asarray(solid.faces, dtype=np.int64)

@@ -14,8 +14,8 @@ from markdown_it import MarkdownIt
 
 from harness.compare.comparison import compare_runs, no_baseline
 from harness.compare.html import counter_plot, time_plot, to_html
+from harness.compare.model import Settings
 from harness.compare.outputs import LIMIT, MARKER, to_json, to_junit, to_markdown
-from harness.compare.settings import Settings
 from harness.compare.wording import headline
 from harness.stored.folder import read_run
 from tests.compare.runs import TRIANGULATORS, costlier, failed, slower, write_run

@@ -14,8 +14,8 @@ import pytest
 from harness.compare.comparison import compare_runs
 from harness.compare.html import to_html
 from harness.compare.matching import case_name
+from harness.compare.model import Settings
 from harness.compare.outputs import to_json, to_junit, to_markdown
-from harness.compare.settings import Settings
 from harness.compare.times import decide
 from harness.compare.wording import groups, headline
 from harness.rasterisers.reference import Binning

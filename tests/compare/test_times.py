@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.compare.model import TimeChange
-from harness.compare.settings import Settings
+from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
     MIN_ROUNDS,
     Q_VALUE,

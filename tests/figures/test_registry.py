@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from harness.compare.comparison import compare_runs
-from harness.compare.settings import Settings
+from harness.compare.model import Settings
 from harness.figures import counters, registry
 from harness.figures.registry import Figure, figures_of, find, measures, predictions
 from harness.report.report_data import content_of

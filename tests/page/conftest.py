@@ -139,7 +139,7 @@ def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
 def profile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page that profiles a device, whose advice looks at eight polygons."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.page.profile_data.SCENES", {"city:buildings=12": "city"})
+        patch.setattr("harness.page.page_data.SCENES", {"city:buildings=12": "city"})
         patch.setattr("harness.profile.advice.POLYGONS", 8)
         bench = Bench(inline, timeout_s=60)  # type: ignore[arg-type]
         return write_profile_page(bench, tmp_path_factory.mktemp("profile") / "profile.html")

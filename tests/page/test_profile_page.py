@@ -14,7 +14,7 @@ import pytest
 from harness.errors import BAD_INPUT
 from harness.figures.intervals import Ratio, mean_interval
 from harness.measuring.timing import EMPTY, Times
-from harness.page.profile_data import STEPS
+from harness.page.page_data import STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, aspects
 from harness.profile.counted import TERMS, counters, design_of
@@ -358,7 +358,7 @@ def test_a_page_is_of_a_run_or_of_none(harness, monkeypatch):
         assert code == BAD_INPUT
         assert_one_line(err, "give its folder, or --profile alone")
     monkeypatch.setattr("harness.measuring.worker.Worker", inline)
-    monkeypatch.setattr("harness.page.profile_data.SCENES", {})
+    monkeypatch.setattr("harness.page.page_data.SCENES", {})
     code, out, _ = harness("page", "--profile", "--out", "p.html")
     assert code == 0
     assert re.search(r"p\.html \(0\.[12] MB\); open it in a browser", out)
