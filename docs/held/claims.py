@@ -1,4 +1,4 @@
-"""The figures of `harness/study/our_figures.py`: each claim of `study all`, on our own scenes."""
+"""The figures in `harness/study/replication.py`: each claim of `study all`, on our own scenes."""
 
 from __future__ import annotations
 
@@ -60,4 +60,4 @@ HELD: list[Held] = [
     ),
 ]
 
-DEFINITIONS = (r"\d+ px\)",)
+DEFINITIONS = (r"\d+ px\)", r"(?s)^.*?(?=\nQ_RANKS_LANES)", r"(?s)\n_NOTHING.*$")

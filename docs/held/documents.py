@@ -9,6 +9,6 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/studies/skybox.md": (simulated.HELD, simulated.DEFINITIONS),
-    "harness/study/our_figures.py": (claims.HELD, claims.DEFINITIONS),
+    "harness/study/replication.py": (claims.HELD, claims.DEFINITIONS),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""

@@ -10,7 +10,7 @@ import pytest
 
 from harness.errors import Inconclusive, NothingMeasured, UsageError
 from harness.settings import StudySize
-from harness.study import our_figures
+from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
 from tests.conftest import exit_code
 
@@ -142,7 +142,7 @@ def regret(mean: float) -> pd.DataFrame:
 def test_the_page_sets_ours_beside_what_was_found():
     text = page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
     assert "| mine | 2 | 1 | 8 |" in text
-    assert f"| {our_figures.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
+    assert f"| {replication.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
     assert "not told" in text
     assert all(claim.sentence in text for claim in CLAIMS)
 
