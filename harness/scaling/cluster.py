@@ -14,7 +14,7 @@ from typing import Any
 from harness.errors import INCONCLUSIVE, HarnessError, UsageError
 from harness.machine import system
 from harness.progress import Reporter
-from harness.scaling import worker_process
+from harness.scaling import task_queue
 from harness.scaling.task_queue import Answer, SchedulerLost, Task
 from scenes.spec import install
 
@@ -138,7 +138,7 @@ class DaskCrew:
         key = f"{name}-{os.getpid()}-{self._number}"
         try:
             packed = pickle.dumps(task)
-            future = self._client.submit(worker_process.carry_out, packed, key=key, pure=False)
+            future = self._client.submit(task_queue.carry_out, packed, key=key, pure=False)
         except (OSError, RuntimeError, ValueError) as error:
             raise SchedulerLost from error
         self._names[key] = (name, future)
