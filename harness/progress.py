@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -76,6 +77,9 @@ class Stage:
         """Say that one more step is done."""
         self.complete(int(self._done) + 1)
 
+
+Words = Callable[[float], str]
+"""What to say of a stage that has lasted so many seconds."""
 
 Parts = Callable[[int, float], None]
 """Told how many parts are done, and how much of the whole they hold."""
@@ -182,20 +186,86 @@ class Reporter:
         self.console.print(f"warning: {message}", markup=False, style="yellow", soft_wrap=True)
 
     @contextmanager
-    def counting(self, title: str) -> Iterator[Callable[[int], None]]:
-        """Begin a stage of unknown length; gives a function that is told the count so far."""
+    def _begun(
+        self, title: str, total: float | None, *columns: ProgressColumn
+    ) -> Iterator[Callable[[float, Words | None], None]]:
+        """Begin what is shown as a bar with these columns, or as a line now and then.
+
+        Gives a function that is told how much is done, and what to say of it if a line is due.
+        """
         if not self._bars:
             self.say(f"{title} ...")
-            yield lambda count: None  # noqa: ARG005 - plain output has no running count
+            line = Due(self._clock)
+
+            def told(_done: float, words: Words | None) -> None:
+                if words and (lasted := line.now()):
+                    self.say(f"{title}: {words(lasted)}")
+
+            yield told
             return
+        shown = (SpinnerColumn(), TextColumn("{task.description:<34}"), *columns)
+        with Progress(*shown, console=self.console) as bars:
+            task = bars.add_task(title, total=total, said="")
+
+            def drawn(done: float, words: Words | None) -> None:
+                bars.update(task, completed=done, said=words(0.0) if words else "")
+
+            yield drawn
+
+    @contextmanager
+    def counting(self, title: str) -> Iterator[Callable[[int], None]]:
+        """Begin a stage of unknown length; gives a function that is told the count so far."""
+        count = TextColumn("{task.completed:,.0f}")
+        with self._begun(title, None, count, TimeElapsedColumn()) as show:
+            yield lambda number: show(number, None)
+
+    @contextmanager
+    def parts(self, title: str, count: int, total: float, unit: str) -> Iterator[Parts]:
+        """Begin a stage of `count` parts that hold `total` of what `unit` names, e.g. footprints.
+
+        One line says how many parts are done, the rate of late, and the time left by that rate.
+        """
+        rate = Rate(total, self._clock)
+        said = TextColumn("{task.fields[said]}")
+        with self._begun(title, total, BarColumn(bar_width=20), said) as show:
+
+            def tell(done: int, amount: float) -> None:
+                if done:
+                    rate.add(amount)
+                show(amount, lambda _: rate.text(done, count, unit))
+
+            tell(0, 0.0)
+            yield tell
+
+    @contextmanager
+    def stage(self, title: str, total: float) -> Iterator[Stage]:
+        """Begin a stage of `total` steps: a bar with the time left, or lines now and then."""
+        start = self._clock()
+        rate = Rate(total, self._clock)
         columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            TextColumn("{task.completed:,.0f}"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
         )
-        with Progress(*columns, TimeElapsedColumn(), console=self.console) as bars:
-            task = bars.add_task(title, total=None)
-            yield lambda count: bars.update(task, completed=count)
+
+        def tell(steps: float) -> None:
+            def words(lasted: float) -> str:
+                left = rate.left_s()
+                told = "" if left is None else f", about {left:.0f} s left"
+                return f"{steps / total:.0%} after {lasted:.0f} s{told}"
+
+            if steps > 0:
+                rate.add(steps)
+            show(steps, words if steps < total else None)
+
+        try:
+            with self._begun(title, total, *columns) as show:
+                yield Stage(tell)
+                show(total, None)
+        finally:
+            self.detail(f"{title}: {self._clock() - start:.1f} s")
 
     @contextmanager
     def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
@@ -207,80 +277,3 @@ class Reporter:
             yield timer.cancel
         finally:
             timer.cancel()
-
-    @contextmanager
-    def parts(self, title: str, count: int, total: float, unit: str) -> Iterator[Parts]:
-        """Begin a stage of `count` parts that hold `total` of what `unit` names, e.g. footprints.
-
-        One line says how many parts are done, the rate of late, and the time left by that rate.
-        """
-        rate = Rate(total, self._clock)
-        if not self._bars:
-            yield self._parts_in_lines(title, count, rate, unit)
-            return
-        columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
-            TextColumn("{task.fields[shown]}"),
-        )
-        with Progress(*columns, console=self.console) as bars:
-            task = bars.add_task(title, total=total, shown=f"0/{count} parts")
-
-            def show(done: int, amount: float) -> None:
-                rate.add(amount)
-                bars.update(task, completed=amount, shown=rate.text(done, count, unit))
-
-            yield show
-
-    def _parts_in_lines(self, title: str, count: int, rate: Rate, unit: str) -> Parts:
-        self.say(f"{title} ...")
-        line = Due(self._clock)
-
-        def show(done: int, amount: float) -> None:
-            rate.add(amount)
-            if line.now():
-                self.say(f"{title}: {rate.text(done, count, unit)}")
-
-        return show
-
-    @contextmanager
-    def stage(self, title: str, total: float) -> Iterator[Stage]:
-        """Begin a stage of `total` steps: a bar with the time left, or lines now and then."""
-        start = self._clock()
-        try:
-            with self._bar(title, total) if self._bars else self._lines(title, total) as stage:
-                yield stage
-        finally:
-            self.detail(f"{title}: {self._clock() - start:.1f} s")
-
-    @contextmanager
-    def _lines(self, title: str, total: float) -> Iterator[Stage]:
-        self.say(f"{title} ...")
-        rate, line = Rate(total, self._clock), Due(self._clock)
-
-        def show(steps: float) -> None:
-            if steps > 0:
-                rate.add(steps)
-            if steps < total and (lasted := line.now()):
-                left = rate.left_s()
-                told = "" if left is None else f", about {left:.0f} s left"
-                self.say(f"{title}: {steps / total:.0%} after {lasted:.0f} s{told}")
-
-        yield Stage(show)
-
-    @contextmanager
-    def _bar(self, title: str, total: float) -> Iterator[Stage]:
-        columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description:<34.34}"),
-            BarColumn(bar_width=20),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=self.console) as bars:
-            task = bars.add_task(title, total=total)
-            yield Stage(lambda steps: bars.update(task, completed=steps))
-            bars.update(task, completed=total)
