@@ -24,15 +24,15 @@ class Geometry:
     points : (n, 2) int32, all polygons' vertices one after another, in 1/256 px, y up
     offsets : (p + 1,) int64; polygon k owns points[offsets[k]:offsets[k + 1]]
     source : (p,) int64, for each polygon its number in the scene
-    ring_ends : (r,) int64, where in `points` each ring ends; None in runs of older versions
+    ring_ends : (r,) int64, where in `points` each ring ends
     triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
     """
 
     points: NDArray[np.int32]
     offsets: NDArray[np.int64]
     source: NDArray[np.int64]
+    ring_ends: NDArray[np.int64]
     triangles: dict[str, NDArray[np.int32]]
-    ring_ends: NDArray[np.int64] | None = None
 
 
 def write(store: Store, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
@@ -71,12 +71,12 @@ def name_of(view: View) -> str:
 
 def _read(run: Run, key: str) -> Geometry | None:
     arrays = read_arrays(run, key, FOLDER)
-    if arrays is None or not {"points", "offsets", "source"} <= set(arrays):
+    columns = ("points", "offsets", "source", "ring_ends")
+    if arrays is None or not {*columns} <= set(arrays):
         return None
     triangles = {
         name.removeprefix(_TRIANGLES): rows
         for name, rows in arrays.items()
         if name.startswith(_TRIANGLES)
     }
-    geometry = (arrays["points"], arrays["offsets"], arrays["source"])
-    return Geometry(*geometry, triangles, arrays.get("ring_ends"))
+    return Geometry(**{name: arrays[name] for name in columns}, triangles=triangles)

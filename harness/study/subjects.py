@@ -144,8 +144,6 @@ def count_ways(kept: drawings.Geometry, view: View) -> list[dict[str, Any]]:
 
 def _chosen(kept: drawings.Geometry) -> Iterator[tuple[int, NDArray[np.int32]]]:
     """Yield (number in the scene, vertices) of polygons without holes, at steps through sizes."""
-    if kept.ring_ends is None:
-        return
     sizes = np.diff(kept.offsets)
     rings = np.searchsorted(kept.ring_ends, kept.offsets[1:], side="right")
     simple = np.diff(np.concatenate([[0], rings])) == 1

@@ -13,12 +13,8 @@ from hypothesis import strategies as st
 
 from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
-    MIN_ROUNDS,
     Q_VALUE,
     Pair,
-    _faster_half,
-    _index,
-    _p_of_interval,
     correct,
     decide,
     drift_of_rounds,
@@ -120,10 +116,6 @@ def test_a_single_case_without_reference_on_another_machine_is_inconclusive():
     (change,), _ = judge([Pair(pair.base, pair.head, None, True)], machines_differ=True)
     assert change.outcome == "inconclusive"
     assert "reference" in change.reason
-
-
-def test_of_samples_the_last_is_drawn_up_to_the_end():
-    assert _index(np.array([0.0, 0.24, 0.25, 0.99, 1.0]), 4).tolist() == [0, 0, 1, 3, 3]
 
 
 def test_many_cases_are_corrected_for():
@@ -253,25 +245,10 @@ def test_two_cases_that_draw_the_same_are_peers_enough():
     assert change.against == "reference"
 
 
-@pytest.mark.parametrize(("cases", "against"), [(4, "peers"), (3, "reference")])
-def test_three_peers_are_enough_where_none_drew_the_same(cases, against):
-    changes, _ = judge(pairs(np.random.default_rng(13), [0] * cases, same_work=False))
-    assert {change.against for change in changes} == {against}
-
-
 @pytest.mark.parametrize("normalise", ["reference", "none"])
 def test_peers_are_asked_only_where_they_may_be(normalise):
     changes, _ = judge(pairs(np.random.default_rng(14), [0] * 5), Settings(normalise=normalise))
     assert {change.against for change in changes} == {normalise}
-
-
-@pytest.mark.parametrize("rounds", [MIN_ROUNDS - 1, MIN_ROUNDS])
-def test_as_many_samples_as_are_asked_for_are_enough(rounds):
-    timed = {"time": {"samples_s": [1e-3] * rounds}}
-    usual = {"time": {"samples_s": [1e-3] * 20}}
-    for records in ((timed, usual), (usual, timed)):
-        found = read_pair(*records, same_work=True)
-        assert isinstance(found, Pair) is (rounds == MIN_ROUNDS)
 
 
 def test_cases_of_the_same_rounds_are_judged_so_only_together():
@@ -280,17 +257,3 @@ def test_cases_of_the_same_rounds_are_judged_so_only_together():
     for chosen, against in ((paired, "rounds"), ([paired[0], *found[1:]], "peers")):
         changes, _ = judge(chosen)
         assert {change.against for change in changes} == {against}
-
-
-def test_the_faster_half_has_the_median():
-    assert _faster_half(np.array([3.0, 1.0, 2.0])).tolist() == [1, 2]
-    assert _faster_half(np.array([4.0, 1.0, 3.0, 2.0])).tolist() == [1, 2]
-
-
-def test_an_interval_that_ends_at_no_change_is_as_likely_as_it_is_confident():
-    for ends in ((0.2, 0.3, 0.0, 0.5), (-0.3, -0.2, -0.5, 0.0)):
-        assert _p_of_interval(*ends, 0.95) == pytest.approx(0.05)
-    assert _p_of_interval(0.2, 0.3, 0.1, 0.5, 0.95) < 0.001
-    assert _p_of_interval(-0.1, 0.1, -0.2, 0.2, 0.95) == 1
-    assert _p_of_interval(0.0, 0.1, -0.2, 0.2, 0.95) == 1
-    assert _p_of_interval(0.1, 0.1, 0.1, 0.1, 0.95) == 0

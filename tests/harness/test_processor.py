@@ -10,7 +10,6 @@ import pytest
 
 from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
-from harness.figures import groups
 from harness.history.series import read_series
 from harness.machine import environment
 from harness.scaling import merging
@@ -83,30 +82,6 @@ def two(tmp_path) -> list[Run]:
         facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
         found.append(replace(run, facts=facts))
     return found
-
-
-def test_devices_get_the_processors_name_where_there_are_several(two):
-    assert groups.several_processors(two) == {"llvmpipe": [EPYC, XEON]}
-    devices = [{record["device"] for record in run.records} for run in groups.by_processor(two)]
-    assert devices == [{f"llvmpipe ({EPYC})"}, {f"llvmpipe ({XEON})"}]
-    alike = [two[0], replace(two[1], facts=two[0].facts)]
-    assert groups.several_processors(alike) == {}
-    assert groups.by_processor(alike)[1].records == two[1].records
-
-
-def test_counters_and_gpus_may_be_of_any_processor(two):
-    counted = [replace(r, records=[{**e, "time": None} for e in r.records]) for r in two]
-    assert groups.several_processors(counted) == {}
-    details = {"opengl on gpu0": {"details": {"renderer": "NVIDIA H100"}}}
-    gpus = [
-        replace(
-            run,
-            facts={**run.facts, "devices": details},
-            records=[{**each, "device": "gpu0"} for each in run.records],
-        )
-        for run in two
-    ]
-    assert groups.several_processors(gpus) == {}
 
 
 def test_merge_refuses_them_unless_hosts_are_named(two, tmp_path):

@@ -9,8 +9,6 @@ import pytest
 from harness.figures.intervals import mean_interval
 from harness.figures.polygons import spearman
 from harness.study.correlations import (
-    FEWEST,
-    by_polygon,
     correlate,
     difference,
     median_estimate,
@@ -105,18 +103,6 @@ def test_the_interval_of_regret_takes_the_outer_ends():
     assert found == (mean_interval(low)[0], mean_interval(high)[1])
     assert regret_interval(low - 0.05, high)[0] == 0.0, "nothing is better than the best"
     assert np.isnan(regret_interval(low, np.zeros(24))).all()
-
-
-def test_three_triangulations_are_enough_and_two_are_not():
-    x, y = np.array([1.0, 2.0, 4.0]), np.array([3.0, 2.0, 1.0])
-    assert spearman(x, y) == pytest.approx(-1)
-    assert np.isnan(spearman(x[:2], y[:2]))
-
-
-def test_as_many_triangulations_as_are_asked_for_are_enough():
-    x = np.arange(float(FEWEST))
-    assert by_polygon([(x, x), (x[1:], x[1:])])[0] == pytest.approx(1)
-    assert np.isnan(by_polygon([(x, x), (x[1:], x[1:])])[1])
 
 
 @pytest.mark.parametrize("blocks", [2, 4])

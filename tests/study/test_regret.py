@@ -19,7 +19,6 @@ from harness.study.regret import (
     main_measures,
     plot_regret,
     print_regret,
-    regret_interval,
     regret_table,
     summarise,
     write,
@@ -194,13 +193,6 @@ def test_the_least_of_times_is_known_of_no_drawing():
     assert table[table["measure"] == "quads"]["least_known"].all()
 
 
-def test_as_many_polygons_as_are_asked_for_are_not_too_few():
-    row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.1, "worst": 0.1}
-    assert written({**row, "polygons": FEWEST}) == "10.00% (all equal)"
-    assert written({**row, "polygons": FEWEST - 1}) == "10.00% (too few polygons)"
-    assert written({**row, "worst": 0.1 * FEWEST, "polygons": FEWEST}) == "10.00% (one decides)"
-
-
 def test_a_counter_that_a_drawing_lacks_is_not_judged():
     records = records_of("one")
     del records[2]["counters"]["quads"]
@@ -238,11 +230,6 @@ def test_what_failed_drew_nothing_or_has_t_junctions_is_not_judged():
     for change in ({"status": "failed"}, {"polygons": 0}, {"conforming": False}):
         bad = {**records[3], "triangulator": "random#7", **change}
         assert regret_table([*records, bad]).equals(regret_table(records))
-
-
-def test_two_drawings_are_compared_and_one_is_not():
-    assert len(regret_table(records_of("a")[:2]))
-    assert regret_table(records_of("a")[:1]).empty
 
 
 def counting(quads):
@@ -289,28 +276,6 @@ def test_one_in_twenty_polygons_loses_more_than_the_p95():
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
     found = summarise(table).iloc[0]
     assert (found["median"], found["p95"], found["worst"]) == pytest.approx((0.5, 0.95, 1.0))
-
-
-def test_polygons_are_drawn_again_in_the_order_they_were_met_in():
-    """Not in that of their names, which would move the ends of an interval a little."""
-    (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
-    values = np.random.default_rng(1).permutation(np.arange(1, 13)) / 100
-    names = [f"polygon {k}" for k in (7, 3, 11, 0, 9, 5, 1, 10, 2, 8, 4, 6)]
-    rows = [
-        {**row, "polygon": name} | dict.fromkeys(("regret", "regret_low", "regret_high"), value)
-        for name, value in zip(names, values, strict=True)
-    ]
-    found = summarise(pd.DataFrame(rows)).iloc[0]
-    ends = regret_interval(values, values)
-    assert (found["ci_low"], found["ci_high"]) == ends
-    by_name = values[np.argsort(names)]
-    assert regret_interval(by_name, by_name) != ends
-
-
-def test_half_of_what_all_lose_is_no_single_polygons_fault():
-    row = {"ci_low": np.nan, "ci_high": np.nan, "mean": 0.25, "polygons": 8}
-    assert written({**row, "worst": 1.0}) == "25.00% (few decide)"
-    assert written({**row, "worst": 1.01}) == "25.00% (one decides)"
 
 
 def in_two_views(polygons: int = 1) -> pd.DataFrame:
@@ -368,34 +333,3 @@ def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
             ends = [own[end].fillna(own["mean"]) for end in ("ci_low", "ci_high")]
             found = np.array(bars.get_segments())[:, :, 0]
             assert found == pytest.approx(np.column_stack(ends))
-
-
-def test_a_picture_tells_tenths_of_a_per_cent_from_tens():
-    """Each tenfold is as far as another; nothing is at the line."""
-    summary, shown = pictured()
-    panel = _figure(summary, shown, "here").axes[0]
-    places = panel.xaxis.get_transform().transform(np.array([0.001, 0.01, 0.1]))
-    assert np.diff(places)[0] == pytest.approx(np.diff(places)[1])
-    assert panel.xaxis.get_major_formatter()(0.05, 0) == "5 %"
-    assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
-
-
-def test_a_picture_has_room_for_each_panel_and_each_name():
-    summary, shown = pictured()
-    few = summary[summary["name"] == "half-perimeter"]
-    sizes = [
-        _figure(table, names, "here").get_size_inches()
-        for table, names in ((few, shown[:1]), (summary, shown))
-    ]
-    names = summary["name"].nunique()
-    wider, higher = sizes[1] - sizes[0]
-    assert wider >= 2
-    assert higher >= (names - 1) * 8 / 72  # of letters of eight points
-
-
-def test_pictures_keep_the_order_of_their_views(monkeypatch, tmp_path):
-    monkeypatch.setattr("harness.study.regret.draw", lambda folder, name, *_: [name])
-    assert plot_regret(in_two_views(), tmp_path) == [
-        "regret-reference-cpu-128-0",
-        "regret-reference-cpu-64-0",
-    ]

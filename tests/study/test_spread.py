@@ -13,7 +13,6 @@ from harness.rasterisers.reference import predict
 from harness.report import matrix
 from harness.report.matrix import criteria_of
 from harness.report.report_data import content_of
-from harness.stored import drawings
 from harness.stored.folder import read_run
 from harness.study import subjects
 from harness.study.correlations import difference, ranks
@@ -95,22 +94,6 @@ def test_a_run_without_it_is_read_as_before(run_folder, tmp_path):
         (folder / matrix.SPREAD).write_text(content)
         assert matrix.read(read_run(folder), View(1024)) is None
         assert "Within a polygon" not in content_of(read_run(folder))["groups"][0]["judged"]
-
-
-def test_drawings_of_older_versions_have_no_rings(run_folder, tmp_path):
-    run = read_run(run_folder)
-    kept = drawings.read(run, View(1024))
-    assert len(kept.ring_ends) >= len(kept.offsets) - 1
-    (file,) = (run_folder / drawings.FOLDER).glob("*.npz")
-    with np.load(file) as arrays:
-        older = {name: arrays[name] for name in arrays.files if name != "ring_ends"}
-    folder = tmp_path / "older"
-    (folder / drawings.FOLDER).mkdir(parents=True)
-    for name in ("run.json", "cases.jsonl"):
-        (folder / name).write_bytes((run_folder / name).read_bytes())
-    np.savez(folder / drawings.FOLDER / file.name, **older)
-    assert drawings.read(read_run(folder), View(1024)).ring_ends is None
-    assert matrix.write(read_run(folder)) is None
 
 
 def test_without_a_spread_the_sentence_is_that_of_ratios():
