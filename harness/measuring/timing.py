@@ -222,7 +222,8 @@ def time_together(
     budget_s = settings.budget_s * len(drawings)
     earliest, deadline = start + settings.least_share * budget_s, start + budget_s
     latest = math.inf if settings.limit_s is None else start + settings.limit_s
-    # A slow device has time for few rounds, and most is told by those of different epochs.
+    # A slow device has time for few rounds, and most is told by those of different epochs: where
+    # full epochs would not fit before the limit, each has one round.
     round_s = sum(times[name].repeats * draw_s[name] for name in drawings)
     slow = settings.epochs * (EPOCH_ROUNDS + 1) * round_s > latest - clock()
     epochs = _Epochs(renew, settings.epochs, earliest, clock, 1 if slow else EPOCH_ROUNDS)
@@ -240,6 +241,7 @@ def time_together(
         if not over and (rounds < MIN_ROUNDS or clock() < earliest or epochs.are_few()):
             continue
         if over or rounds >= check_at or clock() >= deadline:
+            # Intervals cost as much as there are rounds: looked at now and then, they stay cheap.
             check_at = rounds + max(1, rounds // 8)
             # An empty draw is all noise: it must not keep the others waiting.
             precise = {EMPTY, *_compared_precisely(times, compared, settings, epochs.rounds)}

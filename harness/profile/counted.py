@@ -92,7 +92,7 @@ def counters(draw: Draw) -> dict[str, int]:
     # A row's centre is half a pixel above its edge; both corners' own rows count, as in
     # `first <= centre <= last`.
     centre = SUBPIXEL // 2
-    first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)
+    first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)  # rounded up
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     most = COARSE * SUBPIXEL
     tiles = reference.predict_tiles(points, triangles)["tiles_64_exact"]

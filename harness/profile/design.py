@@ -178,7 +178,7 @@ def _lanes(seed: int) -> Iterator[Draw]:
 
 def _places(seed: int) -> Iterator[Draw]:
     """Triangles in boxes of 4 px, all boxes as far from a corner of the 8-px grid."""
-    side, across = 4 * SUBPIXEL, 52
+    side, across = 4 * SUBPIXEL, 52  # 52 by 52 boxes, 16 px apart, fill the viewport
     number = np.arange(across * across)
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
     local = placing.triangle(side, side)(placing.mixed(seed, 320, len(number)))
@@ -216,7 +216,8 @@ def _strips(seed: int) -> Iterator[Draw]:
         random = placing.mixed(seed, 500 + number, bands * 2 * (steps + 1))
         stray = random.reshape(bands, 2, steps + 1)
         low = 4 * SUBPIXEL + np.arange(bands) * (height + 2) * SUBPIXEL
-        # Along the bottom, then along the top, of each band; no two triangles are alike.
+        # Vertices 0 to `steps` along the bottom of a band, then as many along its top: the vertex
+        # above k is k + steps + 1. No two triangles are alike.
         ends = np.stack([low, low + height * SUBPIXEL], axis=-1)[:, :, None]
         x = 3 * SUBPIXEL + np.arange(steps + 1) * step + stray % (step // 2)
         y = ends + stray // SUBPIXEL % SUBPIXEL

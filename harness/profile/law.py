@@ -265,6 +265,8 @@ def solve(
     trust = np.ones(len(seconds) + labels.max() + 1)
     found = np.zeros(design.shape[1])
     for _ in range(MOST_TURNS):
+        # Each draw's row over its fitted time, so that errors are relative; as deviations from its
+        # group and the groups' means, which may miss by more.
         rows = stacked(np.column_stack([design, seconds]) / fitted[:, None], labels)
         if found.any():
             errors = rows[:, :-1] @ found - rows[:, -1]
@@ -291,6 +293,8 @@ def stacked(shares: DesignMatrix, labels: NDArray[np.int64]) -> DesignMatrix:
 
 def trust_in(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the weights of rows with these errors under the soft L1 loss."""
+    # The loss 2 (sqrt(1 + e^2) - 1) has the weight (1 + e^2)^-1/2 for a squared error; rows are
+    # multiplied by its root.
     return np.asarray((1.0 + (errors / LARGE_ERROR) ** 2) ** -0.25)
 
 

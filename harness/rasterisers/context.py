@@ -72,6 +72,7 @@ class Target:
         self.framebuffer = ctx.framebuffer([self.buffer], self.depths)
 
     def __del__(self) -> None:
+        # Not after its context, which frees all it has; nor where making it failed half-way.
         if self._owner.closed or not hasattr(self, "framebuffer"):
             return
         # moderngl binds again what was bound before, so the one to go must not be that.

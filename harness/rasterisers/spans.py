@@ -84,6 +84,7 @@ def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
         if step > 0:
             right = min(right, value // step)
         elif step < 0:
+            # The least x with value - step x >= 0 is value / step rounded up; // rounds down.
             left = max(left, -(value // -step))
         elif value < 0:
             return left, left - 1
@@ -256,8 +257,8 @@ def _inside(column: int, row: int, low: int, high: int, above_low: int, above_hi
     return above_low <= column <= above_high
 
 
-FRAGMENTS, QUADS, PARTIAL_QUADS, TIES = range(4)
-"""Columns of what `count_visible` fills."""
+TIES = 3
+"""Column of what `count_visible` fills, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
 
 DEEPEST = float(1 << 24)
 """What the depth is where nothing is; only what is less is drawn."""
@@ -302,6 +303,7 @@ def count_visible(
             if not solid or left > right:
                 continue
             x0, y0, z0, across, up = _plane(points, depths, triangles[t])
+            # In steps of the depth buffer: what single precision may be off by at a pixel's centre.
             loose = STEPS + SHARE * 256.0 * (abs(across) * width + abs(up) * height)
             for bottom in range(max(first, 0) & ~1, min(last, height - 1) + 1, 2):
                 low, high = right + 1, left - 1

@@ -108,7 +108,7 @@ class _Polygons:
         self._run = run
         self.views: dict[str, Content] = {}
         kept = [r for members in found for r in members if r["status"] == "ok"]
-        share = MOST_VALUES // max(1, 8 * len(kept))
+        share = MOST_VALUES // max(1, 8 * len(kept))  # a case holds some eight columns
         widest = max((len(members) for members in found), default=1)
         self._most = max(FEWEST_POLYGONS, min(share, MOST_MARKS // widest))
         self._chosen: dict[str, Any] = {}

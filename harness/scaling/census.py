@@ -261,6 +261,8 @@ def on_pixels(
     Returns the pieces (p,), in px, and for each the number of its polygon; those that vanish on the
     grid have none. The place on the grid of pixels, modulo `PERIOD_PX`, is that of the coordinates.
     """
+    # Near the origin doubles hold 1/256 px exactly, as the reference's integers do; what the grid
+    # leaves valid, which is nearly all, is snapped at once, and the rest mended one by one.
     scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
     corner = shapely.bounds(scaled)[:, :2]
     shift = PERIOD_PX * np.floor(corner / PERIOD_PX)

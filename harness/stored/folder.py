@@ -244,6 +244,8 @@ def parsed(content: bytes) -> Any:
     """
     try:
         value = json.loads(content, parse_float=_finite, parse_constant=lambda _: None)
+        # Half a surrogate pair comes from an escape, or from bytes that begin with 0xED alone; only
+        # where there is one does it take a second pass to replace it.
         if b"\\u" not in content and b"\xed" not in content:
             return value
         return json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))

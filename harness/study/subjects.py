@@ -108,8 +108,8 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
 
 POLYGONS = 24
 RANDOM = 20
-FEWEST_VERTICES, MOST_VERTICES = 8, 60
-"""Smaller polygons have too few triangulations to rank; of larger ones random ones take long."""
+MOST_VERTICES = 60
+"""Of larger polygons random triangulations take long."""
 
 NAMED = (
     "ear-clipping",
