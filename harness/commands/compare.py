@@ -107,7 +107,6 @@ def compare(
     from harness.compare.comparison import compare_runs, no_baseline
     from harness.compare.model import from_project, parse_gates, parse_threshold
     from harness.stored.folder import read_run
-    from harness.webpages import write_whole
 
     settings = from_project(Path.cwd())
     settings = replace(
@@ -137,6 +136,8 @@ def compare(
         "html": html,
     }.items():
         if file is not None:
+            from harness.webpages import write_whole
+
             write_whole(file, _text(found, kind))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:

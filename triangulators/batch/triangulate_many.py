@@ -17,7 +17,6 @@ from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.criteria.cost import Cost, plain_cost
 from triangulators.devices import CPU, check_name
 from triangulators.errors import Skipped, TriangulationError, told_of
-from triangulators.gpu import engine
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, flip_many, test_of
 from triangulators.methods.optimal import LIMIT
 from triangulators.methods.refined import refine_many
@@ -147,6 +146,8 @@ def _attempt(
         if device != CPU and cost["box"].tolist() in _ON_DEVICE:
             wanted = sound & (np.diff(work.owners) == 1)
             worst = bool(cost["box"][0] < 0.0)
+            from triangulators.gpu import engine  # asked for by name alone
+
             engine.attempt(device, engine.Task(work, wanted, limit, worst))
         _compiled(work, cost, sound, threads, limit)
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
-from triangulators.certificate.proof import prove
 from triangulators.checking.units import EXACT, whole_scale
 from triangulators.criteria.cost import cost_of, evaluate, with_fields
 from triangulators.errors import Skipped
@@ -144,6 +143,8 @@ def _search(
     if sign > 0.0:
         # Never a time between the two: the result is the same on any machine.
         seconds = math.inf if len(points) <= PROVEN else 0.0
+        from triangulators.certificate.proof import prove  # most polygons have no holes
+
         proof = prove(outline, best_start(outline, cost), cost, seconds)
     if proof is None:
         return _Found(search_cuts(points, best_start(outline, cost), cost, seed), math.inf)
