@@ -191,7 +191,7 @@ PUBLIC = {
         "harness.stored.drawings.read",
         "harness.figures.registry.Figure",
         "harness.figures.intervals.paired_ratio",
-        "harness.report.write_report",
+        "harness.report.page.write_report",
     ],
     "Errors": ["harness.errors"],
 }

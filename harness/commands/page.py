@@ -34,7 +34,7 @@ def report(
     """
     from harness.compare.matching import latest
     from harness.figures.groups import with_base
-    from harness.report import write_report
+    from harness.report.page import write_report
     from harness.stored.folder import read_run
     from harness.webpages import is_stream
 
@@ -128,7 +128,7 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import checked, device_name, read_saved
-    from harness.report import write_report
+    from harness.report.page import write_report
     from harness.stored import atomic
     from harness.stored.folder import clear_errors, file_stem, read_run
     from harness.summary import print_summary, write_csv
@@ -206,7 +206,7 @@ def merge(
     """
     from harness.compare.matching import latest
     from harness.progress import Reporter
-    from harness.report import write_report
+    from harness.report.page import write_report
     from harness.scaling import merging
     from harness.stored import atomic
     from harness.stored.folder import clear_errors, read_run

@@ -156,7 +156,7 @@ def recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple
 
 def load_ahead(*, plots: bool) -> None:
     """Import what tables, reports and plots need while other processes triangulate."""
-    names = ["pandas", "scipy.special", "harness.report", "harness.report.matrix"]
+    names = ["pandas", "scipy.special", "harness.report.page", "harness.report.matrix"]
 
     def load() -> None:
         for name in names + ["matplotlib.figure"] * plots:
@@ -222,7 +222,8 @@ def finish(outcome: RunResult, console: Console, reporter: Reporter, *, plots: b
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {where}", markup=False, soft_wrap=True)
     if measured and not outcome.hurried:
-        from harness.report import matrix, write_report
+        from harness.report import matrix
+        from harness.report.page import write_report
         from harness.report.plots import plot_run
 
         with reporter.stage("judging criteria", 1), clear_errors(outcome.path, again):

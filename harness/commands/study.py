@@ -69,7 +69,7 @@ def validate(
     from harness.measuring.plan import Plan
     from harness.measuring.run import Part
     from harness.rasterisers.base import Options
-    from harness.report import write_report
+    from harness.report.page import write_report
     from harness.settings import TimingSettings
     from harness.stored import atomic
     from harness.study import correlations, regret
@@ -229,7 +229,7 @@ def pareto(
     from harness.commands.running import measure_study, require_all
     from harness.frame import View
     from harness.measuring.plan import Plan
-    from harness.report import write_report
+    from harness.report.page import write_report
     from harness.settings import TimingSettings
     from harness.stored import atomic
     from harness.study import pareto as fronts_of

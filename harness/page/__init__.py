@@ -10,8 +10,8 @@ from harness import __version__
 from harness.measuring.processes import Bench
 from harness.page.page_data import content_of, content_of_profile
 from harness.rasterisers.base import shader
-from harness.report import CHARTS, ELEMENTS, SPANS, STYLE
-from harness.report import PACKAGE as REPORT
+from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
+from harness.report.page import PACKAGE as REPORT
 from harness.stored.folder import Run
 from harness.webpages import packed, static, template, write_whole
 

@@ -61,7 +61,7 @@ def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error,
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("harness.report.write_report", fail)
+    monkeypatch.setattr("harness.report.page.write_report", fail)
     found, _, err = harness("report", "run")
     assert found == code
     lines = [line for line in err.splitlines() if line.startswith("error:")]
@@ -72,7 +72,7 @@ def test_an_error_nobody_caught_is_one_line(harness, stored, monkeypatch, error,
 
 
 def test_ctrl_c_anywhere_is_130(harness, stored, monkeypatch):
-    monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(2))
+    monkeypatch.setattr("harness.report.page.write_report", lambda *_: signal.raise_signal(2))
     code, _, err = harness("report", "run")
     assert code == 130
     assert "Traceback" not in err
@@ -80,7 +80,7 @@ def test_ctrl_c_anywhere_is_130(harness, stored, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_other_signals_end_like_ctrl_c(harness, stored, monkeypatch, number):
-    monkeypatch.setattr("harness.report.write_report", lambda *_: signal.raise_signal(number))
+    monkeypatch.setattr("harness.report.page.write_report", lambda *_: signal.raise_signal(number))
     before = signal.getsignal(number)
     assert harness("report", "run")[0] == 130
     assert signal.getsignal(number) is before
@@ -89,7 +89,7 @@ def test_other_signals_end_like_ctrl_c(harness, stored, monkeypatch, number):
 def test_what_was_started_by_nohup_outlives_its_terminal(harness, stored, monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("harness.report.write_report", _hang_up)
+        monkeypatch.setattr("harness.report.page.write_report", _hang_up)
         assert harness("report", "run")[0] == 0
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -116,7 +116,7 @@ def test_a_full_disk_while_plotting_loses_nothing(harness, block, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("harness.report.write_report", full)
+    monkeypatch.setattr("harness.report.page.write_report", full)
     code, out, err = harness("run", "--scene", str(block), "--out", "run", *MOCK)
     assert code == 2
     assert "ear-clipping" in out

@@ -8,7 +8,7 @@ from typing import Any
 
 from harness.page import write_page
 from harness.page.result import import_result, read_result
-from harness.report import write_report
+from harness.report.page import write_report
 from harness.stored.folder import read_run
 from tests.chromium import MEASURED, Chromium
 

@@ -22,7 +22,7 @@ from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import predict
-from harness.report import write_report
+from harness.report.page import write_report
 from harness.stored import drawings
 from harness.stored.folder import Store, read_run
 from harness.triangulating.frames import predict_polygons, triangulate_polygons

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.errors import UsageError
-from harness.report import write_report
+from harness.report.page import write_report
 from harness.report.report_data import choose, content_of
 from harness.stored.folder import read_run
 

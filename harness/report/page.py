@@ -1,0 +1,70 @@
+"""Puts a report together: the page, its style, its scripts and its numbers, in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from harness import __version__
+from harness.errors import UsageError
+from harness.report.report_data import content_of
+from harness.stored.folder import Run
+from harness.webpages import packed, static, template, write_whole
+
+PACKAGE = "harness.report"
+ELEMENTS, SPANS = "elements.js", "spans.js"
+"""What the measuring page uses, too, as it does `CHARTS` and the style."""
+FILE = "report.html"
+STYLE = "report.css"
+
+SCRIPTS = (
+    ELEMENTS,
+    "page.js",
+    "csv.js",
+    "chart.js",
+    "ranking.js",
+    SPANS,
+    "raster.js",
+    "heatmap.js",
+    "matrix.js",
+    "cases.js",
+    "main.js",
+)
+CHARTS = "echarts.common.min.js"
+
+
+def write_report(run: Run, file: Path | None = None) -> Path:
+    """Write the report of `run` as one HTML file; returns where it is.
+
+    file : by default `report.html` in the run's folder
+
+    Raises
+    ------
+    UsageError
+        if the run holds nothing to show, or the file cannot be written
+    """
+    content = content_of(run)
+    if not content["cases"] and not content["matrices"]:
+        raise UsageError(f"{run.path} holds no case and no study yet; run or --resume it first")
+    folder = run.path if run.path.is_dir() else run.path.parent
+    target = file or folder / FILE
+    write_whole(target, render(content, run.facts))
+    return target
+
+
+def render(content: dict[str, Any], facts: dict[str, Any]) -> str:
+    """Return the page that shows `content`; `facts` are those of run.json."""
+    first = content["groups"][0] if content["groups"] else None
+    failed = sum(case["row"]["status"] == "failed" for case in content["cases"])
+    return template(PACKAGE, "report.html").render(
+        content=content,
+        answer=content["study"] or (first["answer"] if first else "A study without a figure."),
+        failed=failed,
+        key_facts=content["key_facts"],
+        created=facts.get("created", ""),
+        version=__version__,
+        style=static(PACKAGE, STYLE),
+        charts=static(PACKAGE, CHARTS),
+        script="\n".join(static(PACKAGE, name) for name in SCRIPTS),
+        data=packed(content),
+    )
