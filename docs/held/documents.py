@@ -4,7 +4,7 @@ from docs.held import Held, claims, findings, flips, others, readme, simulated
 
 DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "README.md": (readme.HELD, readme.DEFINITIONS),
-    "docs/ci/README.md": (others.GATE, others.GATE_RULES),
+    "docs/how-to/ci.md": (others.GATE, others.GATE_RULES),
     "docs/findings.md": (findings.FIRST, findings.DEFINITIONS),
     "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),

@@ -280,7 +280,7 @@ NORMALISE: tuple[Normalise, ...] = get_args(Normalise)
 TABLE = "raster-harness"
 
 TIME_THRESHOLD = 0.05
-"""Growth of a time that is let pass unless told otherwise; see docs/ci/README.md for why."""
+"""Growth of a time that is let pass unless told otherwise; see docs/how-to/ci.md."""
 
 PAIRED_TIME_THRESHOLD = 0.015
 """The same where BASE and HEAD were timed in the same rounds."""

@@ -13,7 +13,7 @@ None of it is needed where both were timed in the same rounds. Whatever the mach
 it did to both, so each round's ratio tells the code alone, and what all cases did together is a
 finding like any other.
 
-docs/ci/README.md has the measurements behind this. The tests are Mann & Whitney's (1947), corrected
+docs/how-to/ci.md has the measurements behind this. The tests are Mann & Whitney's (1947), corrected
 for many cases by Benjamini & Hochberg (1995), with a percentile bootstrap of the ratio; `unchanged`
 is shown, as in an equivalence test, by an interval inside the threshold.
 """
