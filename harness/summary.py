@@ -52,7 +52,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
                 console.print(_note(record))
         lines = [*views.said(good), *_proven(good), *_judged(good)]
         if decision:
-            lines += [line for line in (explained(decision), advice(members)) if line]
+            lines += [line for line in (explained(decision), advice(decision)) if line]
         for line in lines:
             console.print(line, markup=False, highlight=False)
 

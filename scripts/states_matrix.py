@@ -22,7 +22,7 @@ from pathlib import Path
 
 from harness.errors import REGRESSION
 from harness.figures.groups import groups
-from harness.figures.verdict import advice
+from harness.figures.verdict import advice, decide
 from harness.stored.folder import read_run
 
 LOOP = "while True: pass"
@@ -123,7 +123,7 @@ def judged(folder: Path, quiet: list[Path]) -> list[object]:
 def shown(folder: Path) -> tuple[str, float, float] | None:
     """Return the triangulator that a run's first sentence shows to save, and the interval, in %."""
     for members in groups(read_run(folder).records):
-        if found := SHOWN.search(advice(members)):
+        if found := SHOWN.search(advice(decide(members))):
             return found[1], float(found[2]), float(found[3])
     return None
 

@@ -357,9 +357,8 @@ def explained(decision: Decision) -> str | None:
     return f"Medians are in another order than ratios: {why}."
 
 
-def advice(members: Sequence[Record]) -> str:
-    """Return one sentence about the records of a group: which triangulator to take, and why."""
-    decision = decide(members)
+def advice(decision: Decision | None) -> str:
+    """Return one sentence about a group: which triangulator to take, and why."""
     if decision is None:
         return "Nothing was measured: every case was skipped or failed."
     first = decision.choice.record

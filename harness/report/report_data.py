@@ -17,7 +17,7 @@ from harness.figures.groups import base_of, groups
 from harness.figures.polygons import Columns, columns_of, correlation_of_ratios, error_of_ratios
 from harness.figures.registry import PREDICTED, Figure, figures_of, find, measures, predictions
 from harness.figures.run_state import state_of
-from harness.figures.verdict import Standing, advice, decide, explained
+from harness.figures.verdict import Decision, Standing, advice, decide, explained
 from harness.machine.environment import commit_of, label_of
 from harness.report import matrix
 from harness.report.matrix import answer_of_study, criteria_of, from_run, from_study
@@ -74,9 +74,9 @@ def content_of(run: Run) -> Content:
     }
     told = []
     for number, members in enumerate(found):
-        group, correlations = _group(members, columns)
-        content["groups"].append(group)
         decision = decide(members)
+        group, correlations = _group(members, decision, columns)
+        content["groups"].append(group)
         places = enumerate(decision.standings if decision else (), start=1)
         ranked = {each.record["key"]: (place, each) for place, each in places}
         content["cases"] += [
@@ -155,7 +155,7 @@ class _Polygons:
 
 
 def _group(
-    members: Sequence[Record], polygons: _Polygons
+    members: Sequence[Record], decision: Decision | None, polygons: _Polygons
 ) -> tuple[Content, dict[str, dict[str, float | None]]]:
     """Return what is said of one group, and measure -> criterion -> rank correlation."""
     columns = {
@@ -164,7 +164,6 @@ def _group(
         if (kept := polygons.read(record)) is not None
     }
     first = members[0]
-    decision = decide(members)
     base = base_of(members)
     base_name = base["triangulator"] if base is not None else next(iter(columns), None)
     counted = measures(columns[base_name]) if base_name in columns else []
@@ -199,7 +198,7 @@ def _group(
             for name, each in ESTIMATES.items()
             if each.measure in counted and base_name
         },
-        "answer": advice(members),
+        "answer": advice(decision),
         "judged": criteria_of(main, correlations, polygons.within(first, main)),
         "explained": explained(decision) if decision else None,
         "views": views.said(members),

@@ -67,7 +67,7 @@ EVERY = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 )
 def test_those_that_draw_alike_are_listed(alike, said):
     quick = [made(name, "faster") for name in ("delaunay", *alike)]
-    assert advice([base(), *quick]).endswith(f"; {said}.")
+    assert advice(decide([base(), *quick])).endswith(f"; {said}.")
 
 
 @pytest.mark.parametrize(("draws", "triangulating", "counts"), EVERY)
@@ -79,7 +79,8 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     if draws == "untimed":
         del first["time"]
     records = [first, other, slow]
-    decision, sentence = decide(records), advice(records)
+    decision = decide(records)
+    sentence = advice(decision)
     order, rows, lines = table_of(records)
     content = content_of(Run(Path("nowhere"), {}, records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
@@ -143,7 +144,7 @@ def test_what_left_polygons_out_is_not_taken():
     part = made("delaunay", "faster", polygons=400)
     decision = decide([base(), part])
     assert decision.choice.name == "ear-clipping"
-    assert "alone" in advice([base(), part])
+    assert "alone" in advice(decide([base(), part]))
     assert not decision.standings[-1].complete
 
 
@@ -152,7 +153,7 @@ def test_too_few_pixels_say_nothing(covered, advised):
     records = [base(), made("delaunay", "faster")]
     for each in records:
         each["counters"] |= {"fragments": covered}
-    sentence = advice(records)
+    sentence = advice(decide(records))
     assert ("triangulate city by delaunay" in sentence) is advised
     told = f"nothing is advised for city: it covers {covered:,} pixels, too few to tell."
     assert sentence.endswith(told) is not advised
@@ -165,7 +166,7 @@ def test_equal_counters_and_times_say_nothing(draws, advised):
     first, other = base(), made("delaunay", draws)
     if draws == "untimed":
         del first["time"]
-    sentence = advice([first, other])
+    sentence = advice(decide([first, other]))
     assert ("triangulate city by" in sentence) is advised
     told = "nothing is advised for city: all counters are equal, and no time differs."
     assert sentence.endswith(told) is not advised
@@ -174,8 +175,8 @@ def test_equal_counters_and_times_say_nothing(draws, advised):
 
 def test_nothing_and_one():
     assert decide([]) is None
-    assert advice([]).startswith("Nothing was measured")
-    assert "triangulated by ear-clipping alone" in advice([base()])
+    assert advice(decide([])).startswith("Nothing was measured")
+    assert "triangulated by ear-clipping alone" in advice(decide([base()]))
 
 
 def test_a_median_that_says_otherwise_is_explained():

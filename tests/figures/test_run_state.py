@@ -216,13 +216,13 @@ def test_in_a_disturbed_run_counters_decide_and_the_sentence_says_so():
     decision = decide(records)
     assert (decision.ground, decision.choice.name) == (COUNTED, "rival 2")
     assert [each.name for each in decision.standings] == ["rival 2", "ear-clipping", "rival 1"]
-    sentence = advice(records)
+    sentence = advice(decide(records))
     assert "its times are disturbed and show nothing" in sentence
     assert "measure again" in sentence
     for record in records:
         record["counters"] = {"quads": 9}
     assert decide(records).ground == EQUAL
-    assert "its times are disturbed and show nothing" in advice(records)
+    assert "its times are disturbed and show nothing" in advice(decide(records))
 
 
 def test_runs_in_different_states_are_not_compared():
