@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-MEASURES = ("quads", "helper_lanes", "time_work_0")
+MEASURES = ("quads", "helper_lanes", "partial_quads", "time_work_0")
 
 
 def main() -> None:
