@@ -1,10 +1,10 @@
-"""Count what flips after ear clipping save: helper lanes in ratio to ear clipping's.
+"""Count what flips after ear clipping save: helper lanes and partial quads beside ear clipping's.
 
     PYTHONPATH=. python scripts/flips_lanes.py --scenes city,glyphs --pixels 64,512,1024
 
 Each polygon is drawn alone, its larger side as long as the viewport, its vertices snapped to 1/256
-px, and counted by the exact reference. Prints a Markdown row for each scene and size: geometric
-means over polygons that ear clipping leaves a helper lane.
+px, and counted by the exact reference. Prints a line of CSV for each scene, size and triangulator:
+both in ratio to ear clipping's, geometric means over polygons that it leaves a helper lane.
 """
 
 from __future__ import annotations
@@ -19,34 +19,38 @@ from scenes import load
 from triangulators import triangulate_many, vertices
 
 USUAL = "ear-clipping"
-OTHERS = ("earcut-refine", "delaunay", "flips:l1", "flips:euclidean", "refined:half-perimeter")
+OTHERS = (
+    *("earcut-refine", "delaunay", "flips:beauty", "flips:l1", "flips:euclidean"),
+    *("refined:half-perimeter", "optimal:half-perimeter"),
+)
+COUNTED = ("helper_lanes", "partial_quads")
 
 
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", default="city,helsinki,glyphs,cad,counties:level=state")
+    parser.add_argument(
+        "--scenes", default="city,helsinki,glyphs,cad,counties:level=state,counties"
+    )
     parser.add_argument("--pixels", default="64,512,1024")
     given = parser.parse_args()
-    print(f"| scene | px | polygons | {' | '.join(OTHERS)} |\n|---|---|---|{'---|' * len(OTHERS)}")
+    print(f"scene,px,polygons,triangulator,{','.join(COUNTED)}")
     for scene in given.scenes.split(","):
         polygons = load(scene).polygons
         for pixels in map(int, given.pixels.split(",")):
             alone = [make_frame([each], View(pixels)).polygons for each in polygons]
             drawn = [each[0] for each in alone if len(each)]
             points = [np.rint(vertices(each) * 256.0).astype(np.int32) for each in drawn]
-            lanes = {name: [0] * len(drawn) for name in (USUAL, *OTHERS)}
-            for name, counts in lanes.items():
-                for index, triangles in enumerate(triangulate_many(drawn, name)):
-                    counts[index] = int(predict(points[index], triangles)["helper_lanes"].sum())
-            usual = np.array(lanes[USUAL], dtype=float)
-            some = usual > 0
-            means = [
-                np.exp(np.log(np.maximum(lanes[name], 1)[some] / usual[some]).mean())
-                for name in OTHERS
-            ]
-            figures = " | ".join(f"{mean:.3f}" for mean in means)
-            print(f"| {scene} | {pixels} | {int(some.sum()):,} | {figures} |", flush=True)
+            counts = {}
+            for name in (USUAL, *OTHERS):
+                ways = zip(points, triangulate_many(drawn, name), strict=True)
+                found = [predict(*way) for way in ways]
+                counts[name] = np.array([[each[c].sum() for c in COUNTED] for each in found], float)
+            some = counts[USUAL][:, 0] > 0
+            for name in OTHERS:
+                ratios = np.maximum(counts[name][some], 1) / counts[USUAL][some]
+                means = ",".join(f"{mean:.6f}" for mean in np.exp(np.log(ratios).mean(axis=0)))
+                print(f"{scene},{pixels},{some.sum()},{name},{means}", flush=True)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@
 FOLDER holds mapbox/earcut.hpp, which mapbox_earcut's source package brings; without it, C++ is not
 timed. Prints a line of CSV for each scene, language and candidate: the least of several rounds, in
 which a language's candidates follow each other, in ms for all polygons of a scene at 1024 px. What
-JavaScript flips are npm earcut's triangles, what C++ flips earcut.hpp's. Needs a quiet machine.
+JavaScript flips are npm earcut's triangles, what C++ flips earcut.hpp's. Needs a quiet machine, but
+for ratios of C++: its times are the processor's.
 """
 
 from __future__ import annotations
@@ -31,13 +32,12 @@ from triangulators.dropin import triangulate_float64
 from triangulators.polygon import rings_of
 
 SCENES = ("city", "glyphs", "counties:level=state", "counties")
-ROUNDS = 9
 
 
-def least(*candidates: Callable[[], Any]) -> list[float]:
+def least(rounds: int, *candidates: Callable[[], Any]) -> list[float]:
     """Return the least time of each candidate, in ms, over rounds of all."""
     best = [float("inf")] * len(candidates)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for number, candidate in enumerate(candidates):
             start = time.perf_counter()
             candidate()
@@ -45,11 +45,11 @@ def least(*candidates: Callable[[], Any]) -> list[float]:
     return best
 
 
-def in_python(scene: str, polygons: list[Any]) -> list[Any]:
-    """Print the rows of Python; return the polygons as (points, ring ends)."""
-    rings = [rings_of(polygon) for polygon in polygons]
+def in_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) -> None:
+    """Print the rows of Python; rings: (points, ring ends) of each polygon."""
     arrays = ragged(polygons)
     times = least(
+        rounds,
         lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
         lambda: [triangulate_float64(*each) for each in rings],
         lambda: triangulate_many(arrays, "flips:l1"),
@@ -57,7 +57,6 @@ def in_python(scene: str, polygons: list[Any]) -> list[Any]:
     show(
         scene, "Python", dict(zip(("earcut", "with flips", "batch with flips"), times, strict=True))
     )
-    return rings
 
 
 def show(scene: str, language: str, times: dict[str, float]) -> None:
@@ -77,25 +76,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--earcut-hpp", type=Path, help="folder that holds mapbox/earcut.hpp")
     parser.add_argument("--scenes", default=",".join(SCENES))
+    parser.add_argument("--languages", default="Python,JavaScript,C++")
+    parser.add_argument("--rounds", type=int, default=9)
     given = parser.parse_args()
     node, compilers, earcut = languages.node(), languages.compilers(), languages.earcut()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         program = folder / "times"
-        if given.earcut_hpp and compilers:
+        if given.earcut_hpp and compilers and "C++" in given.languages:
             flags = ["-std=c++17", "-O2", f"-I{given.earcut_hpp}"]
             source = str(HERE / "times.cpp")
             subprocess.run([*compilers[0], *flags, source, "-o", str(program)], check=True)
         print("scene,language,candidate,ms")
         for scene in given.scenes.split(","):
             polygons = make_frame(load(scene).polygons, View(1024)).polygons
-            rings = in_python(scene, polygons)
+            rings = [rings_of(polygon) for polygon in polygons]
+            if "Python" in given.languages:
+                in_python(scene, polygons, rings, given.rounds)
             Cases.of(rings).write(folder, [ends for _, ends in rings])
-            if node and earcut:
-                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(ROUNDS)]
+            if node and earcut and "JavaScript" in given.languages:
+                script = [node, str(HERE / "times.mjs"), name, str(earcut), str(given.rounds)]
                 in_another(scene, "JavaScript", script)
             if program.exists():
-                in_another(scene, "C++", [str(program), name, str(ROUNDS)])
+                in_another(scene, "C++", [str(program), name, str(given.rounds)])
 
 
 if __name__ == "__main__":

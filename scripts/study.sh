@@ -163,6 +163,6 @@ for scene in city helsinki; do
 done
 
 # Helper lanes that flips save, on every data set.
-if [[ flips-lanes == *"$only"* ]] && [ ! -e $to/flips-lanes.md ]; then
-    PYTHONPATH=. "${python[@]}" scripts/flips_lanes.py >$to/flips-lanes.md
+if [[ flips-lanes == *"$only"* ]] && [ ! -e $to/flips-lanes.csv ]; then
+    PYTHONPATH=. "${python[@]}" scripts/flips_lanes.py >$to/flips-lanes.csv
 fi

@@ -10,5 +10,6 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/studies/skybox.md": (simulated.HELD, simulated.DEFINITIONS),
     "harness/study/replication.py": (claims.HELD, claims.DEFINITIONS),
+    "docs/upstream.md": (flips.UPSTREAM, flips.TOLD),
 }
 """For each document what is held, and patterns of numbers that nobody measured."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from operator import itemgetter
+from statistics import median
 from typing import Any
 
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import Row, grid, one, percent, some, table_row, three, values
+from docs.held.lookups import Row, grid, one, percent, some, table_row, three, two, values
 from harness.profile.words import seconds
 from scripts.studies.missing_terms import KEPT, TILE
 
@@ -142,6 +143,53 @@ def most_above() -> list[str]:
     return [percent(max(float(row[end]) for row in advised), 1) for end in ("above", "above_high")]
 
 
+RULED = {
+    "opengl-llvmpipe": "llvmpipe",
+    SWIFTSHADER: "SwiftShader",
+    SOFTPIPE: "softpipe",
+    "bounding-box-llvmpipe": "our walk of boxes",
+}
+"""Rasterisers that share no code, and how the table of rules calls them."""
+
+
+def _a_pixel(name: str, side: int) -> float:
+    """Return seconds a pixel that triangles of side x side / 2 px^2 cover take."""
+    of = profile(name)
+    draw = next(e for e in of["times"] if (e["kind"], e["name"]) == ("size", f"{side} px"))
+    return (median(draw["epochs_s"]) - of["empty_s"]) / draw["counters"]["fragments"]
+
+
+def _at(name: str, aspect: int) -> str:
+    ratios = (e["ratios"][e["aspects"].index(aspect)] for e in profile(name)["aspects"])
+    return ", ".join(map(two, ratios))
+
+
+def _twice(name: str) -> str:
+    ends = (e["doubled_at"] for e in profile(name)["aspects"])
+    return ", ".join(f"{found[0]:.0f}:1" if found else "never" for found in ends)
+
+
+def rules() -> list[str]:
+    """Return the table of rules of thumb, each with what it would say here."""
+    lines = []
+    for who, what, of in (
+        ("PowerVR: 32 px or more a triangle", "a pixel at 32 px, beside one at 2,048", (8, 64)),
+        ("Arm: 10 to 20 px or more", "a pixel at 8 px, beside one at 2,048", (4, 64)),
+        ("-", "a pixel at 128 px, beside one at 2,048", (16, 64)),
+    ):
+        small, large = of
+        cells = [f"{_a_pixel(name, small) / _a_pixel(name, large):.1f}" for name in RULED]
+        lines.append(table_row(who, what, *cells))
+    for who, what, aspect in (
+        ("Godot: not thinner than 8:1", "8:1 beside 1:1, of 8 and of 64 px^2", 8),
+        ("-", "16:1 beside 1:1, the same", 16),
+        ("Android: no long thin triangles", "64:1 beside 1:1, the same", 64),
+    ):
+        lines.append(table_row(who, what, *(_at(name, aspect) for name in RULED)))
+    lines.append(table_row("-", "from which aspect on twice", *map(_twice, RULED)))
+    return lines
+
+
 def coverage() -> list[str]:
     """Return how often intervals held the truth: goes, and the least shares of any term."""
     rows = some("law-coverage.csv")
@@ -199,6 +247,13 @@ TABLES: list[Held] = [
         laws,
     ),
     Table("| device, area | 8:1 | 64:1 | twice from | helper lanes | most |", thin),
+    Table(
+        "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |", rules
+    ),
+    Sentence(
+        "triangles of 8 px^2 take {} at 8:1 and {} at 16:1",
+        lambda: [_at("opengl-llvmpipe", aspect).split(",")[0] for aspect in (8, 16)],
+    ),
     Table(
         "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
         " | advised above H, Q, A |",

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import product
 
+import numpy as np
+
 from docs.held.lookups import (
     Row,
     grid,
@@ -21,7 +23,13 @@ from docs.held.lookups import (
 )
 from docs.held.others import alarms
 from harness.figures.intervals import Ratio, of_any_run
+from harness.frame import View, make_frame
+from harness.rasterisers.reference import predict
 from harness.study.regret import why_no_interval
+from scenes import load
+from triangulators import criteria, vertices
+from triangulators.methods.exhaustive import enumerate_triangulations
+from triangulators.verify import verify
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 
@@ -68,6 +76,7 @@ CRITERIA = {
     "edge_length": "E, edge length",
     "overdraw": "**A**, the paper's overdraw",
     "shape": "D, shape deviation",
+    "beauty": "B, Blender's beauty",
 }
 
 
@@ -80,18 +89,31 @@ def correlation(
     return one(file, statistic="spearman_within", **where)
 
 
+def counted(criterion: str, measure: str, scene: str = "city", px: int = 512) -> Row:
+    """Return the row of a rank correlation with what the CPU reference counts."""
+    where = {"scene": scene, "resolution": px, "criterion": criterion, "measure": measure}
+    return one("partial-quads.csv", **where)
+
+
 def predicts() -> list[str]:
-    """Return the table of rank correlations within a polygon."""
+    """Return the table of rank correlations within a polygon; beauty was counted alone."""
     columns = (
-        *(("helper_lanes", "opengl"), ("time_work_0", "opengl"), ("time_work_8", "opengl")),
+        *(("helper_lanes", "reference"), ("partial_quads", "reference")),
+        *(("time_work_0", "opengl"), ("time_work_8", "opengl")),
         *(("bbox_tests", "bounding-box"), ("time_work_0", "bounding-box")),
     )
 
+    def found(criterion: str, of: tuple[str, str]) -> Row:
+        by_reference = of[1] == "reference"
+        return counted(criterion, of[0]) if by_reference else correlation(criterion, *of)
+
     def cell(criterion: str, of: tuple[str, str]) -> str:
-        row = correlation(criterion, *of)
-        top = max(float(correlation(other, *of)["value"]) for other in CRITERIA)
+        if criterion == "beauty" and of[1] != "reference":
+            return "-"
+        row = found(criterion, of)
+        top = max(float(found(other, of)["value"]) for other in CRITERIA if other != "beauty")
         shown = f"**{three(row['value'])}**" if float(row["value"]) == top else three(row["value"])
-        with_ends = of[1] == "opengl"
+        with_ends = of[1] != "bounding-box"
         return shown + f" ({three(row['ci_low'])}-{three(row['ci_high'])})" * with_ends
 
     return grid(CRITERIA, columns, cell)
@@ -104,18 +126,15 @@ def pooled(criterion: str) -> str:
     return three(one(file, criterion=criterion, **where)["value"])
 
 
-def sizes() -> list[str]:
-    """Return the table of rank correlations with helper lanes by the size of the viewport."""
+def sizes(measure: str) -> Callable[[], list[str]]:
+    """Return what makes the table of rank correlations with a counter by the viewport's size."""
 
     def cell(px: int, of: tuple[str, str]) -> str:
-        file = f"cpu/validate-{of[0]}-sizes/correlations_by_resolution.csv"
-        what = {"measure": "helper_lanes", "rasteriser": "reference"}
-        kind = {"statistic": "spearman_within", "resolution": px}
-        shown = three(one(file, criterion=of[1], **what, **kind)["value"])
+        shown = three(counted(of[1], measure, of[0], px)["value"])
         return f"**{shown}**" if of[1] == "expected_quads" else shown
 
     columns = tuple(product(("city", "helsinki"), ("expected_quads", "half_perimeter", "overdraw")))
-    return grid({px: f"{px} px" for px in (64, 256, 1024)}, columns, cell)
+    return lambda: grid({px: f"{px} px" for px in (64, 256, 1024)}, columns, cell)
 
 
 # ---------------------------------------------------------------- what trusting a criterion costs
@@ -165,6 +184,26 @@ def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[floa
 
 
 # ---------------------------------------------------------------- other tables
+
+
+def of_the_paper() -> list[str]:
+    """Return partial quads of the paper's worst by A beside its best: of all, of conforming."""
+    (polygon,) = make_frame(load("paper").polygons, View(512)).polygons
+    corners = vertices(polygon)
+    points = np.rint(corners * 256.0).astype(np.int32)
+    ways = [
+        (
+            criteria.predict(corners, triangles)["overdraw"],
+            float(predict(points, triangles)["partial_quads"].sum()),
+            verify(polygon, triangles).conforming,
+        )
+        for triangles in enumerate_triangulations(polygon, "paper")
+    ]
+    found = []
+    for few in (ways, [way for way in ways if way[2]]):
+        (_, best, _), (_, worst_one, _) = min(few), max(few)
+        found.append(two(worst_one / best))
+    return found
 
 
 def orders() -> list[str]:
@@ -220,7 +259,9 @@ def on_devices() -> list[str]:
         SHOWN,
         lambda of, name: two(device_view(*of)["triangulators"][name]["time"][0]),
         "row",
-        lambda of: [two(device_view(*of)["ranks"][name]) for name in list(CRITERIA)[:2] + ["overdraw"]],
+        lambda of: [
+            two(device_view(*of)["ranks"][name]) for name in list(CRITERIA)[:2] + ["overdraw"]
+        ],
     )
 
 
@@ -410,16 +451,3 @@ def limit() -> list[str]:
     lanes = [float(best["helper_lanes"]), float(clipped["helper_lanes"])]
     saved = (lanes[1] - lanes[0]) / (lanes[1] - outline)
     return [whole(outline), *map(whole, lanes), percent(saved)]
-
-
-def city(device: str, criterion: str, measure: str, rasteriser: str = "opengl") -> str:
-    """Return a rank correlation within the city's polygons."""
-    return three(correlation(criterion, measure, rasteriser, device)["value"])
-
-
-SOFTWARE = {"zink": "opengl", "osmesa": "osmesa", "softpipe": "opengl"}
-
-
-def lanes_of(criterion: str) -> list[str]:
-    """Return a criterion's rank correlations with helper lanes on the other devices."""
-    return [city(d, criterion, "helper_lanes", r) for d, r in SOFTWARE.items()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +134,28 @@ def test_flips_are_equal_in_three_languages(source, times, tell, tmp_path):
         for language in ("javascript", "cpp") if by in FLIP_TESTS else ("javascript",):
             assert np.array_equal(corners, read(tmp_path, language, by)[0]), (language, by)
         tell({"polygons": len(polygons), "flips": int(flips.sum())})
+
+
+def test_refine_is_that_of_earcut_hpp(times, tell, tmp_path):
+    """Of mapbox_earcut 2.1.0, which brings it in its source package alone."""
+    header = os.environ.get("EARCUT_HPP", "")
+    if not (Path(header) / "mapbox" / "earcut.hpp").is_file() or not languages.compilers():
+        pytest.skip(
+            "needs a C++ compiler and earcut.hpp: run pip download --no-deps --no-binary :all: "
+            "mapbox_earcut==2.1.0, unpack it, and set EARCUT_HPP to its folder include"
+        )
+    polygons = list(random_polygons(0, times(10_000)))
+    for source in (*SCENES, "earcut_fixtures.json", "poly2tri_testbed.json"):
+        polygons += (rings_of_file if source.endswith(".json") else rings_of_scene)(source)
+    cases = Cases.of(polygons)
+    cases.write(tmp_path)
+    flags = ("-O2", "-isystem", header)
+    languages.in_cpp(tmp_path, languages.compile_flips(tmp_path, languages.compilers()[0], *flags))
+    theirs = np.fromfile(tmp_path / "cpp-earcut-refine.i32", dtype=np.int32)
+    ours, flips = in_python(cases, "earcut-refine")
+    assert np.array_equal(ours, theirs)
+    # Ours by the circle has a narrower margin for ties.
+    port = read(tmp_path, "cpp", "delaunay")[0]
+    ends = zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
+    differ = sum(not np.array_equal(port[begin:end], theirs[begin:end]) for begin, end in ends)
+    tell({"polygons": len(polygons), "flips": int(flips.sum()), "By::delaunay differs": differ})

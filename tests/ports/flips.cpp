@@ -1,5 +1,6 @@
 // Flip the triangles of a folder of polygons (see languages.py) and write what comes out.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +10,9 @@
 #include <vector>
 
 #include "../../ports/cpp/flip_triangles.hpp"
+#if __has_include(<mapbox/earcut.hpp>)
+#include <mapbox/earcut.hpp>
+#endif
 
 namespace {
 
@@ -80,4 +84,15 @@ int main(int, char** arguments) {
         write(folder + "cpp-" + names[test] + ".i32", result);
         write(folder + "cpp-" + names[test] + "-counts.i32", counts);
     }
+#if __has_include(<mapbox/earcut.hpp>)
+    auto refined = triangles;
+    for (std::size_t i = 2; i < bounds.size(); i += 2) {
+        std::vector<std::array<double, 2>> xy;
+        for (auto p = bounds[i - 2]; p < bounds[i]; p++) xy.push_back({points[2 * p], points[2 * p + 1]});
+        std::vector<std::uint32_t> indices(triangles.begin() + bounds[i - 1], triangles.begin() + bounds[i + 1]);
+        mapbox::refine(indices, xy);
+        std::copy(indices.begin(), indices.end(), refined.begin() + bounds[i - 1]);
+    }
+    write(folder + "cpp-earcut-refine.i32", refined);
+#endif
 }

@@ -100,7 +100,10 @@ def earcut() -> Path | None:
 
 
 def compile_flips(folder: Path, command: list[str], *flags: str) -> Path:
-    """Compile flips.cpp with the flags; return the program."""
+    """Compile flips.cpp with the flags; return the program.
+
+    With `-I` and a folder that holds mapbox/earcut.hpp it writes that header's refine, too.
+    """
     program = folder / "flips"
     subprocess.run(
         [*command, "-std=c++17", *flags, str(HERE / "flips.cpp"), "-o", str(program)], check=True
@@ -113,8 +116,11 @@ def in_cpp(folder: Path, program: Path) -> None:
     subprocess.run([str(program), str(folder)], check=True)
 
 
-def in_javascript(folder: Path) -> None:
-    """Run flips.mjs on the cases that were written to the folder; npm's earcut, too, if here."""
-    module = earcut()
+def in_javascript(folder: Path, module: Path | None = None) -> None:
+    """Run flips.mjs on the cases that were written to the folder; npm's earcut, too, if here.
+
+    module : another earcut in its place
+    """
+    module = module or earcut()
     script = [str(node()), str(HERE / "flips.mjs"), str(folder)]
     subprocess.run([*script, *([str(module)] if module else [])], check=True)

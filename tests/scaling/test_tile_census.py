@@ -40,7 +40,7 @@ from tests.paths import ROOT
 from tests.scenes.test_tiles import COURT, encoded, three_archives
 
 NAMES = ("ear-clipping", "flips:l1")
-EXACT = ("fragments", "quads", "helper_lanes", "bbox_tests", "triangles")
+EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "triangles")
 
 
 def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> Any:

@@ -37,12 +37,16 @@ def row(name: str, found: list[tuple[np.ndarray, np.ndarray]], usual: float) -> 
 
 
 def rows_of(what: str, many: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[str]:
-    usual = sum(lengths.sum() for _, lengths in many["ear-clipping"])
+    usual = perimeter(many["ear-clipping"])
     return [f"| {what} | {row(name, found, usual)}" for name, found in many.items()]
 
 
+def perimeter(found: list[tuple[np.ndarray, np.ndarray]]) -> float:
+    return sum(lengths.sum() for _, lengths in found)
+
+
 def in_flips(lines: list[str]) -> None:
-    text = (ROOT / "docs" / "flips.md").read_text(encoding="utf-8")
+    text = " ".join((ROOT / "docs" / "flips.md").read_text(encoding="utf-8").split())
     missing = [line for line in lines if line not in text]
     assert not missing, "\n".join(lines)
 
@@ -55,6 +59,12 @@ def test_slivers_of_scenes(scene):
         found = triangulate_many(polygons, name)
         many[name] = [measures(vertices(p), t) for p, t in zip(polygons, found, strict=True)]
     in_flips(rows_of(scene, many))
+    if scene == "city":
+        usual, by_angle, by_length = (
+            perimeter(many[name]) for name in ("ear-clipping", "flips:delaunay", "flips:euclidean")
+        )
+        left = f"leaves {by_angle / usual:.3f} of ear clipping's perimeter"
+        in_flips([f"{left}, the Euclidean flips {by_length / usual:.3f}"])
 
 
 def test_slivers_of_earcuts_fixtures():
@@ -73,6 +83,11 @@ def test_slivers_of_earcuts_fixtures():
             if len(triangles):
                 many.setdefault(name, []).append(measures(points, triangles))
     in_flips(rows_of("earcut's fixtures", many))
+    upstream = (ROOT / "docs" / "upstream.md").read_text(encoding="utf-8")
+    shown = ("ear-clipping", "earcut-refine", "flips:l1")
+    cells = [row(name, many[name], perimeter(many["ear-clipping"])).split(" | ") for name in shown]
+    for title, place in (("triangles of quality below 0.1", 1), ("mean quality", 2)):
+        assert f"| {title} | {' | '.join(cell[place] for cell in cells)} |" in upstream
 
 
 @pytest.mark.parametrize("scene", ["city", "glyphs"])

@@ -40,7 +40,9 @@ class Simulated(Rasteriser):
 
     name = "simulated"
     # what every design counts; each has more of its own
-    counters: ClassVar[tuple[str, ...]] = ("cycles", "fragments", "quads", "helper_lanes")
+    counters: ClassVar[tuple[str, ...]] = (
+        *("cycles", "fragments", "quads", "helper_lanes", "partial_quads"),
+    )
     lacking = "one sample a pixel and no fragment work"
     timed = False
     cuts = True
