@@ -31,6 +31,9 @@ from harness.style import plain_table
 MOST_COLUMNS = 4
 """Figures of the table; with them, 80 characters hold all of it."""
 
+WIDE = 96
+"""Characters from which on the table has partial quads, too."""
+
 NAME = 24
 """Characters of a name that stay in one line; when a triangulator pays goes on in the next."""
 
@@ -46,7 +49,7 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
         decision = decide(members)
         good = [record for record in members if record["status"] == "ok"]
         if decision:
-            console.print(_table(decision))
+            console.print(_table(decision, wide=console.width >= WIDE))
         for record in members:
             if record["status"] != "ok" or record.get("reason"):
                 console.print(_note(record))
@@ -57,13 +60,13 @@ def print_summary(records: Sequence[Record], console: Console) -> None:
             console.print(line, markup=False, highlight=False)
 
 
-def _table(decision: Decision) -> Table:
+def _table(decision: Decision, *, wide: bool) -> Table:
     """Return a group's ranking; what is too long for the terminal goes on in the next line."""
     records = [each.record for each in decision.standings]
     table = plain_table(_title(records[0]), title_style="bold", padding=(0, 1, 0, 0))
     widest = max(len(each.name) for each in decision.standings)
     table.add_column("triangulator", overflow="fold", min_width=min(widest, NAME))
-    shown = _shown(records)
+    shown = _shown(records, wide=wide)
     for figure in shown:
         table.add_column(figure.heading or figure.label, justify="right", no_wrap=True)
     base = decision.base
@@ -98,7 +101,7 @@ def _title(first: Record) -> str:
     return title if order == "native" else f"{title}, {order} order"
 
 
-def _shown(records: Sequence[Record]) -> list[Figure]:
+def _shown(records: Sequence[Record], *, wide: bool) -> list[Figure]:
     """Return the figures of the table: those with a heading that any record has.
 
     A rasteriser none of whose counters has a heading shows the first of what it counts.
@@ -110,6 +113,9 @@ def _shown(records: Sequence[Record]) -> list[Figure]:
     if not any(figure.kind == "counter" for figure in shown):
         room = MOST_COLUMNS - len(shown)
         shown = [known[name] for name in measures(known)[:room]] + shown
+    partial = known.get("partial_quads")
+    if wide and partial and partial not in shown and any(map(partial, records)):
+        shown.insert(1, partial)
     return shown
 
 

@@ -84,6 +84,17 @@ def test_the_fastest_comes_first_and_incomplete_ones_last():
     assert order[:4] == ["optimal:half-perimeter", "ear-clipping", "worst:half-perimeter", "fan"]
 
 
+def test_partial_quads_stand_beside_helper_lanes_where_there_is_room():
+    counters = {"fragments": 9000, "quads": 4000, "helper_lanes": 7000, "partial_quads": 3456}
+    records = [record(name, counters=counters) for name in ("ear-clipping", "delaunay")]
+    wide, narrow = (printed(records, width=width) for width in (96, 95))
+    assert "helpers partial quads" in wide.splitlines()[1]
+    assert "7,000         3,456" in wide
+    assert max(len(line) for line in wide.splitlines()) <= 96
+    assert "3,456" not in narrow
+    assert "partial" not in printed(RECORDS, width=120)  # a rasteriser that does not count them
+
+
 def test_verdicts_are_words():
     text = printed(RECORDS, width=120)
     lines = {line.split()[0]: line for line in text.splitlines()[2:7]}
