@@ -8,7 +8,7 @@ import {fileURLToPath} from "node:url";
 const folder = process.argv[2];
 const here = dirname(fileURLToPath(import.meta.url));
 const inside = (...parts) => join(here, ...parts);
-const counter = readFileSync(inside("..", "harness", "page", "static", "grid.js"), "utf8");
+const counter = readFileSync(inside("..", "harness", "report", "static", "spans.js"), "utf8");
 
 /** Whoever imports "earcut" gets earcut with flips; but for the file that adds the flips. */
 const flipped = {

@@ -1,4 +1,4 @@
-// What flips change of a picture: shown, and counted by the counter of the harness (grid.js).
+// What flips change of a picture: shown, and counted by the counter of the harness (spans.js).
 
 /* global countTriangle */
 
