@@ -162,6 +162,34 @@ def hidden() -> str:
     return _svg(figure)
 
 
+def hardware() -> str:
+    """Return the chart of cycles in ratio to ear clipping's on simulated designs."""
+    scenes = [name for name in simulated.SCENES if name in simulated.OF_ATTILA]
+    figure, axes = _figure(len(scenes), "cycles at 256 px, ear clipping = 1")
+    designs: dict[str, Callable[[str, str], float]] = {
+        "Skybox's raster slice": lambda scene, name: simulated.saved(scene, name),
+        "and 8 cycles a quad": lambda scene, name: simulated.saved(
+            scene, name, device="skybox:shader=8"
+        ),
+        "ATTILA, a whole GPU": lambda scene, name: float(
+            simulated.in_whole(scene, "shipped", name)["ratio"]
+        ),
+    }
+    names = list(simulated.LABELS)
+    for ax, scene in zip(axes, scenes, strict=True):
+        for kind, (label, ratio) in enumerate(designs.items()):
+            values = [ratio(scene, name) for name in names]
+            style = {"color": COLOURS[kind], "marker": MARKS[kind], "markersize": 5}
+            ax.plot(values, range(len(names)), linestyle="none", label=label, **style)
+        ax.axvline(1.0, color=SOFT, linewidth=1, linestyle="--", zorder=0)
+        ax.set_title(simulated.SCENES[scene], color=INK, fontsize=10)
+        ax.set_yticks(range(len(names)), [simulated.LABELS[name].strip("`") for name in names])
+        ax.set_ylim(len(names) - 0.5, -0.5)
+        _plain(ax)
+    axes[-1].legend(fontsize=8, frameon=False, labelcolor=INK)
+    return _svg(figure)
+
+
 CHARTS: dict[str, Callable[[], str]] = {
     "findings-choice": choice,
     "findings-predicted": predicted,
@@ -169,6 +197,7 @@ CHARTS: dict[str, Callable[[], str]] = {
     "findings-devices": devices,
     "devices-thin": thin,
     "simulated-shader": hidden,
+    "simulated-choice": hardware,
 }
 
 

@@ -9,6 +9,7 @@ DOCUMENTS: dict[str, tuple[list[Held], tuple[str, ...]]] = {
     "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/studies/skybox.md": (simulated.HELD, simulated.DEFINITIONS),
+    "docs/studies/whole-gpu.md": (simulated.WHOLE_HELD, simulated.WHOLE_DEFINITIONS),
     "harness/study/replication.py": (claims.HELD, claims.DEFINITIONS),
     "docs/upstream.md": (flips.UPSTREAM, flips.TOLD),
 }

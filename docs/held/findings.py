@@ -12,6 +12,7 @@ from harness.figures.intervals import RUN_SCATTER
 FIRST: list[Held] = [
     simulated.IN_SHORT,
     simulated.WITH_SHADER,
+    *simulated.IN_WHOLE,
     Sentence("one CPU, an AMD EPYC {}/{} ({}-bit) unless", tables.processor),
     Sentence(
         "in {} of ear clipping's time for city footprints, in {} for Helsinki's, in {} for letters"

@@ -9,7 +9,7 @@ from typing import Any
 
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import Row, grid, one, percent, some, table_row, three, two, values
-from harness.profile.words import seconds
+from harness.profile.words import amount
 from scripts.studies.missing_terms import KEPT, TILE
 
 PROFILES = {
@@ -55,7 +55,7 @@ def processor() -> list[str]:
 def term(name: str, of: str) -> str:
     """Return what a term costs, "-" where no cost is shown."""
     found = next(each for each in profile(name)["terms"] if each["name"] == of)
-    return seconds(found["seconds"]) if found["shown"] else "-"
+    return amount(found["cost"]) if found["shown"] else "-"
 
 
 def laws() -> list[str]:

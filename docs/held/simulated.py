@@ -7,7 +7,7 @@ import math
 from docs.held import Held, Sentence, Table
 from docs.held.lookups import one, percent, some, table_row, two, whole
 
-SCENES = {"helsinki": "Helsinki", "glyphs": "letters"}
+SCENES = {"helsinki": "Helsinki", "glyphs": "letters", "cad": "cad", "stress": "stress"}
 PX = 256
 BEST_FOR_H = "optimal:half-perimeter"
 LABELS = {
@@ -125,12 +125,13 @@ def _extremes(rows: list[dict[str, str]]) -> list[str]:
 
 
 IN_SHORT = Sentence(
-    "takes {} of ear clipping's cycles on Helsinki's footprints and {} on letters",
+    "takes {} of ear clipping's cycles on Helsinki's footprints, {} on letters, {} on sheet metal parts and {} on "
+    "hostile polygons",
     lambda: [two(saved(scene, BEST_FOR_H)) for scene in SCENES],
 )
 
 WITH_SHADER = Sentence(
-    "With a shader of eight cycles a quad it saves {} %, as its quads do, {} %",
+    "With a shader of eight cycles a quad it saves {} %, and its quads are {} % fewer",
     lambda: [
         percent(1 - mean_saved(BEST_FOR_H, "skybox:shader=8"), 1),
         percent(1 - mean_saved(BEST_FOR_H, "skybox:shader=8", "quads"), 1),
@@ -139,7 +140,7 @@ WITH_SHADER = Sentence(
 
 HELD: list[Held] = [
     IN_SHORT,
-    Table("| cycles over ear clipping's | Helsinki | letters |", choices),
+    Table("| cycles over ear clipping's | Helsinki | letters | cad | stress |", choices),
     Table("| scene | px | H | A | quads, counted | E |", ranked),
     Table(
         "| parameter | Delaunay | `flips:l1` | best for H | best for A | cycles a pixel of H | R^2 |",
@@ -153,7 +154,105 @@ HELD: list[Held] = [
 DEFINITIONS = (
     r"(?s)^.*?## Results",
     r"\b64 px\^2|\b(?:256|1024|64) px\b|R\^2|4 cycles a quad|Hypothesis \d|1:1",
-    r"\| (?:0\.5|1|2|4|8) \||\| (?:Helsinki|letters) \| \d+ \||\| \d+:1 \|",
+    r"\| (?:0\.5|1|2|4|8) \||\| (?:Helsinki|letters|cad|stress) \| \d+ \||\| \d+:1 \|",
     r"tiles of \d+ px|blocks of 8 px|\d+ cycles between triangles",
 )
 """What was registered, and the names of rows and columns."""
+
+
+BOUNDS = ("shipped", "shading", "fill", "setup")
+OF_ATTILA = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "cad": "cad"}
+RANKED_BY = (
+    *("half_perimeter", "overdraw", "expected_quads"),
+    *("quads", "busiest_pipe_quads", "colour_misses"),
+)
+
+
+def in_whole(scene: str, bound: str, name: str = BEST_FOR_H, of: str = "cycles") -> dict[str, str]:
+    """Return a row of ratios to ear clipping's in a whole GPU: ratio, low, high."""
+    where = {"scene": scene, "bound": bound, "triangulator": name, "of": of}
+    return one("attila/ratios.csv", **where)
+
+
+def wholes() -> list[str]:
+    """Return the table of cycles over ear clipping's, by what binds and triangulator."""
+    rows = []
+    for bound in BOUNDS:
+        for name, label in LABELS.items():
+            cells = [_three(float(in_whole(scene, bound, name)["ratio"])) for scene in OF_ATTILA]
+            rows.append(table_row(f"`{bound}`", label, *cells))
+    return rows
+
+
+def whole_best() -> list[str]:
+    """Return the table of the best for H: cycles with intervals, beside quads."""
+    rows = []
+    for bound in BOUNDS:
+        cells = []
+        for scene in OF_ATTILA:
+            found = in_whole(scene, bound)
+            ends = (_three(float(found[end])) for end in ("ratio", "low", "high"))
+            cells.append("{} ({} to {})".format(*ends))
+        rows.append(table_row(f"cycles, `{bound}`", *cells))
+    quads = (in_whole(scene, BOUNDS[0], of="quads") for scene in OF_ATTILA)
+    return [*rows, table_row("quads", *(_three(float(row["ratio"])) for row in quads))]
+
+
+def whole_ranks() -> list[str]:
+    """Return the table of correlations with cycles within polygons."""
+    rows = []
+    for bound in BOUNDS:
+        for scene, label in OF_ATTILA.items():
+            found = [one("attila/ranks.csv", scene=scene, bound=bound, by=by) for by in RANKED_BY]
+            cells = (two(row["median"]) if row["median"] else "-" for row in found)
+            rows.append(table_row(f"`{bound}`", label, *cells))
+    return rows
+
+
+def whole_orders() -> list[str]:
+    """Return the table of how much order matters beside the triangulation."""
+    rows = []
+    for bound in BOUNDS:
+        for scene, label in OF_ATTILA.items():
+            row = one("attila/orders.csv", scene=scene, bound=bound)
+            shares = (f"{percent(row[name], 2)} %" for name in ("triangulation", "order"))
+            over = (_three(float(row[name])) for name in ("walk", "shuffled"))
+            rows.append(table_row(f"`{bound}`", label, *shares, *over))
+    return rows
+
+
+IN_WHOLE = [
+    Sentence(
+        "the best for H takes {}, {}, {} and {} of ear clipping's cycles on the city, Helsinki, letters"
+        " and sheet metal parts; bound by shading, {}, {}, {} and {}, which is",
+        lambda: [
+            two(in_whole(scene, bound)["ratio"]) for bound in BOUNDS[:2] for scene in OF_ATTILA
+        ],
+    ),
+    Sentence(
+        "shuffled list of the same triangles takes {} to {} times the cycles",
+        lambda: [two(end) for end in _shuffled()],
+    ),
+]
+
+
+def _shuffled() -> tuple[float, float]:
+    rows = some("attila/orders.csv", bound="shipped")
+    found = [float(row["shuffled"]) for row in rows]
+    return min(found), max(found)
+
+
+WHOLE_HELD: list[Held] = [
+    Table("| what binds | triangulator | city | Helsinki | letters | cad |", wholes),
+    Table("| best for H over ear clipping | city | Helsinki | letters | cad |", whole_best),
+    Table(
+        "| what binds | scene | H | A | Q | quads | of the busiest pipe | colour misses |",
+        whole_ranks,
+    ),
+    Table(
+        "| what binds | scene | between triangulations | between orders | walk | shuffled |",
+        whole_orders,
+    ),
+]
+
+WHOLE_DEFINITIONS = (r"(?s)^.*?## Results", r"12 polygons of each|4,032 draws", r"(?m)^\d\. ")

@@ -224,7 +224,7 @@ def history(
             help="Metrics: time, and those of: raster-harness list metrics. By default time and "
             "the counters that stand for the cost.",
         ),
-    ] = Several(("quads", "helper_lanes", "bbox_tests", "time")),
+    ] = Several(("cycles", "quads", "helper_lanes", "bbox_tests", "time")),
     scene: Annotated[Several | None, _only("scenes")] = None,
     triangulator: Annotated[Several | None, _only("triangulators")] = None,
     rasteriser: Annotated[Several | None, _only("rasterisers")] = None,

@@ -195,7 +195,7 @@ def _say_if_it_matters(
             f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as not all of "
             f"the triangulators do them: {most.left_out:,}"
         )
-    answer = sizes.Sizes(scene.name, law.device if law else None, tuple(found))
+    answer = sizes.Sizes(scene.name, law, tuple(found))
     try:
         sizes.draw_chart(answer, file)
     except OSError as error:

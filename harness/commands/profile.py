@@ -41,6 +41,7 @@ def profile(
     minimises (run --profile FILE); a picture lies beside it.
     """
     from harness import rasterisers
+    from harness.figures.counters import CYCLES
     from harness.machine.environment import processor
     from harness.measuring.processes import Backend, Bench
     from harness.measuring.worker import Worker
@@ -59,9 +60,13 @@ def profile(
         step = bench.open(backend).details.get("step") or 1
         draws = [design.snapped(draw, step) for draw in draws]
         timing = measured.settings(budget, len(draws))
-        length = budget * (len(draws) + 3)
-        with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-            found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
+        if CYCLES in kind.counters:
+            with reporter.stage(f"counting {len(draws)} draws: {backend.label}", 1.0) as stage:
+                found = measured.counted(backend, bench, draws, stage.complete)
+        else:
+            length = budget * (len(draws) + 3)
+            with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
+                found = measured.measure(backend, bench, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
@@ -74,7 +79,7 @@ def profile(
         add_advice(content, bench, found.trouble)
     finally:
         bench.close()
-    if len(found.rounds) < measured.EPOCHS:
+    if found.unit == "s" and len(found.rounds) < measured.EPOCHS:
         typer.echo(
             f"warning: the device is slow: {timing.limit_s:g} s were over after {len(found.rounds)}"
             f" of {measured.EPOCHS} parts, so the intervals are wide; --budget lengthens it",

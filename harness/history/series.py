@@ -24,6 +24,7 @@ from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures import groups
+from harness.figures.counters import CYCLES
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
 from harness.machine.environment import label_of
@@ -45,7 +46,7 @@ TOGETHER = "(all cases together)"
 MEASURED_ONCE = "triangulate_ms"
 """A cached triangulation keeps the time that an earlier run measured: no run's own, so no point."""
 
-DEFAULT = ("quads", "helper_lanes", "bbox_tests", TIME)
+DEFAULT = (CYCLES, "quads", "helper_lanes", "bbox_tests", TIME)
 
 
 @dataclass(frozen=True)

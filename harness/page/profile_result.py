@@ -158,7 +158,7 @@ def _refuse_other_law(
     rows = design_of(exact)
     fitted, _ = fitted_of(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
-    seconds = solve(rows[fitted], found.seconds[fitted], labels)
+    seconds = solve(rows[fitted], found.times[fitted], labels)
     shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")

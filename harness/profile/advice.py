@@ -163,12 +163,12 @@ def _of_area(
     ]
     times = np.stack([measured.epochs[:, row].mean(axis=1) for row in rows], axis=1)
     # A timer's noise must not make a draw shorter than nothing.
-    net = np.maximum(times - measured.empty_s, 1e-3 * times)
+    net = np.maximum(times - measured.empty, 1e-3 * times)
     ratios = net / net[:, :1]
-    ends = np.exp([student_interval(np.log(column)) for column in ratios.T])
+    ends = np.exp([_over_epochs(np.log(column)) for column in ratios.T])
     counts = np.stack([design[row].mean(axis=0) for row in rows])
     whole = np.exp(np.log(net).mean(axis=0))
-    lane = law.seconds[list(TERMS).index(LANES)]
+    lane = law.costs[list(TERMS).index(LANES)]
     shaded = counts[:, list(TERMS).index("fragments")] + counts[:, list(TERMS).index(LANES)]
     more = counts[:, list(TERMS).index(LANES)] - counts[0, list(TERMS).index(LANES)]
     return {
@@ -184,10 +184,15 @@ def _of_area(
     }
 
 
+def _over_epochs(values: Any) -> tuple[float, float, float]:
+    """Return a mean with Student's interval; counts are one epoch's, and have no noise."""
+    return student_interval(values) if len(values) > 1 else (values[0],) * 3
+
+
 def _doubled(ratios: NDArray[np.float64]) -> list[float] | None:
     """Return the aspect at which (e, a) ratios reach 2, in between two aspects by their logarithms.
 
-    With Student's interval over the epochs; None unless all of them get there.
+    With its interval over the epochs; None unless all of them get there.
     """
     found = []
     steps = np.log2(ASPECTS)
@@ -198,14 +203,14 @@ def _doubled(ratios: NDArray[np.float64]) -> list[float] | None:
         place = int(over[0])
         share = (1.0 - each[place - 1]) / (each[place] - each[place - 1])
         found.append(steps[place - 1] + share * (steps[place] - steps[place - 1]))
-    return [float(2.0**end) for end in student_interval(found)]
+    return [float(2.0**end) for end in _over_epochs(found)]
 
 
 def _shares(more: NDArray[np.float64], seconds: float, law: Law) -> Mapping[str, list[float]]:
     """Return what each term takes of `seconds`, as shares with intervals, largest first."""
     if seconds <= 0:
         return {}
-    value = more * law.seconds / seconds
+    value = more * law.costs / seconds
     ends = np.sort(more[:, None] * law.intervals / seconds, axis=1)
     order = np.argsort(-value)
     names = list(TERMS)

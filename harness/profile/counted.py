@@ -20,50 +20,50 @@ ones; llvmpipe does (`lp_setup_tri.c`)."""
 class Term(NamedTuple):
     """Something that a device may take time for.
 
-    unit : of its cost
+    a : what its cost is for, beside one of it: "/px" or nothing
     sentence : what that cost is, with a place for it
     noun : what it is called in a table
     """
 
-    unit: str
+    a: str
     sentence: str
     noun: str
 
 
 TERMS = {
-    "draw": Term("s", "A draw by itself costs {}.", "the draw itself"),
-    "triangles": Term("s", "A triangle costs {}, however small it is.", "triangles"),
+    "draw": Term("", "A draw by itself costs {}.", "the draw itself"),
+    "triangles": Term("", "A triangle costs {}, however small it is.", "triangles"),
     "set_up": Term(
-        "s",
+        "",
         "A triangle whose box holds a pixel centre costs {} more.",
         "triangles set up",
     ),
     "covering": Term(
-        "s", "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
+        "", "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
     ),
-    "vertices": Term("s", "A vertex costs {}.", "vertices"),
-    "fragments": Term("s", "A pixel that a triangle covers costs {}.", "covered pixels"),
-    "helper_lanes": Term("s", "A helper lane costs {}.", "helper lanes"),
+    "vertices": Term("", "A vertex costs {}.", "vertices"),
+    "fragments": Term("", "A pixel that a triangle covers costs {}.", "covered pixels"),
+    "helper_lanes": Term("", "A helper lane costs {}.", "helper lanes"),
     "half_perimeter": Term(
-        "s/px", "Each pixel of its box's width and height costs {}.", "half-perimeter"
+        "/px", "Each pixel of its box's width and height costs {}.", "half-perimeter"
     ),
     "near": Term(
-        "s/px",
+        "/px",
         f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
         f"half-perimeter up to {COARSE} px",
     ),
-    "rows": Term("s", "Each row of pixels that it passes costs {}.", "rows of pixels"),
-    "blocks": Term("s", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
+    "rows": Term("", "Each row of pixels that it passes costs {}.", "rows of pixels"),
+    "blocks": Term("", "Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
     "coarse_blocks": Term(
-        "s",
+        "",
         f"Where it is wider or higher than {COARSE} pixels, a block of 4x4 costs {{}} more.",
         f"4x4 blocks of triangles over {COARSE} px",
     ),
     "further_tiles": Term(
-        "s", "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
+        "", "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
     ),
-    "bbox_tests": Term("s", "A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
-    "work": Term("s", "A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
+    "bbox_tests": Term("", "A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
+    "work": Term("", "A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
 """What a law may be made of, by the counter; half-perimeters are in px, all else is counted."""
 

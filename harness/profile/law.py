@@ -1,4 +1,4 @@
-"""A device's law: seconds for each of `counted.TERMS`, with intervals, fitted to timed draws.
+"""A device's law: seconds or cycles for each of `counted.TERMS`, with intervals, fitted to draws.
 
 The fit is robust: coefficients that are not negative, relative errors.
 
@@ -59,15 +59,15 @@ Seconds = NDArray[np.float64]
 class Law:
     """What a device's time is made of.
 
-    seconds : (t,) of each of `TERMS`, 0 for those it does not have
+    costs : (t,) of each of `TERMS`, in the times' unit; 0 for those it does not have
     free : (t,) the same where they may be negative; covariance : (t, t) of these
     groups : of the draws, how many
     r2_over, r2_within : of log time of draws that were held out, over all of them and within groups
         of draws that differ in what their kind isolates alone
-    shares : (k, t) how much of each draw's time a second of each term is
+    shares : (k, t) how much of each draw's time one of each term is
     """
 
-    seconds: Seconds
+    costs: Seconds
     free: Seconds
     covariance: Seconds
     groups: int
@@ -77,21 +77,21 @@ class Law:
 
     @property
     def intervals(self) -> Seconds:
-        """The ends of each 95 % interval, (t, 2): no less than 0, and around the fitted seconds."""
-        ends = [self.sum_of(one, CONFIDENCE) for one in np.eye(len(self.seconds))]
+        """The ends of each 95 % interval, (t, 2): no less than 0, and around the fitted costs."""
+        ends = [self.sum_of(one, CONFIDENCE) for one in np.eye(len(self.costs))]
         return np.array([(low, high) for _, low, high in ends])
 
     @property
     def shown(self) -> NDArray[np.bool_]:
         """Which terms are shown to cost anything, (t,)."""
-        return np.array([self.is_shown(one) for one in np.eye(len(self.seconds))])
+        return np.array([self.is_shown(one) for one in np.eye(len(self.costs))])
 
     def sum_of(self, weights: Seconds, confidence: float) -> tuple[float, float, float]:
-        """Return a weighed sum of terms in seconds with its interval; (t,) `weights`."""
+        """Return a weighed sum of terms with its interval; (t,) `weights`."""
         width = quantile(self.groups, confidence) * float(
             np.sqrt(weights @ self.covariance @ weights)
         )
-        value, free = float(weights @ self.seconds), float(weights @ self.free)
+        value, free = float(weights @ self.costs), float(weights @ self.free)
         return value, max(0.0, min(value, free - width)), max(value, free + width)
 
     def is_shown(self, weights: Seconds) -> bool:
@@ -115,7 +115,7 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], seed: int = 0) -
     free, covariance = _covariance(design, seconds, labels)
     predicted = held_out(design, seconds, labels, seed)
     return Law(
-        seconds=solve(design, seconds, labels),
+        costs=solve(design, seconds, labels),
         free=free,
         covariance=covariance,
         groups=int(labels.max()) + 1,

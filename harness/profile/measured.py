@@ -1,4 +1,4 @@
-"""The design timed on a device: seconds of every draw in every epoch."""
+"""The design timed on a device: the time of every draw in every epoch."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import Inconclusive, NothingMeasured
+from harness.figures.counters import CYCLES
 from harness.figures.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
@@ -36,27 +37,29 @@ MOST_APART = 0.03
 
 @dataclass(frozen=True)
 class Measured:
-    """Seconds of each draw of a design.
+    """The time of each draw of a design, in `unit`.
 
-    epochs : (e, k) seconds of each of k draws in each of e epochs, with what all draws of a round
+    epochs : (e, k) times of each of k draws in each of e epochs, with what all draws of a round
         have in common, the machine's speed, made equal
     speeds : (e,) each epoch's mean time in ratio to the mean of all
-    empty_s : median seconds of a draw of nothing
+    empty : median time of a draw of nothing
     control : one draw in ratio to itself under another name
     rounds : of each epoch
     disturbed : what the machine's state was, if it was not quiet, else ""
+    unit : s, or cycles where a device's time is a count, which has one epoch and no noise
     """
 
     epochs: NDArray[np.float64]
     speeds: NDArray[np.float64]
-    empty_s: float
+    empty: float
     control: Ratio
     rounds: list[int]
     disturbed: str = ""
+    unit: str = "s"
 
     @property
-    def seconds(self) -> NDArray[np.float64]:
-        """Seconds of each draw, (k,)."""
+    def times(self) -> NDArray[np.float64]:
+        """The time of each draw, (k,)."""
         return np.asarray(np.exp(np.log(self.epochs).mean(axis=0)))
 
     @property
@@ -159,6 +162,45 @@ def measure(
     return replace(found, disturbed=f"the times are {state.state}: {'; '.join(state.why)}")
 
 
+def counted(
+    backend: Backend,
+    bench: Bench,
+    draws: Sequence[Draw],
+    tick: Callable[[float], None] | None = None,
+) -> Measured:
+    """Count the cycles of all draws, of the empty one, and of one draw again: they must be equal.
+
+    Raises
+    ------
+    Inconclusive
+        if they are not
+    HarnessError
+        if the device cannot be opened, or fails under one of them
+    """
+    middle = draws[len(draws) // 2]
+    nothing = middle.triangles[:0]
+    cycles = []
+    for frame, triangles in [(middle.frame, nothing), *((d.frame, d.triangles) for d in draws)]:
+        cycles.append(int(bench.count(backend, frame, triangles, Options())[CYCLES].sum()))
+        if tick:
+            tick(len(cycles) / (len(draws) + 1))
+    again = bench.count(backend, middle.frame, middle.triangles, Options())[CYCLES].sum()
+    empty, *times = cycles
+    if again != times[len(draws) // 2]:
+        raise Inconclusive(
+            f"{backend.label}: {middle.name} took {times[len(draws) // 2]:,} cycles, and {again:,} "
+            "when it was drawn again, so its cycles are no count"
+        )
+    return Measured(
+        epochs=np.array([times], np.float64),
+        speeds=np.ones(1),
+        empty=float(empty),
+        control=Ratio(1.0, 1.0, 1.0, rounds=1),
+        rounds=[1],
+        unit=CYCLES,
+    )
+
+
 def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
     """Return what rounds say of the draws called `names`; all were timed together.
 
@@ -177,7 +219,7 @@ def of_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
     return Measured(
         epochs=np.exp(of_epochs + speeds.mean()),
         speeds=np.exp(speeds - speeds.mean()),
-        empty_s=float(times[EMPTY].median_s),
+        empty=float(times[EMPTY].median_s),
         control=paired_ratio(times[CONTROL].samples_s, times[middle].samples_s, first.epochs),
         rounds=list(first.epochs),
     )

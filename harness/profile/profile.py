@@ -1,8 +1,8 @@
 """A profile: what was measured and what follows from it, as one JSON file.
 
-Its `coefficients` are seconds of each of `fitting.COSTS`, which `optimal:calibrated` minimises.
-All figures follow from the times of each epoch that it holds, so whoever reads it can compute them
-anew.
+Its `coefficients` are costs of each of `fitting.COSTS`, which `optimal:calibrated` minimises. Costs
+are in seconds, or in cycles where a device's time is a count of these. All figures follow
+from the times of each epoch that it holds, so whoever reads it can compute them anew.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def profile(
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
     predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
     labels = np.unique([groups[n] for n in plain], return_inverse=True)[1].tolist()
-    coefficients = solve(predicted, measured.seconds[plain], labels).tolist()
+    coefficients = solve(predicted, measured.times[plain], labels).tolist()
     good = law.r2_over >= LEAST_R2 and law.r2_within >= LEAST_R2
     return {
         "format": FORMAT,
@@ -62,9 +62,10 @@ def profile(
         "design": DESIGN,
         "seed": seed,
         "device": dict(device),
-        "terms": _terms(law),
+        "unit": measured.unit,
+        "terms": _terms(law, measured.unit),
         "sums": _sums(law),
-        "fewest": list(laws.fewest(design[fitted], measured.seconds[fitted], of_fitted, seed)),
+        "fewest": list(laws.fewest(design[fitted], measured.times[fitted], of_fitted, seed)),
         "r2_over": law.r2_over,
         "r2_within": law.r2_within,
         "refused": not good,
@@ -74,8 +75,11 @@ def profile(
         "control": [measured.control.value, measured.control.low, measured.control.high],
         "drift": measured.drift,
         "rounds": measured.rounds,
-        "empty_s": measured.empty_s,
-        "times": [_time(draws[n], counted[n], measured.epochs[:, n]) for n in range(len(draws))],
+        "empty": measured.empty,
+        "times": [
+            _time(draw, counts, epochs, 5 if measured.unit == "s" else 15)
+            for draw, counts, epochs in zip(draws, counted, measured.epochs.T, strict=True)
+        ],
     }
 
 
@@ -131,15 +135,15 @@ def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     return fitted, [n for n in fitted if draws[n].work == 0]
 
 
-def _terms(law: Law) -> list[dict[str, Any]]:
+def _terms(law: Law, unit: str) -> list[dict[str, Any]]:
     found = []
     for place, (name, term) in enumerate(TERMS.items()):
         low, high = law.intervals[place].tolist()
         found.append(
             {
                 "name": name,
-                "unit": term.unit,
-                "seconds": float(law.seconds[place]),
+                "unit": unit + term.a,
+                "cost": float(law.costs[place]),
                 "low": low,
                 "high": high,
                 "shown": bool(law.shown[place]),
@@ -155,11 +159,11 @@ def _sums(law: Law) -> list[dict[str, Any]]:
         weights = np.array([parts.get(term, 0.0) for term in TERMS])
         value, low, high = law.sum_of(weights, laws.CONFIDENCE)
         shown = law.is_shown(weights)
-        found.append({"name": name, "seconds": value, "low": low, "high": high, "shown": shown})
+        found.append({"name": name, "cost": value, "low": low, "high": high, "shown": shown})
     return found
 
 
-def _time(draw: Draw, counted: Mapping[str, int], epochs: Any) -> dict[str, Any]:
+def _time(draw: Draw, counted: Mapping[str, int], epochs: Any, digits: int) -> dict[str, Any]:
     return {
         "kind": draw.kind,
         "name": draw.name,
@@ -167,13 +171,13 @@ def _time(draw: Draw, counted: Mapping[str, int], epochs: Any) -> dict[str, Any]
         "rounds_of_work": draw.work,
         "checksum": draw.checksum,
         "counters": dict(counted),
-        "epochs_s": [float(f"{seconds:.5g}") for seconds in epochs],
+        "epochs": [float(f"{each:.{digits}g}") for each in epochs],
     }
 
 
 def _second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
     """Return what filling the same pixels again takes, in ratio to the first time, by group."""
-    net = dict(zip((d.name for d in draws), measured.seconds - measured.empty_s, strict=True))
+    net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]
     return {
         once.partition(",")[0]: float(net[again] / net[once] - 1.0)

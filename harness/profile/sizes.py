@@ -1,7 +1,8 @@
 """At which sizes of the viewport the choice of a triangulator matters: counted, not timed.
 
 A scene is triangulated and counted at each size as a run does it, by the exact CPU reference. A
-device's profile makes milliseconds of the counts; what triangulating takes is taken by the clock.
+device's profile makes milliseconds, or cycles, of the counts; what triangulating takes is taken by
+the clock.
 """
 
 from __future__ import annotations
@@ -42,10 +43,11 @@ CONTRIBUTED = Path(__file__).parents[2] / "results" / "reference" / "profiles"
 
 @dataclass(frozen=True)
 class Law:
-    """A device's name, and seconds of each of `counted.TERMS`, (t,)."""
+    """A device's name, and what each of `counted.TERMS` costs, (t,), in `unit`: s or cycles."""
 
     device: str
-    seconds: NDArray[np.float64]
+    costs: NDArray[np.float64]
+    unit: str = "s"
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Cost:
 
     fragments, quads, helper_lanes, partial_quads : exact; see `rasterisers.reference.predict`
     triangulate_s : seconds that triangulating took
-    draw_s : seconds of a draw by a device's law, None without one
+    draw : time of a draw in the unit of, and by a device's law, None without one
     """
 
     fragments: int
@@ -62,7 +64,7 @@ class Cost:
     helper_lanes: int
     partial_quads: int
     triangulate_s: float
-    draw_s: float | None
+    draw: float | None
 
     @property
     def lanes(self) -> int:
@@ -71,9 +73,9 @@ class Cost:
 
     def saved(self, base: Cost) -> float:
         """Return which share of the base's draw time is saved, of its lanes without a law."""
-        if self.draw_s is None or base.draw_s is None:
+        if self.draw is None or base.draw is None:
             return 1.0 - self.lanes / base.lanes if base.lanes else 0.0
-        return 1.0 - self.draw_s / base.draw_s if base.draw_s else 0.0
+        return 1.0 - self.draw / base.draw if base.draw else 0.0
 
 
 @dataclass(frozen=True)
@@ -111,16 +113,21 @@ class Size:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What a scene costs at several sizes, the smallest first; `device`: the law's, or None."""
+    """What a scene costs at several sizes, the smallest first, and by which law, if by any."""
 
     scene: str
-    device: str | None
+    law: Law | None
     sizes: tuple[Size, ...]
 
     @property
     def measure(self) -> str:
         """What is saved."""
-        return f"draw time on {self.device}" if self.device else "shaded lanes"
+        return f"draw time on {self.law.device}" if self.law else "shaded lanes"
+
+    @property
+    def timed(self) -> bool:
+        """Whether the law's unit is that of triangulating, seconds."""
+        return self.law is not None and self.law.unit == "s"
 
     @property
     def mattering(self) -> list[Size]:
@@ -130,8 +137,15 @@ class Sizes:
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
         matters = [size.resolution for size in self.mattering]
-        own = {"matters_at": matters, "matters_share": MATTERS, "sentence": sentence(self)}
-        return asdict(self) | own
+        return {
+            "scene": self.scene,
+            "device": self.law.device if self.law else None,
+            "unit": self.law.unit if self.law else None,
+            "sizes": [asdict(size) for size in self.sizes],
+            "matters_at": matters,
+            "matters_share": MATTERS,
+            "sentence": sentence(self),
+        }
 
 
 def read_law(name: str, *folders: Path) -> Law:
@@ -155,8 +169,9 @@ def read_law(name: str, *folders: Path) -> Law:
     file = known.get(name, Path(name))
     content = read_profile(file)
     try:
-        seconds = {term["name"]: float(term["seconds"]) for term in content["terms"]}
-        return Law(str(content["device"]["name"]), np.array([seconds[term] for term in TERMS]))
+        costs = {term["name"]: float(term["cost"]) for term in content["terms"]}
+        device, unit = str(content["device"]["name"]), str(content["unit"])
+        return Law(device, np.array([costs[term] for term in TERMS]), unit)
     except (KeyError, TypeError, ValueError) as error:
         raise UsageError(f"{file} is not a profile: {error!r}") from error
 
@@ -195,7 +210,7 @@ def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law |
         helper_lanes=counted["helper_lanes"],
         partial_quads=counted["partial_quads"],
         triangulate_s=seconds,
-        draw_s=None if law is None else float((design_of([counted]) @ law.seconds)[0]),
+        draw=None if law is None else float((design_of([counted]) @ law.costs)[0]),
     )
 
 
@@ -213,8 +228,8 @@ def sentence(found: Sizes) -> str:
     own = most.costs[most.best]
     where = f"{most.resolution} px, {most.polygon_px:.2g} px a polygon,"
     text = f"It matters: at {where} {most.best} saves {most.saved:.1%} of {base}'s {found.measure}"
-    if own.draw_s is not None and most.base.draw_s is not None:
-        more, less = own.triangulate_s - most.base.triangulate_s, most.base.draw_s - own.draw_s
+    if own.draw is not None and most.base.draw is not None and found.timed:
+        more, less = own.triangulate_s - most.base.triangulate_s, most.base.draw - own.draw
         draws = math.ceil(more / less)
         text += f", which pays after {draws:,} draw{'s' * (draws > 1)}" if draws > 0 else ""
     near = [
@@ -232,8 +247,9 @@ def sentence(found: Sizes) -> str:
 def tables(found: Sizes) -> Iterator[Table]:
     """Yield a table for each measure: the base's, and what the others save of it."""
     kinds = [("lanes", "lanes shaded", 1.0), ("partial_quads", "partial quads", 1.0)]
-    if found.device:
-        kinds.append(("draw_s", f"ms of a draw on {found.device}", 1e3))
+    if found.law:
+        per, called = (1e3, "ms") if found.law.unit == "s" else (1.0, found.law.unit)
+        kinds.append(("draw", f"{called} of a draw on {found.law.device}", per))
     base, *others = found.sizes[0].costs
     heads = [f">{name}" for name in ("size", "a polygon", base, *others)]
     for name, what, unit in kinds:
@@ -241,7 +257,7 @@ def tables(found: Sizes) -> Iterator[Table]:
         for size in found.sizes:
             own = getattr(size.base, name) * unit
             saved = [1 - getattr(size.costs[each], name) * unit / (own or 1) for each in others]
-            written = f"{own:.4g}" if name == "draw_s" else f"{own:,.0f}"
+            written = f"{own:.4g}" if name == "draw" else f"{own:,.0f}"
             shares = (f"{each:.1%}" if own else "-" for each in saved)
             shown.add_row(f"{size.resolution}", f"{size.polygon_px:.3g} px", written, *shares)
         yield shown

@@ -54,8 +54,10 @@ BY_SUM = {
 }
 
 
-def seconds(value: float) -> str:
-    """Return seconds as people say them: 53 ns, 1.9 us."""
+def amount(value: float, unit: str = "s") -> str:
+    """Return a cost as people say it: 53 ns, 1.9 us, or 1.1 cycles."""
+    if unit != "s":
+        return f"{_digits(value)} {unit if _digits(value) != '1' else unit.removesuffix('s')}"
     for step, unit in STEPS:
         if value >= step:
             return f"{_digits(value / step)} {unit}"
@@ -73,13 +75,14 @@ def sentences(profile: Mapping[str, Any]) -> list[str]:
 
 def _law(profile: Mapping[str, Any]) -> Iterator[str]:
     shown = {term["name"]: term for term in profile["terms"] if term["shown"]}
+    unit = profile["unit"]
     yield f"On {profile['device']['name']}:"
     for name, term in shown.items():
-        yield TERMS[name].sentence.format(seconds(term["seconds"]))
+        yield TERMS[name].sentence.format(amount(term["cost"], unit))
     for each in profile["sums"]:
         if each["shown"]:
-            ends = f"{seconds(each['low'])} to {seconds(each['high'])}"
-            yield f"{BY_SUM[each['name']]} {seconds(each['seconds'])} in all ({ends})."
+            ends = f"{amount(each['low'], unit)} to {amount(each['high'], unit)}"
+            yield f"{BY_SUM[each['name']]} {amount(each['cost'], unit)} in all ({ends})."
     nothing = [TERMS[term["name"]].noun for term in profile["terms"] if not term["shown"]]
     if nothing:
         yield f"Nothing is shown for {listed(nothing)}."
@@ -91,16 +94,19 @@ def _thin(profile: Mapping[str, Any]) -> Iterator[str]:
         ratio, low, high = (each[name][-1] for name in ("ratios", "low", "high"))
         text = (
             f"Thin triangles of {each['area']} px^2 take {ratio:.2g} times as long at {thinnest}:1 "
-            f"as at 1:1 ({low:.2f} to {high:.2f})"
+            f"as at 1:1{_range(low, high, 2)}"
         )
         doubled = each["doubled_at"]
         if doubled:
-            text += (
-                f"; twice as long from {doubled[0]:.0f}:1 on ({doubled[1]:.0f} to {doubled[2]:.0f})"
-            )
+            text += f"; twice as long from {doubled[0]:.0f}:1 on{_range(doubled[1], doubled[2], 0)}"
         yield f"{text}."
         if ratio > 1.0 + LEAST_SHARE:
             yield _why(each["shares"])
+
+
+def _range(low: float, high: float, digits: int) -> str:
+    """Return an interval in brackets, nothing for that of a count, which has no width."""
+    return f" ({low:.{digits}f} to {high:.{digits}f})" if high > low else ""
 
 
 def _why(shares: Mapping[str, Sequence[float]]) -> str:
@@ -139,9 +145,10 @@ def table(profile: Mapping[str, Any]) -> Table:
         f"{profile['r2_within']:.3f} within groups of a kind",
         *("what", ">each costs", ">95 % interval", "needed"),
     )
+    unit = profile["unit"]
     for term in profile["terms"]:
-        ends = f"{seconds(term['low'])} to {seconds(term['high'])}"
-        cost = seconds(term["seconds"]) if term["shown"] else "nothing shown"
+        ends = f"{amount(term['low'], unit)} to {amount(term['high'], unit)}"
+        cost = amount(term["cost"], unit) if term["shown"] else "nothing shown"
         needed = "yes" if term["name"] in profile["fewest"] else ""
         found.add_row(TERMS[term["name"]].noun, cost, ends, needed)
     return found
@@ -168,22 +175,24 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
     where = f"{device['name']} ({device['rasteriser']})"
-    cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
+    timed = device["software"] and device["cpu"] and profile["unit"] == "s"
+    cpu = f"; {device['cpu']}" if timed else ""
     terms = {term["name"]: term for term in profile["terms"]}
     doubled = ", ".join(
         f"{each['doubled_at'][0]:.0f}:1 at {each['area']} px^2" if each["doubled_at"] else "-"
         for each in profile["aspects"]
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
-    costs = (cost_of(terms[name]) for name in names)
+    costs = (cost_of(terms[name], profile["unit"]) for name in names)
     return (f"{where}{cpu}", *costs, doubled, f"`{advice}`")
 
 
-def cost_of(term: Mapping[str, Any]) -> str:
+def cost_of(term: Mapping[str, Any], unit: str) -> str:
     """Return what a term costs, with its interval; "-" where no cost is shown."""
     if not term["shown"]:
         return "-"
-    return f"{seconds(term['seconds'])} ({seconds(term['low'])} to {seconds(term['high'])})"
+    cost, low, high = (amount(term[name], unit) for name in ("cost", "low", "high"))
+    return f"{cost} ({low} to {high})"
 
 
 def plot(profile: Mapping[str, Any], file: Path) -> Path:

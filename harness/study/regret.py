@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from harness.figures.counters import CYCLES
 from harness.figures.groups import groups
 from harness.figures.intervals import FEWEST, UNKNOWN, blocks, mean_interval
 from harness.figures.polygons import Column
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OF_QUADS = ("quads", "helper_lanes")
+SHOWN = (CYCLES, *OF_QUADS)
 
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that nobody would trust: they are there for the spread."""
@@ -217,10 +219,10 @@ def write(records: Sequence[Record], folder: Path) -> pd.DataFrame:
 
 
 def main_measures(names: Sequence[str]) -> list[str]:
-    """Return the measures that are shown: those of quads, or the main counter, and all times."""
+    """Return what is shown: cycles and what quads count, or the main counter; and all times."""
     times = [name for name in names if name.startswith(TIME)]
     counted = [name for name in names if name not in times]
-    return ([name for name in counted if name in OF_QUADS] or counted[:1]) + times
+    return ([name for name in counted if name in SHOWN] or counted[:1]) + times
 
 
 def print_regret(summary: pd.DataFrame, console: Console) -> None:

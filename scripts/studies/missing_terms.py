@@ -76,7 +76,7 @@ def drawn(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, Any]]]:
 def judged(profile: dict[str, Any]) -> dict[str, float]:
     """Return the figures of `COLUMNS` of a profile."""
     draws, told = drawn(profile)
-    seconds = np.exp(np.log([each["epochs_s"] for each in told]).mean(axis=1))
+    seconds = np.exp(np.log([each["epochs"] for each in told]).mean(axis=1))
     fitted, _ = fitted_of(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     rows = design_of([counters(draw) for draw in draws])[fitted]
@@ -85,7 +85,7 @@ def judged(profile: dict[str, Any]) -> dict[str, float]:
     found = [_r2(each, seconds[fitted], labels) for each in (rows, fewer, more)]
     figures = dict(zip(COLUMNS[3:], np.ravel(found).tolist(), strict=True))
     for area in AREAS:
-        figures[f"steep_{area}"] = _steep(draws, seconds - profile["empty_s"], area)
+        figures[f"steep_{area}"] = _steep(draws, seconds - profile["empty"], area)
     return figures
 
 

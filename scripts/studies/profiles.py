@@ -110,9 +110,9 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
     """Return a profile as its times tell it by today's terms; its advice stays as it is."""
     draws, told = drawn(profile)
     found = Measured(
-        epochs=np.array([each["epochs_s"] for each in told]).T,
+        epochs=np.array([each["epochs"] for each in told]).T,
         speeds=np.array([1.0, profile["drift"]]),
-        empty_s=profile["empty_s"],
+        empty=profile["empty"],
         control=Ratio(*profile["control"], rounds=0),
         rounds=profile["rounds"],
     )
@@ -198,7 +198,7 @@ def logs_of(held: HeldOut, ways: list[str], name: str) -> NDArray[np.float64]:
 
 def law_of(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
     """Return what draws take by a profile's law, of exact counters; the empty draw left out."""
-    each = {term["name"]: term["seconds"] for term in profile["terms"]} | {"draw": 0.0}
+    each = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
     step = profile["device"]["details"].get("step") or 1
     moved = [
         (replace(frame, points=on_coarser_grid(frame.points, step)), *more)

@@ -13,8 +13,10 @@ import argparse
 import csv
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +24,14 @@ import pandas as pd
 
 from harness.figures.intervals import mean_interval, median_over
 from harness.figures.polygons import spearman
-from harness.frame import SUBPIXEL, View, make_frame
-from harness.rasterisers.base import Options, submission
-from harness.rasterisers.simulated.attila.attila import BINDING, Attila, Parameters
+from harness.frame import View, frame_of
+from harness.rasterisers import Device, Options, get
+from harness.rasterisers.simulated.attila.attila import BINDING, Attila
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse_all
 from scenes import load
-from triangulators import criteria, triangulate
 
 SCENES = ("city", "helsinki", "glyphs", "cad")
 PIXELS = 256
@@ -47,28 +50,27 @@ PREDICTED = ("half_perimeter", "overdraw", "expected_quads")
 COUNTED = (*Attila.counters, "cycles")
 
 
-def draws(scene: str, polygons: int) -> Iterator[tuple[tuple[object, ...], object]]:
-    """Yield each draw's key and what draws it and returns its row."""
-    gpus = {bound: Attila(Parameters(bound)) for bound in BINDING}
+def draws(scene: str, polygons: int) -> Iterator[tuple[tuple[object, ...], Callable[[], dict]]]:
+    """Yield each draw's key, and what draws it and returns its row of the file."""
+    gpus = {
+        bound: get("simulated")(Device(f"attila:bound={bound}", software=True)) for bound in BINDING
+    }
     for number, alone in choose_polygons(load(scene), StudySize(polygons=polygons)):
-        frame = make_frame(alone.polygons, View(PIXELS))
-        (polygon,) = frame.polygons
-        for name in TRIANGULATORS:
-            triangles = np.asarray(triangulate(polygon, name), np.int32)
-            told = criteria.predict(frame.points / SUBPIXEL, triangles)
-            for bound, gpu in gpus.items():
-                for order, options in ORDERS.items():
-                    key = (scene, number, name, bound, order)
-                    yield key, (frame, triangles, told, gpu, options)
+        frame = frame_of(alone, View(PIXELS))
+        for recipe in parse_all(TRIANGULATORS):
+            made = triangulate_polygons(recipe, frame.polygons, None)
+            for (bound, gpu), (order, options) in product(gpus.items(), ORDERS.items()):
+                key = (scene, number, str(recipe), bound, order)
+                yield key, partial(row, key, gpu, frame, made, options)
 
 
-def draw(key, what):
+def row(key, gpu, frame, made, options):
     """Draw once; the row of the file."""
-    frame, triangles, told, gpu, options = what
-    counted = gpu.count(frame, submission(frame, triangles, options), options)
-    row = dict(zip(KEYS, key, strict=True), triangles=len(triangles))
-    row |= {name: told[name] for name in PREDICTED}
-    return row | {name: int(counted[name]) for name in COUNTED}
+    triangles = frame.join(made.parts)
+    counted = gpu.count(frame, triangles, options)
+    told = dict(zip(KEYS, key, strict=True), triangles=len(triangles))
+    told |= {name: made.predicted.totals[name] for name in PREDICTED}
+    return told | {name: int(counted[name]) for name in COUNTED}
 
 
 def measure(file: Path, scenes: list[str], polygons: int) -> None:
@@ -82,8 +84,8 @@ def measure(file: Path, scenes: list[str], polygons: int) -> None:
             table.writeheader()
         for scene in scenes:
             left = (each for each in draws(scene, polygons) if tuple(map(str, each[0])) not in done)
-            for row in pool.map(lambda each: draw(*each), left):
-                table.writerow(row)
+            for told in pool.map(lambda each: each[1](), left):
+                table.writerow(told)
                 out.flush()
 
 

@@ -21,7 +21,7 @@ from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.law import COSTS as OF_CRITERIA
 from harness.profile.law import solve
 from harness.profile.measured import CONTROL, Measured, of_times
-from harness.profile.words import seconds
+from harness.profile.words import amount
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.harness.test_cli import assert_one_line
 from tests.measuring.test_run import inline
@@ -87,7 +87,7 @@ def test_its_law_is_that_of_python(browser, page, synthetic):
     given = json.dumps({"epochs": epochs.tolist()})
     theirs = browser.evaluate(f"{WORLD}; fitAs({given})")
     assert theirs["rows"] == rows.tolist()
-    assert theirs["seconds"] == pytest.approx(ours.seconds.tolist(), rel=1e-6)
+    assert theirs["seconds"] == pytest.approx(ours.costs.tolist(), rel=1e-6)
     for place, end in enumerate(("low", "high")):
         assert theirs[end] == pytest.approx(ours.intervals[:, place].tolist(), rel=1e-5, abs=1e-15)
     assert theirs["shown"] == ours.shown.tolist()
@@ -108,7 +108,7 @@ def test_what_it_says_of_thin_triangles_is_what_python_says(browser, page, synth
     ours = law.fit(rows, epochs, groups)
     times = Measured(epochs, np.ones(8), COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
     low, high = ours.intervals.T.tolist()
-    shown = {"seconds": ours.seconds.tolist(), "low": low, "high": high}
+    shown = {"seconds": ours.costs.tolist(), "low": low, "high": high}
     given = json.dumps({"law": shown, "epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
     theirs = browser.evaluate(
         f"(() => {{ const given = {given}; const rows = designRows(state.page, "
@@ -205,7 +205,7 @@ def test_its_advice_is_the_least_of_the_criteria(browser, page):
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
 def test_it_writes_seconds_as_python_does(browser, page, value):
     browser.open(page, REPORT_READY, fragment="wait")
-    assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == seconds(value)
+    assert browser.evaluate(f"secondsText({value})").replace("µ", "u") == amount(value)
 
 
 def test_a_gpu_that_charges_known_costs_is_told_what_it_charges(whole):

@@ -66,7 +66,7 @@ def test_the_pages_file_is_a_profile(harness, profiled):
     assert out.startswith("On my-phone:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     content = json.loads(Path("p.json").read_text())
     for term in content["terms"]:
-        assert term["seconds"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-12)
+        assert term["cost"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-12)
     assert content["device"]["rasteriser"] == "webgpu"
     assert not content["device"]["software"]
     assert content["device"]["timer"]["timer"] == "wall"

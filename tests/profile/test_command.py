@@ -45,7 +45,7 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
     assert "on city:buildings=12 (" in out
     content = json.loads(Path("p.json").read_text())
     for term in content["terms"]:
-        assert term["seconds"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-13)
+        assert term["cost"] == pytest.approx(COSTS.get(term["name"], 0.0), rel=0.01, abs=1e-13)
         assert term["shown"] == (term["name"] in COSTS)
     assert set(content["fewest"]) == set(COSTS)
     assert content["r2_over"] > 0.999
@@ -61,12 +61,37 @@ def test_a_device_that_charges_known_costs_is_told_what_it_charges(harness):
         found = {**each["counters"], "draw": 1}
         found["half_perimeter"] /= 256
         charged = sum(cost * found[name] for name, cost in COSTS.items())
-        assert each["epochs_s"][0] == pytest.approx(charged, rel=1e-4)
+        assert each["epochs"][0] == pytest.approx(charged, rel=1e-4)
     assert Path("p.png").stat().st_size > 10_000
     coefficients = read_coefficients(Path("p.json"))
     assert coefficients["half_perimeter"] == pytest.approx(COSTS["half_perimeter"], rel=0.2)
     (recipe,) = running.recipes((OWN,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
+
+
+def test_a_device_whose_time_is_a_count_has_its_costs_in_cycles(harness):
+    code, out, err = profiled(harness, "Counting")
+    assert code == 0, err
+    assert "A draw by itself costs 20 cycles." in out
+    assert "A triangle costs 3 cycles, however small it is." in out
+    assert "A pixel that a triangle covers costs 1 cycle." in out
+    content = json.loads(Path("p.json").read_text())
+    assert content["unit"] == "cycles"
+    assert content["empty"] == 20
+    assert {each["unit"] for each in content["terms"]} == {"cycles", "cycles/px"}
+    for each in content["times"]:
+        counted = each["counters"]
+        assert each["epochs"] == [20 + 3 * counted["triangles"] + counted["fragments"]]
+    code, out, err = harness("inspect", "paper", "--sizes", "64", "--profile", "p.json")
+    assert code == 0, err
+    assert "cycles of a draw on scripted" in out
+    assert "which pays after" not in out
+
+
+def test_cycles_that_differ_when_a_draw_is_repeated_are_no_count(harness):
+    code, _, err = profiled(harness, "Slowing")
+    assert code == INCONCLUSIVE
+    assert_one_line(err, "so its cycles are no count")
 
 
 def test_draws_are_moved_to_a_grid_that_is_coarser_than_ours(harness):
@@ -153,4 +178,4 @@ def test_a_criterion_is_named_where_it_does_as_well_as_the_devices_own():
     [(0, "0 s"), (5.3e-8, "53 ns"), (1.94e-9, "1.9 ns"), (2e-13, "0.2 ps"), (0.25, "250 ms")],
 )
 def test_seconds_are_written_as_people_say_them(value, text):
-    assert words.seconds(value) == text
+    assert words.amount(value) == text

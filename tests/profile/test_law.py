@@ -72,7 +72,7 @@ def rounds(*speeds: float, apart: float = 1.0) -> measured.Measured:
 
 def test_a_machines_speed_does_not_change_what_draws_take():
     found = rounds(1.0, 1.1, 1.0 / 1.1, 1.0)
-    assert found.seconds == pytest.approx([1e-3, 2e-3, 4e-3])
+    assert found.times == pytest.approx([1e-3, 2e-3, 4e-3])
     assert np.ptp(found.epochs, axis=0) == pytest.approx(0.0, abs=1e-12)
     assert found.drift == pytest.approx(1.21)
     assert found.trouble == ""

@@ -49,10 +49,10 @@ def test_what_costs_something_and_is_left_out_is_missed(missing):
         more = [100 * fetched(draw) for draw in draws]
     seconds += 5e-8 * np.array(more)
     times = [
-        {"kind": draw.kind, "name": draw.name, "epochs_s": [value] * 4}
+        {"kind": draw.kind, "name": draw.name, "epochs": [value] * 4}
         for draw, value in zip(draws, seconds, strict=True)
     ]
-    found = judged({"device": {"details": {}}, "seed": 0, "times": times, "empty_s": 2e-5})
+    found = judged({"device": {"details": {}}, "seed": 0, "times": times, "empty": 2e-5})
     assert found["tiles_within"] > 0.999
     if missing == "rows":
         assert found["r2_within"] > 0.999

@@ -76,10 +76,10 @@ def test_a_law_makes_seconds_of_counters(city_of_12):
     names = list(TERMS)
     for name, count in (("triangles", len(triangles)), ("draw", 1)):
         law = sizes.Law("scripted", np.array([2e-9 * (each == name) for each in names]))
-        assert sizes._cost(frame, triangles, 0.0, law).draw_s == pytest.approx(2e-9 * count)
+        assert sizes._cost(frame, triangles, 0.0, law).draw == pytest.approx(2e-9 * count)
     law = sizes.Law("scripted", np.array([1e-9 * (each == "helper_lanes") for each in names]))
     cost = sizes._cost(frame, triangles, 0.0, law)
-    assert cost.draw_s == pytest.approx(1e-9 * cost.helper_lanes)
+    assert cost.draw == pytest.approx(1e-9 * cost.helper_lanes)
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +92,8 @@ def city_of_12():
 def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
-    def cost(lanes: int, draw_s: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        return sizes.Cost(1, lanes // 4, 1, 1, cut, draw_s)
+    def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
+        return sizes.Cost(1, lanes // 4, 1, 1, cut, draw)
 
     def size(px: int, lanes: int) -> sizes.Size:
         return sizes.Size(
@@ -107,7 +107,7 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
         "as much. Below 32 px nothing is gained. Above 64 px nothing is gained."
     )
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
-    found = sizes.Sizes("s", "phone", (sizes.Size(64, 1, 0, 32.0, timed),))
+    found = sizes.Sizes("s", sizes.Law("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),))
     assert sizes.sentence(found) == (
         "It matters: at 64 px, 32 px a polygon, b saves 25.0% of a's draw time on phone, which "
         "pays after 6 draws."

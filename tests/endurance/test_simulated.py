@@ -1,0 +1,143 @@
+"""Simulated designs against the CPU reference: every count, whatever is turned."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from platformdirs import user_cache_path
+
+from harness.frame import View, frame_of
+from harness.rasterisers import Device, Options, get
+from harness.rasterisers.simulated import building
+from harness.rasterisers.simulated.attila import program as attila
+from harness.rasterisers.simulated.attila.attila import BINDING
+from harness.rasterisers.simulated.skybox import program as skybox
+from harness.rasterisers.simulated.skybox.skybox import Skybox
+from scenes import Scene, load
+from tests.paths import ROOT
+from tests.simulated.conftest import KINDS, triangles_of
+from tests.simulated.test_skybox import DRAWN, EXACT, assert_exact, with_parameters
+from tests.triangulators.cases import shared
+from triangulators import TriangulationError, triangulate
+
+BESIDE = {skybox: "skybox-rtl", attila: "attila-sim"}
+BUILDS = [
+    f"skybox:output_quads={quads},tile={tile},block={block}"
+    for quads, tile, block in product(
+        *(Skybox.choices[name] for name in ("output_quads", "tile", "block"))
+    )
+]
+SCENES = ("city", "helsinki", "glyphs", "cad", "paper", "stress", "meshes:limit=200")
+FIXTURES = ("earcut_fixtures.json", "poly2tri_testbed.json")
+SIZES = {64: 60, 256: 30, 1024: 10}
+"""Side in pixels -> triangles of each kind in a draw of Skybox's."""
+
+TOGETHER = {64: 100, 256: 50, 1024: 10}
+"""Side in pixels -> triangles in a draw of ATTILA's: some thousand quads each."""
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """Return what opens a design as the user has built it, not the suite: that takes minutes."""
+    kept = user_cache_path("raster-harness", appauthor=False)
+    monkeypatch.setattr(building, "cache_file", lambda name: kept / name)
+
+    def open_design(name):
+        program = skybox if name.startswith("skybox") else attila
+        beside = ROOT.parent / "shared" / "data" / BESIDE[program]
+        if beside.is_dir():
+            monkeypatch.setenv(program.SOURCES.variable, str(beside))
+        if problem := program.problem():
+            pytest.skip(f"{name}: {problem}")
+        return get("simulated")(Device(name, software=True))
+
+    return open_design
+
+
+def totals(counted):
+    return {name: int(counted[name].sum()) for name in EXACT}
+
+
+def cut(frame):
+    """Return ear clipping's triangles of all polygons that it can cut."""
+    parts = []
+    for polygon in frame.polygons:
+        try:
+            parts.append(triangulate(polygon, "ear-clipping"))
+        except TriangulationError:
+            parts.append(None)
+    return frame.join(parts)
+
+
+def scene_of(source):
+    """Return a scene, or one of other people's polygons, each as large as the others."""
+    if source not in FIXTURES:
+        return load(source)
+    whole = []
+    for number, (_, polygon) in enumerate(shared(source)):
+        if polygon.is_valid and not polygon.is_empty:
+            left, bottom, right, top = polygon.bounds
+            moved = shapely.affinity.translate(polygon, -left, -bottom)
+            grown = 1.0 / max(right - left, top - bottom)
+            sized = shapely.affinity.scale(moved, grown, grown, origin=(0, 0))
+            whole.append(shapely.affinity.translate(sized, number % 10 * 1.1, number // 10 * 1.1))
+    assert whole
+    return Scene(source, whole, "units")
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_counts_of_every_kind_of_triangle_are_the_references_in_skybox(opened, times, tell, build):
+    number = 0
+    for seed in range(times(20)):
+        device = with_parameters(build, DRAWN[seed % len(DRAWN)])
+        for size, each in SIZES.items():
+            frame, triangles = triangles_of(size, each, seed)
+            drawn = opened(device).count(frame, triangles, Options())
+            assert_exact(drawn, frame, triangles, device)
+            number += len(triangles)
+    tell({"triangles": number})
+
+
+@pytest.mark.parametrize("size", [64, 256, 1024])
+@pytest.mark.parametrize("source", [*SCENES, *FIXTURES])
+def test_counts_of_every_scene_are_the_references_in_skybox(opened, tell, source, size):
+    frame = frame_of(scene_of(source), View(size))
+    triangles = cut(frame)
+    drawn = opened("skybox").count(frame, triangles, Options())
+    assert_exact(drawn, frame, triangles, "skybox")
+    tell({"triangles": len(triangles)})
+
+
+@pytest.mark.parametrize("size", TOGETHER)
+@pytest.mark.parametrize("kind", KINDS)
+def test_counts_of_every_kind_of_triangle_are_the_references_in_attila(
+    opened, times, tell, kind, size
+):
+    number = 0
+    for seed in range(times(-(-10_000 // (TOGETHER[size] * len(TOGETHER))))):
+        frame, triangles = triangles_of(size, TOGETHER[size], seed, (kind,))
+        bound = list(BINDING)[seed % len(BINDING)]
+        counted = opened(f"attila:bound={bound}").count(frame, triangles, Options())
+        expected = get("reference")().count(frame, triangles, Options())
+        assert totals(counted) == totals(expected)
+        number += len(triangles)
+    tell({"triangles": number})
+
+
+@pytest.mark.parametrize("source", [*SCENES, *FIXTURES])
+def test_counts_of_every_scene_are_the_references_in_attila(opened, tell, source):
+    frame = frame_of(scene_of(source), View(256))
+    triangles = cut(frame)
+    device = opened("attila")
+    counted = device.count(frame, triangles, Options())
+    expected = get("reference")().count(frame, triangles, Options())
+    assert totals(counted) == totals(expected)
+    again = device.count(frame, triangles, Options())
+    assert {name: int(np.sum(value)) for name, value in counted.items()} == {
+        name: int(np.sum(value)) for name, value in again.items()
+    }
+    tell({"triangles": len(triangles)})
