@@ -255,4 +255,4 @@ WHOLE_HELD: list[Held] = [
     ),
 ]
 
-WHOLE_DEFINITIONS = (r"(?s)^.*?## Results", r"12 polygons of each|4,032 draws", r"(?m)^\d\. ")
+WHOLE_DEFINITIONS = (r"(?s)^.*?## Results", r"12 polygons of each|4,032 draws|\b95 %", r"(?m)^\d\. ")
