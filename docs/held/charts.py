@@ -184,7 +184,7 @@ def hardware() -> str:
         ax.axvline(1.0, color=SOFT, linewidth=1, linestyle="--", zorder=0)
         ax.set_title(simulated.SCENES[scene], color=INK, fontsize=10)
         ax.set_yticks(range(len(names)), [simulated.LABELS[name].strip("`") for name in names])
-        ax.set_ylim(len(names) - 0.5, -2.2)  # room for the legend
+        ax.set_ylim(len(names) - 0.5, -2.7)  # room for the legend
         _plain(ax)
     axes[-1].legend(fontsize=8, frameon=False, labelcolor=INK, loc="upper left")
     return _svg(figure)

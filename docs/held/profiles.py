@@ -156,7 +156,7 @@ def _a_pixel(name: str, side: int) -> float:
     """Return seconds a pixel that triangles of side x side / 2 px^2 cover take."""
     of = profile(name)
     draw = next(e for e in of["times"] if (e["kind"], e["name"]) == ("size", f"{side} px"))
-    return (median(draw["epochs_s"]) - of["empty_s"]) / draw["counters"]["fragments"]
+    return (median(draw["epochs"]) - of["empty"]) / draw["counters"]["fragments"]
 
 
 def _at(name: str, aspect: int) -> str:
