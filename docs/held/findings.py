@@ -190,7 +190,6 @@ TABLES: list[Held] = [
         ],
     ),
     flips.PARTIAL,
-    flips.SMALL,
     flips.PAID,
     Table(
         "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |",

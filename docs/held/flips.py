@@ -166,15 +166,6 @@ def unordered() -> list[str]:
     return found
 
 
-def small() -> list[str]:
-    """Return the ends over scenes of times at 64 px: of flips as they come, and of `refined`."""
-    as_they_come, refined = (
-        _ends([_ratio(scene, name, 64) for scene in MEASURED for name in names])
-        for names in (SHOWN[:3], SHOWN[3:])
-    )
-    return as_they_come + refined
-
-
 def walked() -> list[str]:
     """Return L1 flips' time in ratio to ear clipping's, both walked, at 64 px: ends over scenes."""
     return _ends([_ratio(scene, "flips:l1", 64, "-walk") for scene in MEASURED])
@@ -204,12 +195,6 @@ PARTIAL = Table(
     " | Euclidean flips | `refined` | best for H |",
     _counts("partial_quads", COUNTED),
 )
-SMALL = Sentence(
-    "At 64 px, flips as they come are drawn in {} to {} of ear clipping's time, `refined` in {} to"
-    " {}.",
-    small,
-)
-
 BLENDER = "blender-beauty.csv"
 """What `scripts/studies/blender.py` printed."""
 

@@ -215,12 +215,6 @@ def explained(name: str) -> list[str]:
     return [three(profile(name)[key]) for key in ("r2_over", "r2_within")]
 
 
-def steep(name: str = SWIFTSHADER) -> list[str]:
-    """Return the time of upright thin triangles in ratio to that of lying ones, by area."""
-    row = one("profile-terms.csv", profile=name)
-    return [f"{float(row[f'steep_{area}']):.1f}" for area in (8, 64)]
-
-
 def otherwise(name: str, law: str) -> list[str]:
     """Return R2 of a law with other terms, over all and within groups."""
     row = one("profile-terms.csv", profile=name)
@@ -285,12 +279,6 @@ TABLES: list[Held] = [
         "With the tiles that it fetches as one more term, the law would explain {} and {}",
         lambda: otherwise(SOFTPIPE, "tiles"),
     ),
-    Sentence(
-        "SwiftShader moves draws to its grid of 1/{} px",
-        lambda: [str(256 // profile(SWIFTSHADER)["device"]["details"]["step"])],
-    ),
-    Sentence("upright ones of 64:1 take {} and {} times as long as lying ones there", steep),
-    Sentence("and {} and {} times on llvmpipe", lambda: steep("opengl-llvmpipe")),
     Sentence(
         "Without rows and covering triangles its law would explain {} and {}",
         lambda: otherwise(SWIFTSHADER, "no_rows"),
