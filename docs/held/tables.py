@@ -186,9 +186,6 @@ def quads_regret(px: int, who: str, scenes: Iterable[str] = SCENES) -> list[floa
     return [float(regret("cpu", scene, px, who, "quads")["mean"]) for scene in scenes]
 
 
-# ---------------------------------------------------------------- other tables
-
-
 def of_the_paper() -> list[str]:
     """Return partial quads of the paper's worst by A beside its best: of all, of conforming."""
     (polygon,) = make_frame(load("paper").polygons, View(512)).polygons
@@ -266,9 +263,6 @@ def on_devices() -> list[str]:
             two(device_view(*of)["ranks"][name]) for name in list(CRITERIA)[:2] + ["overdraw"]
         ],
     )
-
-
-# ---------------------------------------------------------------- sentences
 
 
 def of(file: str, name: str, px: int = 1024) -> Row:
@@ -426,9 +420,8 @@ def worst(scene: str, who: str) -> str:
 
 def own_order_costs() -> list[str]:
     """Return by how many per cent Delaunay's own order is slower than a walk, by scene."""
-    rows = [ordered(scene, "delaunay") for scene in SCENES]
-    base = [(float(row["own"]), float(row["walk"])) for row in rows]
-    return [f"{100.0 * (own / walk - 1.0):.0f}" for own, walk in base]
+    rows = (ordered(scene, "delaunay") for scene in SCENES)
+    return [f"{100.0 * (float(row['own']) / float(row['walk']) - 1.0):.0f}" for row in rows]
 
 
 def work(name: str, work: int, samples: int) -> str:
@@ -445,11 +438,7 @@ def limit() -> list[str]:
     """Return lanes of the city in one piece, by the best for H and by ear clipping, and what the
     choice saves of the diagonals' price, in per cent.
     """
-
-    def row(name: str) -> Row:
-        return of("gains-city", name)
-
-    best, clipped = row(BEST_FOR_H), row("ear-clipping")
+    best, clipped = (of("gains-city", name) for name in (BEST_FOR_H, "ear-clipping"))
     outline = 4.0 * float(best["outline_quads"]) - float(best["fragments"])
     lanes = [float(best["helper_lanes"]), float(clipped["helper_lanes"])]
     saved = (lanes[1] - lanes[0]) / (lanes[1] - outline)
