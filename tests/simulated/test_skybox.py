@@ -8,8 +8,7 @@ import pytest
 from harness.errors import UsageError
 from harness.frame import View, bare_frame, frame_of
 from harness.rasterisers import Options, get
-from harness.rasterisers.reference import predict
-from harness.rasterisers.reference import predict as binned
+from harness.rasterisers.reference import predict, predict_tiles
 from harness.rasterisers.simulated.skybox.edges import edge_functions
 from scenes import load
 from tests.simulated.conftest import triangles_of
@@ -31,7 +30,7 @@ def with_parameters(device: str, more: str) -> str:
 def assert_exact(drawn, frame, triangles, device):
     expected = predict(frame.points, triangles, frame.window)
     tile = next((size for size in ("16", "64") if f"tile={size}" in device), "32")
-    tiles = binned(frame.points, triangles, frame.window)
+    tiles = predict_tiles(frame.points, triangles, frame.window)
     expected["tiles"] = tiles[f"tiles_{tile}{'_exact' if 'exact' in device else ''}"]
     for name in (*EXACT, "tiles"):
         np.testing.assert_array_equal(drawn[name], expected[name], f"{device}: {name}")
@@ -104,7 +103,7 @@ def test_cycles_are_the_same_at_every_run_and_grow_with_the_shader(opened):
     slow = cycles("skybox:shader=16")
     assert 16 * quads <= slow < 16 * quads * 1.02 + 100
     assert cycles("skybox") <= cycles("skybox:output_quads=1") < slow
-    tiles = int(binned(frame.points, triangles)["tiles_32"].sum())
+    tiles = int(predict_tiles(frame.points, triangles)["tiles_32"].sum())
     assert 500 * (tiles - 1) < cycles("skybox:fetch=500") < 500 * tiles + 200
 
 
