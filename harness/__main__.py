@@ -1,7 +1,8 @@
 """Entry point of `python -m harness` and of the script `raster-harness`.
 
-It imports next to nothing by itself: worker processes import it too, and Ctrl-C while the command
-line is being loaded, which takes a second or two, is to end like Ctrl-C at any other time.
+It imports next to nothing by itself: worker processes import it too, and a signal while the command
+line is being loaded, which takes a second or two, or while the process ends, is to end it like
+Ctrl-C at any other time.
 """
 
 import os
@@ -14,22 +15,27 @@ INTERRUPTED = 130  # harness.errors has it too, but may not be loaded yet
 
 def main() -> None:
     """Load the command line and run it."""
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
-        # Not an exception: libraries that are being imported catch those.
-        signal.signal(signal.SIGINT, _stop)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            # Not an exception: libraries that are being imported catch those.
+            signal.signal(number, _stop)
     # As with -m: a user's own module lies where the program is called.
     if not {"", here := str(Path.cwd())} & set(sys.path):
         sys.path.insert(0, here)
     from harness.cli import main as run
 
-    signal.signal(signal.SIGINT, before)
-    run()
+    try:
+        run()
+    except KeyboardInterrupt:  # it came before `run` could catch it, or after
+        _stop()
 
 
 def _stop(*_: object) -> None:
-    os.write(2, b"\nstopped\n")
-    os._exit(INTERRUPTED)
+    try:
+        os.write(2, b"\nstopped\n")
+    finally:
+        os._exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

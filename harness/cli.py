@@ -83,7 +83,7 @@ def main() -> None:
 
         server.start()  # it loads what takes long while this process does, too
     # Unless it was started to ignore a signal.
-    with system.stopped_by(_stop, lambda before: before == signal.SIG_DFL), _closed_pipes_seen():
+    with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN), _closed_pipes_seen():
         try:
             code = app(standalone_mode=False, prog_name=PROGRAM)
             sys.stdout.flush()
@@ -123,7 +123,7 @@ def _explain(error: BaseException) -> int | str | None:
         case _:
             traceback.print_exception(error)
             what = f"{type(error).__name__}: {error}".splitlines()[0]
-            return _say(f"error: a defect of the harness, please report it: {what}", DEFECT)
+            return _say(f"error: a defect of raster-harness, please report it: {what}", DEFECT)
 
 
 def _of_input(error: BaseException) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,10 @@ def lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
 
 
 def draw_heatmaps(
-    frame: Frame, polygon: int, triangulations: Mapping[str, NDArray[np.int32]], path: Path
+    frame: Frame,
+    polygon: int,
+    triangulations: Mapping[str, NDArray[np.int32]],
+    out: Path | IO[bytes],
 ) -> None:
     """Draw one polygon's overdraw and helper lanes for several triangulations, side by side.
 
@@ -57,7 +61,7 @@ def draw_heatmaps(
     ----------
     polygon : number of the polygon in the frame
     triangulations : name -> (m, 3) triangles over that polygon's own vertices
-    path : PNG file to write
+    out : PNG file to write
     """
     start, stop = int(frame.offsets[polygon]), int(frame.offsets[polygon + 1])
     corners = frame.points[start:stop] / SUBPIXEL
@@ -113,7 +117,7 @@ def draw_heatmaps(
             pen.text((x + FONT_PX + 4, y), f"{number}{more}", "black")
             x += 3 * FONT_PX
         pen.text((x, y), label, "black")
-    picture.save(path)
+    picture.save(out, format="PNG")
 
 
 def _levels(palette: tuple[str, ...], most: int) -> NDArray[np.uint8]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -19,6 +21,23 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
+
+UNKNOWN_WIDTH = 120
+"""Columns of a file or a pipe, in which no table of ours is cut."""
+
+
+class Screen(Console):
+    """Where tables go; in a file or a pipe lines are not cut at 80, and do not end in spaces."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        if not self.is_terminal and "COLUMNS" not in os.environ:
+            self.width = UNKNOWN_WIDTH
+
+    def _render_buffer(self, buffer: Iterable[Segment]) -> str:
+        text = super()._render_buffer(buffer)
+        return text if self.is_terminal else re.sub(r" +$", "", text, flags=re.MULTILINE)
 
 
 def let_go_of_terminal() -> None:
@@ -215,9 +234,9 @@ class Reporter:
     @contextmanager
     def counting(self, title: str) -> Iterator[Callable[[int], None]]:
         """Begin a stage of unknown length; gives a function that is told the count so far."""
-        count = TextColumn("{task.completed:,.0f}")
-        with self._begun(title, None, count, TimeElapsedColumn()) as show:
-            yield lambda number: show(number, None)
+        column = TextColumn("{task.completed:,.0f}")
+        with self._begun(title, None, column, TimeElapsedColumn()) as show:
+            yield lambda count: show(count, lambda lasted: f"{count:,} done, {lasted:.0f} s ...")
 
     @contextmanager
     def parts(self, title: str, count: int, total: float, unit: str) -> Iterator[Parts]:

@@ -23,7 +23,16 @@ from harness.figures.registry import (
     measures,
     predictions,
 )
-from harness.figures.verdict import AFTER, Decision, Standing, advice, break_even, decide, explained
+from harness.figures.verdict import (
+    AFTER,
+    Decision,
+    Standing,
+    advice,
+    break_even,
+    decide,
+    explained,
+    polygons_of,
+)
 from harness.stored import atomic
 from harness.stored.folder import Record
 from harness.style import plain_table
@@ -38,9 +47,6 @@ NAME = 24
 """Characters of a name that stay in one line; when a triangulator pays goes on in the next."""
 
 WORDS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "no diff"}
-
-POLYGONS = ("polygons", "polygons_skipped", "polygons_failed")
-"""Fields of a record that together count a view's polygons."""
 
 
 def print_summary(records: Sequence[Record], console: Console) -> None:
@@ -75,7 +81,7 @@ def _table(decision: Decision, *, wide: bool) -> Table:
     paid = any(each.pays for each in decision.standings)
     if paid:
         table.add_column("pays after")
-    complete = max(_polygons(record) for record in records)
+    complete = max(polygons_of(record) for record in records)
     for each in decision.standings:
         table.add_row(
             each.name,
@@ -92,7 +98,7 @@ def _table(decision: Decision, *, wide: bool) -> Table:
 
 def _title(first: Record) -> str:
     title = (
-        f"{first['scene']}, {_polygons(first):,} polygons, {first['resolution']} px: "
+        f"{first['scene']}, {polygons_of(first):,} polygons, {first['resolution']} px: "
         f"{first['rasteriser']} on {first['device']}"
     )
     if first["rotation"]:
@@ -150,14 +156,9 @@ def _judged(records: Sequence[Record]) -> list[str]:
     return [f"regret: over the {known:,} of {most:,} polygons whose fewest quads are quickly found"]
 
 
-def _polygons(record: Record) -> int:
-    """Return how many polygons the view has, drawn or not."""
-    return int(sum(record.get(name) or 0 for name in POLYGONS))
-
-
 def _against(each: Standing, is_base: bool, complete: int, *, paid: bool) -> list[Text]:
     """Return the ratio with its interval, then when it has paid, or else the verdict."""
-    left_out = is_base and each.record["polygons"] != _polygons(each.record)
+    left_out = is_base and each.record["polygons"] != polygons_of(each.record)
     if left_out or not each.complete:
         note = f"{each.record['polygons']} of {complete} "
         return [Text(f"{note}done"), Text("")] if paid else [Text(f"({note}polygons)")]

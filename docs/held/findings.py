@@ -31,7 +31,7 @@ FIRST: list[Held] = [
         ],
     ),
     Sentence(
-        "its error is {} % (root mean square). H + T, the first order of it, is off by {} %",
+        "its error in the helper lanes of a scene is {} % (root mean square). H + T, the first order of it, is off by {} %",
         lambda: [tables.error_of_prediction(1), tables.error_of_prediction(2)],
     ),
     Sentence(

@@ -43,7 +43,10 @@ HELD: list[Held] = [
         " and {} for counties.",
         lambda: [two(drawn(scene, 1024, BEST_FOR_H)) for scene in SCENES],
     ),
-    Sentence("say how many lanes are shaded, to {} % over", lambda: [error_of_prediction(1)]),
+    Sentence(
+        "say how many helper lanes a scene has, to {} % (root mean square over",
+        lambda: [error_of_prediction(1)],
+    ),
     Table("| after earcut, L1 flips | city | letters | U.S. states |", flips.in_short),
     Block("city, ", "llvmpipe/city/table.txt"),
 ]

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from harness.commands.options import Json
 from harness.errors import NoRasteriser, unknown
+from harness.progress import Screen
 
 Row = dict[str, Any]
 """What is told of one name, by heading."""
@@ -116,9 +116,9 @@ def catalogue(
         typer.echo(json.dumps(told, indent=2, ensure_ascii=False))
         return
     for name, rows in found.items():
-        Console().print(f"{name}\n" if kind is None else "", end="", style="bold")
-        Console().print(_table(rows))
-        Console().print("\n" if kind is None else "", end="")
+        Screen().print(f"{name}\n" if kind is None else "", end="", style="bold")
+        Screen().print(_table(rows))
+        Screen().print("\n" if kind is None else "", end="")
 
 
 COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
@@ -131,7 +131,7 @@ def doctor() -> None:
     from harness.rasterisers import devices
 
     devices.forget()
-    console = Console(highlight=False)
+    console = Screen(highlight=False)
     findings = examine()
     width = max(len(finding.name) for finding in findings)
     for finding in findings:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
 
 from harness.errors import (
     INTERRUPTED,
@@ -18,7 +17,7 @@ from harness.errors import (
     UsageError,
     refuse_failed,
 )
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 
 if TYPE_CHECKING:
     from harness.scaling import triangulated
@@ -131,7 +130,7 @@ def count(
     _warn(summary, reporter)
     for name, why in damaged[:NAMED]:
         reporter.warn(f"tile {name} {why}")
-    console = Console(highlight=False)
+    console = Screen(highlight=False)
     console.print(census_report.table(groups, options, console))
     typer.echo(
         f"{os.path.relpath(out)}: {counted:,} {noun} in {summary.seconds:.1f} s: "

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from harness.errors import ReaderGone, UsageError
+from harness.progress import Screen
 
 if TYPE_CHECKING:
     from harness.compare.model import Comparison
+    from harness.compare.polygons import Grown
     from harness.stored.folder import Run
 from typing import TYPE_CHECKING, Any
 
@@ -120,12 +121,17 @@ def compare(
     )
     after = read_run(head)
     before = _baseline(base, allow_missing=allow_missing_baseline)
+    grown: list[Grown] = []
     if before is None:
         found = no_baseline(str(base), after, settings)
     else:
         found = compare_runs(before, after, settings)
+        if found.regressed():
+            from harness.compare.polygons import most_grown
+
+            grown = most_grown(before, after, found)
     try:
-        typer.echo(_text(found, output.value), nl=False)
+        typer.echo(_text(found, output.value, grown), nl=False)
         sys.stdout.flush()
     except (BrokenPipeError, ReaderGone):  # who stops reading early changes no exit code
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -138,10 +144,10 @@ def compare(
         if file is not None:
             from harness.webpages import write_whole
 
-            write_whole(file, _text(found, kind))
+            write_whole(file, _text(found, kind, grown))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:
-            stream.write(_text(found, "markdown"))
+            stream.write(_text(found, "markdown", grown))
     raise typer.Exit(found.exit_code)
 
 
@@ -160,22 +166,24 @@ def _baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _text(found: Comparison, kind: str) -> str:
+def _text(found: Comparison, kind: str, grown: Sequence[Grown]) -> str:
     from harness.compare import outputs
 
     if kind == "table":
-        console = Console()
+        console = Screen()
         with console.capture() as shown:
             outputs.print_comparison(found, console)
         return shown.get()
     if kind == "html":
         from harness.compare.html import to_html
 
-        return to_html(found)
+        return to_html(found, grown)
     if kind == "json":
         told = json.dumps(outputs.to_json(found), indent=2, ensure_ascii=False, allow_nan=False)
         return told + "\n"
-    return outputs.to_markdown(found) if kind == "markdown" else outputs.to_junit(found)
+    return (
+        outputs.to_markdown(found, grown=grown) if kind == "markdown" else outputs.to_junit(found)
+    )
 
 
 def _compare_repeated(first: Path, second: Path) -> None:

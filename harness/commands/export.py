@@ -13,7 +13,7 @@ from harness.errors import Inconclusive, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
-COMPILING = "still busy with the first polygons; a first run also compiles the triangulator ..."
+COMPILING = "still busy at the first; a first run also compiles what it needs ..."
 
 
 def triangulate(
@@ -101,7 +101,7 @@ def triangulate(
             "--device": device,
             "--dask": dask,
         }
-        _in_place(source, None if check else out, criterion, of_polygons)
+        _in_place(source, None if check else out, criterion, of_polygons, Reporter(quiet=quiet))
         return
     assert out is not None
     if evidence is not None and not certify:
@@ -201,7 +201,11 @@ def _stays_model(source: Path, out: Path | None, check: bool) -> bool:
 
 
 def _in_place(
-    source: Path, out: Path | None, criterion: str | None, of_polygons: dict[str, Any]
+    source: Path,
+    out: Path | None,
+    criterion: str | None,
+    of_polygons: dict[str, Any],
+    reporter: Reporter,
 ) -> None:
     """Triangulate a model's flat faces again, and say what came of it.
 
@@ -213,7 +217,11 @@ def _in_place(
     from harness.models.in_place import CRITERION, retriangulate
     from harness.models.views import VIEWS
 
-    done = retriangulate(source, out, criterion or CRITERION)
+    with (
+        reporter.counting(f"looking at {source}") as tick,
+        reporter.if_long(COMPILING, SAID_AFTER_S),
+    ):
+        done = retriangulate(source, out, criterion or CRITERION, tick=tick)
     for reason, count in sorted(done.left.items()):
         typer.echo(f"{source}: {count:,} left as they are: {reason}", err=True)
     share = done.flat_area / done.area if done.area else 0.0

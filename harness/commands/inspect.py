@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from harness.commands import options
 from harness.commands.run import NO_CONTEXT
 from harness.errors import UsageError
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 from harness.settings import RESOLUTIONS
 
 if TYPE_CHECKING:
@@ -203,7 +202,7 @@ def _say_if_it_matters(
     if as_json:
         typer.echo(json.dumps(answer.to_json(), indent=2, allow_nan=False))
         return
-    Console(highlight=False).print(*sizes.tables(answer), sep="\n\n")
+    Screen(highlight=False).print(*sizes.tables(answer), sep="\n\n")
     typer.echo(sizes.sentence(answer))
     typer.echo(f"chart: {file}")
 
@@ -244,5 +243,5 @@ def _list_every(
     shown = plain_table(None, *(f">{name}" for name in columns))
     for row in table.head(10)[list(columns)].itertuples(index=False):
         shown.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
-    Console(highlight=False).print(shown)
+    Screen(highlight=False).print(shown)
     typer.echo(f"{len(table):,} triangulations; all in {folder}/triangulations.csv")

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from harness.commands.options import Base, Quiet
 from harness.errors import UsageError
+from harness.progress import Screen
 
 if TYPE_CHECKING:
     from harness.page import profile_result
@@ -60,7 +60,7 @@ def page(
     With --profile it needs no run: it says what a triangle, a pixel and a helper lane cost on the
     device that opens it, as the command profile does. One file, which needs no network and sends
     nothing. Open it on a phone, a Mac or a Windows machine; it counts, times and saves its result
-    as a file for `harness import`.
+    as a file for `raster-harness import`.
     """
     from harness.compare.matching import latest
     from harness.measuring.processes import Bench
@@ -157,7 +157,7 @@ def import_(
         write_csv(stored.records, made / "summary.csv")
         write_report(stored)
     stored = read_run(folder)
-    console = Console(quiet=quiet)
+    console = Screen(quiet=quiet)
     print_summary(stored.records, console)
     for warning in stored.facts["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
@@ -224,6 +224,6 @@ def merge(
         stored = read_run(made)
         write_csv(stored.records, made / "summary.csv")
         write_report(stored)
-    console = Console(quiet=quiet)
+    console = Screen(quiet=quiet)
     print_summary(stored.records, console)
     console.print(f"results: {os.path.relpath(out)}", markup=False, soft_wrap=True)

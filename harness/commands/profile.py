@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from harness.commands import options
 from harness.errors import Inconclusive
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 from harness.stored.folder import file_stem
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def tell(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
     file = keep(content, out or options.PROFILES / f"{name}.json")
     for line in words.sentences(content):
         typer.echo(line)
-    Console(highlight=False).print(words.table(content))
+    Screen(highlight=False).print(words.table(content))
     picture = words.plot(content, file)
     typer.echo(f"profile: {file}, picture: {picture}")
     if trouble:

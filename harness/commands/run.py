@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Annotated, cast
 
 import typer
-from rich.console import Console
 
 from harness.commands import options
 from harness.errors import UsageError
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 from harness.settings import (
     CHOSEN_FITS,
     DEFAULT_TRIANGULATORS,
@@ -163,7 +162,7 @@ def run(
     if as_json:
         typer.echo(json.dumps(running.told(outcome), indent=2, ensure_ascii=False, allow_nan=False))
     # Standard output is the other program's then.
-    running.finish(outcome, Console(stderr=as_json, quiet=as_json), reporter, plots=not quick)
+    running.finish(outcome, Screen(stderr=as_json, quiet=as_json), reporter, plots=not quick)
     if other and not as_json:
         where = os.path.relpath(outcome.path)
         typer.echo(f"to compare: raster-harness compare {where}/{BASE_FOLDER} {where}")

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from rich.console import Console
 
 from harness.commands import options
 from harness.commands.run import run
 from harness.errors import Inconclusive, NothingMeasured, UsageError
-from harness.progress import Reporter
+from harness.progress import Reporter, Screen
 from harness.settings import StudySize
 
 if TYPE_CHECKING:
@@ -105,8 +104,8 @@ def validate(
             correlations.plot_study(ranked, table, made)
             lost = regret.write(run.records, made)
         write_report(run)
-    correlations.print_matrix(ranked, Console())
-    regret.print_regret(lost, Console())
+    correlations.print_matrix(ranked, Screen())
+    regret.print_regret(lost, Screen())
     if (few := table["polygon"].nunique()) < ENOUGH:
         typer.echo(f"{few} polygons say little; by default a study has {StudySize.polygons}")
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
@@ -197,7 +196,7 @@ def _say_orders(found: pd.DataFrame) -> None:
             shown = (row[name] for name in ("own", *orders))
             cells = ["" if value != value else f"{value:.3f}" for value in shown]
             table.add_row(row["triangulator"], *cells)
-        Console().print(table)
+        Screen().print(table)
 
 
 PARETO_POLYGONS = 6
@@ -263,7 +262,7 @@ def pareto(
             table.to_csv(made / "pareto.csv", index=False, float_format="%.9g")
             fronts_of.plot(table, fronts, Path(label(scene)).stem, made / "plots")
         write_report(run)
-    fronts_of.print_table(table, label(scene), Console(highlight=False))
+    fronts_of.print_table(table, label(scene), Screen(highlight=False))
     typer.echo(f"study: {folder}")
     require_all(run)
 
@@ -306,7 +305,7 @@ def study(
     from harness.study import replication
     from scenes.spec import label
 
-    console = Console(quiet=quiet)
+    console = Screen(quiet=quiet)
     names = [file_stem(Path(label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")

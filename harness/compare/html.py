@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from harness.compare.model import CaseChange, Comparison, Outcome
+from harness.compare.polygons import Grown, grown_text
 from harness.compare.wording import (
     NOT_GATED,
     ORDER,
@@ -140,13 +141,18 @@ def _labels(cases: Sequence[CaseChange]) -> tuple[str, ...]:
     return tuple(f"{n.triangulator}, {n.where}" if several else n.triangulator for n in names)
 
 
-def to_html(comparison: Comparison) -> str:
-    """Return a page with verdict, plots and tables; no script, no font, no address."""
+def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
+    """Return a page with verdict, plots and tables; no script, no font, no address.
+
+    grown : polygons that grew most, whose heatmaps are shown
+    """
     return template("harness.compare", "compare.html.j2").render(
         comparison=comparison,
         headline=headline(comparison),
         plots=[plot for make in (time_plot, counter_plot) if (plot := make(comparison))],
         signs=SIGNS,
+        grown=grown,
+        grown_text=grown_text,
         runs=run_lines(comparison),
         groups=groups(comparison),
         totals_heading=TOTALS_HEADING,

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from harness.compare.matching import printable
 from harness.compare.model import BROKEN, STATUS_TEXT, CaseChange, Comparison, Drift, TimeChange
+from harness.compare.polygons import Grown, grown_text
 from harness.compare.wording import (
     NOT_GATED,
     TOTALS_HEADING,
@@ -30,6 +31,7 @@ from harness.style import count
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+
 
 SCHEMA_VERSION = 2
 
@@ -121,15 +123,20 @@ MARKER = "<!-- raster-harness compare -->"
 """Last line of the text, by which a comment is found and replaced."""
 
 
-def to_markdown(comparison: Comparison, limit: int = LIMIT) -> str:
+def to_markdown(comparison: Comparison, limit: int = LIMIT, grown: Sequence[Grown] = ()) -> str:
     """Return the verdict in the first line, then what differs, then all else folded.
 
+    grown : polygons that grew most, which are named
     What does not fit into `limit` characters is cut by whole tables, and the cut is said.
     """
     verdict, _, rest = headline(comparison).partition(": ")
     text = f"**{escape(verdict)}:** {escape(rest)}\n"
     tables = groups(comparison)
-    blocks = [_totals(comparison, counted=True), *(_affected(group) for group in tables)]
+    where = [f"- {escape(grown_text(each))}\n" for each in grown]
+    if where:
+        where.insert(0, "**Where it grew most** (heatmaps: compare.html)\n\n")
+    blocks = ["".join(where), _totals(comparison, counted=True)]
+    blocks += [*(_affected(group) for group in tables)]
     blocks += [_folded(f"All cases: {group.title}", _table(group, group.rows)) for group in tables]
     opinions = _totals(comparison, counted=False)
     blocks.append(opinions and _folded("Predictions and a driver's own counts", opinions))

@@ -20,7 +20,7 @@ from harness.compare.model import (
 from harness.figures.registry import find
 from harness.style import count, figure, percent
 
-FIRST = ("quads", "bbox_tests", "helper_lanes")
+FIRST = ("helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost best, the best first."""
 
 NOT_GATED = "not gated"
@@ -71,14 +71,14 @@ def _gated_verdict(comparison: Comparison, case: CaseChange) -> str:
     time = case.time if comparison.settings.gates_time else None
     parts = []
     if case.lost:
-        parts.append(f"no longer counted: {_spaced(case.lost)}")
+        parts.append(f"no longer counted: {spaced(case.lost)}")
     changed = [change.metric for change in case.regressions() if change.exact == "changed"]
     if changed:
-        parts.append(f"covers other pixels: {_spaced(changed)}")
+        parts.append(f"covers other pixels: {spaced(changed)}")
     regressed = in_order(c.metric for c in case.regressions() if c.exact == "worse")
     regressed += ["time"] * (time is not None and time.outcome == "regressed")
     if regressed:
-        parts.insert(0, f"regressed: {_spaced(regressed)}")
+        parts.insert(0, f"regressed: {spaced(regressed)}")
     if parts:
         return "; ".join(parts)
     if time is not None and time.outcome == "inconclusive":
@@ -103,7 +103,8 @@ def ungated(comparison: Comparison, case: CaseChange) -> list[str]:
     return found
 
 
-def _spaced(names: Iterable[str]) -> str:
+def spaced(names: Iterable[str]) -> str:
+    """Return names of figures as words, with commas between."""
     return ", ".join(name.replace("_", " ") for name in names)
 
 
@@ -123,12 +124,14 @@ def case_detail(comparison: Comparison, case: CaseChange) -> str:
     """Say by how much a compared case regressed: `quads +12.3 % (…), time +8.4 % (…)`."""
     parts = []
     if case.lost:
-        parts.append(f"{_spaced(case.lost)} no longer counted")
+        parts.append(f"{spaced(case.lost)} no longer counted")
     counter = main_counter(case)
     time = case.time if comparison.settings.gates_time else None
     if counter is not None:
         growth = "" if counter.change is None else f"{percent(counter.change)} "
-        parts.append(f"{growth}{counter.metric} ({figure(counter.base)} → {figure(counter.head)})")
+        parts.append(
+            f"{growth}{spaced([counter.metric])} ({figure(counter.base)} → {figure(counter.head)})"
+        )
     if time is not None and time.outcome == "regressed" and time.ratio and time.low and time.high:
         parts.append(
             f"{percent(time.ratio - 1)} time (interval {percent(time.low - 1)} to "
@@ -388,7 +391,7 @@ def run_lines(comparison: Comparison) -> list[str]:
     """Return one line for each run: where it is, when it was made and of which commit."""
     lines = []
     for name, run in (("BASE", comparison.base), ("HEAD", comparison.head)):
-        harness = f"harness {run.harness}" if run.harness else ""
+        harness = f"raster-harness {run.harness}" if run.harness else ""
         if run.harness_commit and run.harness_commit != run.commit:
             harness += f" at {run.harness_commit}"
         commit = run.commit and f"commit {run.commit}"

@@ -1,4 +1,4 @@
-"""Polygons in, triangles out: the pipeline behind `harness triangulate FILE -o OUT`."""
+"""Polygons in, triangles out: the pipeline behind `raster-harness triangulate FILE -o OUT`."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writ
 from harness.stored.atomic import Output
 from scenes import load
 from scenes.cleaning.clean import Cleaned, counted_notes
-from scenes.files import Chunk, read_chunks
+from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
+from scenes.spec import arguments_for
 from triangulators import TriangulationError, UnknownName, full_name, parse
 from triangulators.batch.triangulate_many import ragged
 from triangulators.devices import CPU
@@ -181,8 +182,9 @@ def _chunks(
                 f"{name} is a 3D model, whose faces would be laid flat beside each other: measure "
                 f"it with `run --scene {name}`, or write its faces as .geojson, .parquet or .npz"
             )
-        known = given | options
-        limit = limit if limit is not None else known.pop("limit", None)
+        known = arguments_for(name, read, given) | options
+        before = known.pop("limit", None)
+        limit = before if limit is None else limit
         whole = read_chunks(name, size=size, **known)
     elif options:
         raise UsageError(f"layer, where and project are for files; {name} is a scene")

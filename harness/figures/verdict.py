@@ -164,7 +164,7 @@ def _end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int
     return (top * bottom + sign * math.sqrt(max(0.0, inside))) / below
 
 
-Ground = Literal["faster", "base", "counters", "undecided", "equal", "few", "alone"]
+Ground = Literal["faster", "base", "counters", "undecided", "equal", "few", "alone", "part"]
 SHOWN: Final = "faster"
 KEEP: Final = "base"
 COUNTED: Final = "counters"
@@ -172,6 +172,7 @@ OPEN: Final = "undecided"
 EQUAL: Final = "equal"
 FEW: Final = "few"
 ALONE: Final = "alone"
+PART: Final = "part"
 
 TIME = "draw_ms"
 COVERED = "fragments"
@@ -185,7 +186,7 @@ class Standing:
     """A record in a ranking.
 
     cost : its time over the base's, or its main counter's; what rows are in the order of
-    complete : whether it left no polygon out that another did
+    complete : whether it left no polygon out
     ratio : its paired ratio of times, None where there is none
     pays : when it has paid, None where that is not defined
     disagrees : whether its median time is on the other side of the base's than the ratio says
@@ -218,8 +219,8 @@ class Decision:
     ground : SHOWN: times show that the choice is faster than the base; KEEP: that all others are
         slower; COUNTED: they show neither, and the choice has the least of an exact counter among
         those that are not shown to be slower; OPEN: nothing tells them apart; EQUAL: no counter
-        does, either; FEW: fewer than `LEAST_PIXELS` are covered; ALONE: nothing to choose from.
-        By the last three nothing is advised, and the choice is the base
+        does, either; FEW: fewer than `LEAST_PIXELS` are covered; ALONE: nothing to choose from;
+        PART: each left polygons out. By the last four nothing is advised
     choice : what to take, the base where nothing speaks for another
     alike : names of others that are not shown to be slower than the choice, where it is shown
     measure : the main counter, None if nothing was counted
@@ -248,13 +249,16 @@ def decide(members: Sequence[Record]) -> Decision | None:
     if first is None:
         return None
     measure = next(iter(measures(first.get("counters") or ())), None)
-    complete = max(record["polygons"] for record in good)
+    whole = max(map(polygons_of, good))
     ranked = sorted(
-        (_standing(record, first, complete) for record in good),
-        key=lambda each: (not each.complete, each.cost, each.name),
+        (_standing(record, first, whole) for record in good),
+        key=lambda each: (-each.record["polygons"], each.cost, each.name),
     )
     base = next(each for each in ranked if each.record is first)
     rivals = [each for each in ranked if each.complete]
+    if not rivals and len(ranked) > 1:
+        return Decision(tuple(ranked), base, PART, ranked[0], (), measure, timed=False)
+    rivals = rivals or ranked
     ground, choice, saving = _choose(rivals, base, measure)
     alike = []
     for each in rivals if ground == SHOWN else ():
@@ -276,7 +280,13 @@ def decide(members: Sequence[Record]) -> Decision | None:
     )
 
 
-def _standing(record: Record, base: Record, complete: int) -> Standing:
+def polygons_of(record: Record) -> int:
+    """Return how many polygons the view has, drawn or not."""
+    names = ("polygons", "polygons_skipped", "polygons_failed")
+    return int(sum(record.get(name) or 0 for name in names))
+
+
+def _standing(record: Record, base: Record, whole: int) -> Standing:
     """Rank by the paired ratio wherever there is one, as the verdict does.
 
     Medians of two drawings may be in another order than the rounds that timed both.
@@ -292,7 +302,7 @@ def _standing(record: Record, base: Record, complete: int) -> Standing:
     return Standing(
         record=record,
         cost=relative,
-        complete=record["polygons"] == complete,
+        complete=record["polygons"] == whole,
         ratio=ratio,
         pays=break_even(record, base),
         disagrees=ratio is not None
@@ -388,6 +398,12 @@ def _advice(decision: Decision, scene: str) -> str:
         return words + (f"; {_times(decision)}" if decision.timed else "")
     if decision.ground == ALONE:
         return f"{scene} was triangulated by {choice.name} alone, so there is nothing to compare"
+    if decision.ground == PART:
+        most, whole = choice.record["polygons"], polygons_of(choice.record)
+        return (
+            f"nothing is advised for {scene}: each triangulator left polygons out, "
+            f"{choice.name} the fewest ({most:,} of {whole:,} are drawn)"
+        )
     if decision.ground == FEW:
         covered = choice.record["counters"][COVERED]
         return f"nothing is advised for {scene}: it covers {covered:,} pixels, too few to tell"

@@ -193,6 +193,13 @@ def end_strays(parent: int) -> None:
                         each.kill()
 
 
+def others_may_write(file: Path) -> bool:
+    """Whether users who are neither its owner nor of its group may change a file."""
+    with contextlib.suppress(OSError):
+        return os.name == "posix" and bool(file.stat().st_mode & 0o002)
+    return False
+
+
 def umask() -> int:
     """Return what the user takes away from the permissions of new files."""
     mask = os.umask(0o077)

@@ -88,11 +88,13 @@ def retriangulate(
     out: Path | None,
     criterion: str = CRITERION,
     sizes: Sequence[int] = PIXELS,
+    tick: Callable[[int], None] = lambda _: None,
 ) -> Changes:
     """Choose the diagonals of a model's flat faces by a criterion, and write it to `out`.
 
     Every vertex and all that it carries stay as they are, and so do the number of triangles and
-    what is seen. out : None to tell only what would be done
+    what is seen. out : None to tell only what would be done; tick : told how many parts are done,
+    and then how many of their places were looked at
 
     Raises
     ------
@@ -112,7 +114,10 @@ def retriangulate(
     changes.left += model.left
     drawn: list[Drawn] = []
     for parts in groups:
-        made = [_made(part, criterion, changes) for part in parts]
+        made = []
+        for part in parts:
+            made.append(_made(part, criterion, changes))
+            tick(len(drawn) + len(made))
         _revert_shared(parts, made, changes)
         for part, found in zip(parts, made, strict=True):
             drawn.append(Drawn(part.mesh, found.triangles, part.placements))
@@ -120,7 +125,7 @@ def retriangulate(
                 with _clear_errors(source):
                     model.replace(part, found.triangles)
     if out is None:
-        changes.seen = look(drawn, sizes) if changes.changed else []
+        changes.seen = look(drawn, sizes, tick) if changes.changed else []
     else:
         changes.files = model.write(out)
     changes.seconds = time.perf_counter() - begun

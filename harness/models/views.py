@@ -9,7 +9,7 @@ machine; a library's product of matrices is not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import NamedTuple
@@ -76,8 +76,15 @@ def directions() -> NDArray[np.float64]:
     return np.asarray(ways() / np.sqrt(14.0))
 
 
-def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
-    """Count parts from all directions, at each size; [] where nothing has a place in space."""
+def look(
+    parts: list[Drawn],
+    sizes: Sequence[int] = PIXELS,
+    tick: Callable[[int], None] = lambda _: None,
+) -> list[Seen]:
+    """Count parts from all directions, at each size; [] where nothing has a place in space.
+
+    tick : told how many places of parts were looked at
+    """
     worlds = [
         (part, placed(part.mesh.positions, matrix), np.linalg.det(matrix[:3, :3]) < 0)
         for part in parts
@@ -88,16 +95,33 @@ def look(parts: list[Drawn], sizes: Sequence[int] = PIXELS) -> list[Seen]:
     if ball is None:
         return []
     result = [Seen(pixels) for pixels in sizes]
-    for part, world, mirrored in worlds:
-        local = (world - ball.middle) / ball.radius
-        same = (part.triangles == part.mesh.triangles).all(axis=1)
-        for direction in directions():
+    done = 0
+    while done < len(worlds):
+        begun, points = done, 0
+        locals_: list[NDArray[np.float64]] = []
+        triangles: dict[str, list[NDArray[np.int64]]] = {"same": [], "old": [], "new": []}
+        while done < len(worlds) and points < _AT_A_TIME:
+            part, world, mirrored = worlds[done]
+            # In a mirror image triangles turn the other way.
+            turned = [0, 2, 1] if mirrored else [0, 1, 2]
+            same = (part.triangles == part.mesh.triangles).all(axis=1)
+            for name, rows in (
+                ("same", part.mesh.triangles[same]),
+                ("old", part.mesh.triangles[~same]),
+                ("new", part.triangles[~same]),
+            ):
+                triangles[name].append(rows[:, turned] + points)
+            locals_.append((world - ball.middle) / ball.radius)
+            points += len(world)
+            done += 1
+        local = np.concatenate(locals_)
+        joined = {name: np.concatenate(each) for name, each in triangles.items()}
+        for number, direction in enumerate(directions()):
+            tick(begun + (done - begun) * number // VIEWS)
             flat, _ = projected(local, direction)
             for seen in result:
                 grid = np.rint(np.nan_to_num(flat) * (seen.pixels * _UNITS)).astype(np.int32)
-                kept = _count(grid, part.mesh.triangles[same], mirrored)
-                old = _count(grid, part.mesh.triangles[~same], mirrored)
-                new = _count(grid, part.triangles[~same], mirrored)
+                kept, old, new = (_count(grid, each) for each in joined.values())
                 seen.lanes_before += kept[0] + old[0]
                 seen.lanes_after += kept[0] + new[0]
                 seen.quads_before += kept[1] + old[1]
@@ -145,16 +169,13 @@ def _along(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np
     return points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
 
 
-def _count(
-    grid: NDArray[np.int32], triangles: NDArray[np.int64], mirrored: bool
-) -> tuple[int, int]:
+def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> tuple[int, int]:
     """Return helper lanes and quads of the triangles that face the camera."""
     lanes = quads = 0
     for part in np.split(triangles, range(_AT_A_TIME, len(triangles), _AT_A_TIME)):
         a, b, c = np.moveaxis(grid[part].astype(np.int64), 1, 0)
         doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        front = doubled < 0 if mirrored else doubled > 0
-        found = predict(grid, np.ascontiguousarray(part[front], dtype=np.int32))
+        found = predict(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
         lanes += int(found["helper_lanes"].sum())
         quads += int(found["quads"].sum())
     return lanes, quads

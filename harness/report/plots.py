@@ -142,7 +142,11 @@ def _fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
     """Say how well marks are ranked and, in one unit, by how many per cent they are off."""
     rank, error = rank_correlation(x, y), error_of(x, y)
     words = "" if rank is None else f"rank correlation {rank:.2f}"
-    return words if not in_unit or error is None else f"{words}, off by {100 * error:.1f} %"
+    return (
+        words
+        if not in_unit or error is None
+        else f"{words}, a polygon's ratio off by {100 * error:.1f} %"
+    )
 
 
 def _within_polygons(run: Run, members: Sequence[Record]) -> Figure | None:

@@ -278,7 +278,7 @@ def read_run(path: Path) -> Run:
     version = facts.get("schema_version", SCHEMA_VERSION)
     if not isinstance(version, int) or version > SCHEMA_VERSION:
         raise UsageError(
-            f"{path} has schema version {version}, newer than this harness reads "
+            f"{path} has schema version {version}, newer than this raster-harness reads "
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)

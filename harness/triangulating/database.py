@@ -85,6 +85,11 @@ class ModelDatabase:
                 f"the model database {self.path} cannot be opened: {error}; "
                 "set RASTER_HARNESS_CACHE"
             ) from error
+        if system.others_may_write(self.path):
+            say(
+                f"others may write the model database {self.path}, whose optima are believed: "
+                f"chmod o-w {self.path}, or give --no-cache"
+            )
 
     def __enter__(self) -> ModelDatabase:
         return self

@@ -59,7 +59,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--pairs", type=int, default=100, help="of equal code")
     parser.add_argument("--slower", type=int, default=20, help="pairs with more work in HEAD")
     parser.add_argument("--share", type=float, default=0.03, help="how much more")
-    parser.add_argument("--run", default="--scene city", help="options of harness run")
+    parser.add_argument("--run", default="--scene city", help="options of raster-harness run")
     parser.add_argument("--out", type=Path, default=Path("results/aa"))
     return parser.parse_args()
 

@@ -240,7 +240,7 @@ def test_the_step_summary_is_added_to(runs, monkeypatch):
     assert runs("--markdown", "out/report.md", edits={"fan": costlier(0.1)})[0] == 1
     text = Path("summary.md").read_text()
     assert text == "before\n" + Path("out/report.md").read_text()
-    assert "**Regression:** fan on llvmpipe: +10.0 % quads" in text
+    assert "**Regression:** fan on llvmpipe: +28.4 % helper lanes" in text
 
 
 def test_files_are_what_goes_to_standard_output(runs, harness):

@@ -156,7 +156,7 @@ def test_markdown_of_many_cases_fits_a_comment_and_says_what_it_left_out(tmp_pat
     left = whole.count("<details>") - text.count("<details>")
     assert f"{left} tables left out" in text
     assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
-    assert text.startswith("**Regression:** fan on llvmpipe: +10.0 % quads")
+    assert text.startswith("**Regression:** fan on llvmpipe: +28.4 % helper lanes")
     assert len(list(render(text).iter("table"))) > 10
 
 

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from docs.generate import filled
 from docs.held import ROOT, Block, Sentence, Table, differences, not_held, written
 from docs.held.charts import CHARTS
 from docs.held.documents import DOCUMENTS
@@ -43,6 +44,14 @@ def test_a_figure_that_is_changed_is_found_and_put_right():
             other = document[:start] + document[start:end] + "1" + document[end:]
             assert list(differences(other, [each])), each.text
             assert written(other, [each]) == document
+
+
+@pytest.mark.parametrize("name", ["commands", "names", "python"])
+def test_what_is_made_from_code_is_committed_as_it_is_made(name):
+    """It is read in the repository, too; `make documents` writes it."""
+    page = text_of(f"docs/reference/{name}.md")
+    assert page.count("<!-- generated:") > 0
+    assert filled(page) == page
 
 
 @pytest.mark.parametrize("name", sorted(CHARTS))

@@ -24,7 +24,9 @@ from pyarrow import parquet
 
 from harness.stored.folder import read_run
 from scenes import load
+from scenes.real.helsinki import FILE
 from tests.fuzz.targets.runs import sound
+from tests.models.test_in_place import plate
 from tests.page.conftest import result_of, saved_as
 from tests.paths import ROOT
 
@@ -72,6 +74,14 @@ COMMANDS = {
         records,
         ("run", *SCENE, *REFERENCE, "--resume", "out"),
     ),
+    **{
+        f"run of {name}": Command(
+            ("run", "--scene", scene, *REFERENCE, "--out", "out"),
+            records,
+            ("run", "--scene", scene, *REFERENCE, "--resume", "out"),
+        )
+        for name, scene in (("tiles", "tiles.pmtiles:pixels=64"), ("a model", "plate.glb:views=4"))
+    },
     "triangulate": Command(("triangulate", "city:buildings=2000", "-o", "out.glb", "-q"), digest),
     "merge": Command(("merge", "RUN", "SECOND", "--hosts", "a,b", "-o", "out", "-q"), records),
     "import": Command(("import", "saved.json", "-o", "out", "-q"), records),
@@ -113,6 +123,8 @@ def prepare(place: Path) -> None:
     moved = lines.replace('"samples_s": [', '"samples_s": [0.0002, ')
     Path("SECOND/cases.jsonl").write_text(moved)
     shutil.copy(sound().with_name("block.geojson"), ".")
+    Path("tiles.pmtiles").symlink_to(FILE)
+    plate().export("plate.glb")
     saved_as(result_of(read_run(Path("RUN"))), Path("saved.json"))
 
 

@@ -18,6 +18,7 @@ from harness.export import check_evidence, geo
 from harness.export.export import FORMATS, export_file
 from harness.export.mesh import heights
 from scenes import SceneError, load
+from scenes.real.helsinki import FILE
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")
@@ -318,6 +319,9 @@ class TestErrors:
         self.refused(tmp_path, tmp_path / "none.gpkg", out, error=SceneError)
         assert "are for files" in self.refused(tmp_path, "city", out, where="a > 1")
         assert "give 1 or more" in self.refused(tmp_path, "city", out, limit=0)
+        for parameter in ("pixels=64", "size=3", "rows=1"):
+            told = self.refused(tmp_path, f"{FILE}:{parameter}", out, error=SceneError)
+            assert "has no parameter" in told
         (tmp_path / "point.wkt").write_text("POINT (1 2)")
         assert "is a Point" in self.refused(tmp_path, tmp_path / "point.wkt", out)
 

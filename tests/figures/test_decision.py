@@ -148,6 +148,23 @@ def test_what_left_polygons_out_is_not_taken():
     assert not decision.standings[-1].complete
 
 
+def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
+    """A fan that drew 229 of 500 polygons, beside others that left some out, too."""
+    drawn = {"fan": 229, "strip": 100, "delaunay": 499}
+    records = [
+        made(name, verdict, polygons=drawn[name], polygons_skipped=500 - drawn[name])
+        for name, verdict in zip(drawn, ("faster", "faster", "slower"), strict=True)
+    ]
+    decision = decide(records)
+    assert [each.name for each in decision.standings] == ["delaunay", "fan", "strip"]
+    assert not any(each.complete for each in decision.standings)
+    told = "each triangulator left polygons out, delaunay the fewest (499 of 500 are drawn)."
+    assert advice(decision).endswith(f"nothing is advised for city: {told}")
+    records.append(base())
+    assert decide(records).choice.name == "ear-clipping"
+    assert decide(records).standings[0].name == "ear-clipping"
+
+
 @pytest.mark.parametrize(("covered", "advised"), [(0, False), (63, False), (64, True)])
 def test_too_few_pixels_say_nothing(covered, advised):
     records = [base(), made("delaunay", "faster")]

@@ -173,7 +173,9 @@ def test_a_reader_that_stops_reading_is_no_error(arguments):
     assert process.returncode == 141
 
 
-def test_ctrl_c_while_the_program_is_being_loaded(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("when", ["loading", "after"])
+def test_a_signal_while_the_program_is_being_loaded_or_ends(tmp_path, number, when):
     """A hook makes loading the command line take for ever, where any library may catch errors."""
     (tmp_path / "sitecustomize.py").write_text(
         "import sys, time\n"
@@ -186,12 +188,18 @@ def test_ctrl_c_while_the_program_is_being_loaded(tmp_path):
         "            except BaseException:\n"
         "                raise ImportError('caught')\n"
         "sys.meta_path.insert(0, Slow())\n"
+        if when == "loading"
+        else "import atexit, time\n"
+        "def last():\n"
+        f"    open({str(tmp_path / 'loading')!r}, 'w').close()\n"
+        "    time.sleep(600)\n"
+        "atexit.register(last)\n"
     )
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     process = program("list", "scenes", env={**os.environ, "PYTHONPATH": paths})
     while not (tmp_path / "loading").exists() and process.poll() is None:
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b"Traceback" not in err

@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from harness.progress import SILENT_S, Due, Rate, Reporter
+from harness.progress import SILENT_S, Due, Rate, Reporter, Screen
+from harness.style import plain_table
 
 
 class Said:
@@ -51,6 +52,34 @@ def test_the_longer_a_stage_the_fewer_lines_but_never_long_silence():
     gaps = [later - sooner for sooner, later in pairwise([0, *told])]
     assert (gaps[0], gaps[-1]) == SILENT_S
     assert gaps == sorted(gaps)
+
+
+def test_what_has_no_known_end_is_told_now_and_then_too():
+    said = Said()
+    with said.reporter.counting("looking") as tell:
+        for done in range(1, 31):
+            said.now += 1.0
+            tell(done)
+    assert said.lines[:2] == ["looking ...", "looking: 3 done, 3 s ..."]
+    assert len(said.lines) == 11
+
+
+def test_tables_in_a_pipe_are_not_cut_and_not_padded(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    table = plain_table("a title", "name", "words")
+    table.add_row("n" * 60, "as many words as a table may have")
+    table.add_row("n", "few")
+    for columns in (None, "50"):
+        if columns:
+            monkeypatch.setenv("COLUMNS", columns)
+        pipe = io.StringIO()
+        Screen(file=pipe).print(table)
+        lines = pipe.getvalue().splitlines()
+        assert not any(line.endswith(" ") for line in lines)
+        assert any("as many words as a table may have" in line for line in lines) != bool(columns)
+    screen = io.StringIO()
+    Screen(file=screen, force_terminal=True, width=80, color_system=None).print(table)
+    assert any(line.endswith(" ") for line in screen.getvalue().splitlines())
 
 
 def test_a_short_stage_is_one_line():

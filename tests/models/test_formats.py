@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 from harness.errors import UsageError
 from harness.models.in_place import retriangulate
 from scenes import SceneError
+from tests.models.test_in_place import plate
 
 OBJ = """# a kite
 mtllib paint.mtl
@@ -99,3 +103,65 @@ def test_changed_bytes_are_read_or_refused(tmp_path_factory, place, value, cut):
         retriangulate(folder / name, folder / f"out-{name}")
     except (UsageError, SceneError):
         assert not (folder / f"out-{name}").exists()
+
+
+class Obj:
+    """An OBJ file as a parser of this test's own reads it: it shares no line with the product's."""
+
+    def __init__(self, text: str) -> None:
+        self.other, self.faces, self.points = [], [], []
+        part = 0
+        for line in text.splitlines():
+            words = line.split("#")[0].split()
+            if words[:1] == ["f"]:
+                self.faces.append((part, [self._place(word) for word in words[1:]]))
+                continue
+            self.other.append((len(self.faces), line))
+            if words[:1] == ["v"]:
+                self.points.append([float(word) for word in words[1:4]])
+            elif words[:1] in (["g"], ["o"], ["usemtl"], ["s"]):
+                part += 1
+
+    def _place(self, word: str) -> tuple[int, ...]:
+        own = int(word.split("/")[0])
+        return (own - 1 if own > 0 else len(self.points) + own, *map(int, word.split("/")[1:]))
+
+    def areas(self) -> dict[tuple[int, tuple[float, ...]], float]:
+        """The area that each part has in each plane."""
+        found: dict[tuple[int, tuple[float, ...]], float] = {}
+        for part, corners in self.faces:
+            a, b, c = (np.array(self.points[corner[0]]) for corner in corners)
+            normal = np.cross(b - a, c - a)
+            unit = normal / np.linalg.norm(normal)
+            plane = (part, tuple(np.round([*unit, unit @ a], 3) + 0.0))
+            found[plane] = found.get(plane, 0.0) + np.linalg.norm(normal) / 2
+        return found
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_obj_in_place_compared_by_another_parser(tmp_path, parts):
+    source, out = tmp_path / "a.obj", tmp_path / "b.obj"
+    moved = [plate(0.0).apply_translation([0, 0, 9 * number]) for number in range(parts)]
+    lines, first = [], 1
+    for number, mesh in enumerate(moved):
+        lines += [f"o part{number}", *(f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices)]
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + first]
+        first += len(mesh.vertices)
+    source.write_text("\n".join(lines) + "\n")
+    done = retriangulate(source, out)
+    before, after = Obj(source.read_text()), Obj(out.read_text())
+    assert done.changed == 2 * parts
+    assert before.other == after.other
+    assert len(before.faces) == len(after.faces)
+    assert [part for part, _ in before.faces] == [part for part, _ in after.faces]
+    assert before.areas().keys() == after.areas().keys()
+    for plane, area in before.areas().items():
+        assert after.areas()[plane] == pytest.approx(area, rel=1e-6)
+    edges = [Counter(), Counter()]
+    for counted, each in zip(edges, (before, after), strict=True):
+        for _, (a, b, c) in each.faces:
+            counted.update([(a, b), (b, c), (c, a)])
+    for counted in edges:  # watertight, and each side is gone along once in either direction
+        assert set(counted.values()) == {1}
+        assert all((b, a) in counted for a, b in counted)
+    assert len(set(edges[0]) - set(edges[1])) > 10 * parts

@@ -30,6 +30,30 @@ def test_directions_are_all_around():
     assert np.allclose(found.T @ found, np.eye(3) * views.VIEWS / 3)  # as even as a sphere's
 
 
+def test_places_are_looked_at_together_as_one_by_one(monkeypatch):
+    """Of 40 places, some mirrored: in a few calls, so that thousands do not take minutes."""
+    mesh = mesh_of(KITE, LONG)
+    matrices = []
+    for number in range(40):
+        matrix = np.eye(4)
+        matrix[:3, 3] = (number % 7, number // 7, 0.1 * number)
+        matrix[2, 2] = -1.0 if number % 3 == 0 else 1.0
+        matrices.append(matrix)
+    parts = [views.Drawn(mesh, SHORT, tuple(matrices))]
+    calls: list[int] = []
+
+    def counted(*arguments):
+        calls.append(1)
+        return predict(*arguments)
+
+    monkeypatch.setattr(views, "predict", counted)
+    together, ticks = views.look(parts, (256,), calls.append), len(calls)
+    assert ticks <= views.VIEWS * 4
+    monkeypatch.setattr(views, "_AT_A_TIME", 1)
+    assert views.look(parts, (256,)) == together
+    assert len(calls) > 10 * ticks
+
+
 def test_a_sphere_fills_the_picture_and_no_more():
     points = trimesh.creation.icosphere(4).vertices
     for direction in views.directions():

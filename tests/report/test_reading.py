@@ -127,9 +127,29 @@ def test_narrow_windows_do_not_scroll_sideways(browser, folder, width):
     assert browser.errors == []
 
 
-def test_the_ranking_is_seen_whole_on_a_usual_screen(browser, folder):
-    browser.resize(1400, 900)
+@pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (768, "dark"), (1200, "light")])
+def test_titles_of_charts_are_within_their_panels(browser, folder, width, scheme):
+    browser.prefer(scheme)
+    browser.resize(width, 900)
     browser.open(folder / "report.html")
+    widths = (
+        "chart.plot.getOption().title.map((t) => [t.text, t.textStyle.width, t.textStyle.overflow])"
+    )
+    room = width if width < 700 else width / 2
+    titles = browser.evaluate(widths)
+    assert len(titles) == 2
+    assert all(0 < wide < room and how == "break" for _, wide, how in titles)
+
+
+@pytest.mark.parametrize("width", [360, 768, 1200, 1400, 1920])
+def test_the_ranking_is_seen_whole(browser, folder, width):
+    browser.resize(width, 900)
+    browser.open(folder / "report.html")
+    heads = "[...document.querySelectorAll('.ranking thead')].map((head) => head.offsetHeight)"
+    assert max(browser.evaluate(heads)) < 110  # four lines
+    cells = "[...document.querySelectorAll('.ranking .key')].map((key) => key.closest('tr'))"
+    named = f"{cells}.every((row) => row.cells.length > 4 && row.textContent.length > 20)"
+    assert browser.evaluate(named) is True
     too_wide = "(box) => box.querySelector('table.ranking') && box.scrollWidth > box.clientWidth"
     assert browser.evaluate(f"[...document.querySelectorAll('.scroll')].some({too_wide})") is False
     assert browser.evaluate("document.querySelectorAll('.scroll table.ranking').length") > 0

@@ -126,7 +126,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path, call):
 
 def test_a_newer_schema_is_refused(tmp_path):
     (tmp_path / "run.json").write_text(json.dumps({"schema_version": SCHEMA_VERSION + 1}))
-    with pytest.raises(UsageError, match="newer than this harness reads"):
+    with pytest.raises(UsageError, match="newer than this raster-harness reads"):
         read_run(tmp_path)
 
 

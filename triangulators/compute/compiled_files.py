@@ -8,7 +8,8 @@ that, a file's name holds the types that it was compiled for and the processor, 
 
 Nothing is ever overwritten with something else, so several versions of the sources, and several
 processes that compile at once, share one place: NUMBA_CACHE_DIR, or the user's cache folder, or
-where neither can be written, the folder of this file. `harness cache clear` removes old code.
+where neither can be written, the folder of this file. `raster-harness cache clear` removes old
+code.
 """
 
 from __future__ import annotations

@@ -109,7 +109,7 @@ function fileName() {
   return `${words.toLowerCase().replaceAll(/[^a-z0-9]+/g, "-").replaceAll(/^-|-$/g, "")}.json`;
 }
 
-/* The result as text, and its digest, by which `harness import` sees whether the file is whole. */
+/* The result as text, and its digest, by which `raster-harness import` sees whether the file is whole. */
 async function savedText() {
   const text = JSON.stringify(state.result);
   const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", new TextEncoder().encode(text)));

@@ -99,8 +99,9 @@ function chartOption(marks, stacked) {
   const ink = styled("--ink"), soft = styled("--soft"), line = styled("--line");
   const criteria = [chosen("criterion-a"), chosen("criterion-b")];
   const panel = (i) => stacked
-    ? { left: 62, right: 16, top: i ? "56%" : 40, height: "36%" }
-    : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 40, bottom: 58 };
+    ? { left: 62, right: 16, top: i ? "57%" : 48, height: "35%" }
+    : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 48, bottom: 58 };
+  const whole = $("chart").clientWidth, room = stacked ? whole - 12 : 0.45 * whole - 20;  // of a title
   // Ratios have the same axes in both panels and both directions, so that the dashed lines compare.
   const every = isRatio() ? marks.flatMap((m) => [m.y, ...m.x]).filter(positive) : null;
   const axis = (name, i, y) => ({
@@ -127,8 +128,8 @@ function chartOption(marks, stacked) {
     animation: false,
     aria: { enabled: false },
     textStyle: { color: ink, fontFamily: "system-ui, sans-serif" },
-    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink },
-      left: stacked ? 4 : i ? "55%" : 62, top: stacked && i ? "51%" : 8 })),
+    title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink, width: room, overflow: "break" },
+      left: stacked ? 4 : i ? "55%" : 62, top: stacked && i ? "51%" : 4 })),
     grid: [panel(0), panel(1)],
     xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
@@ -146,7 +147,7 @@ function correlationText(criterion) {
   const value = fit ? fit.rank : group().correlations[chosen("measure")]?.[criterion];
   const title = words(criterion);
   if (chosen("level") === "cases" || value === null || value === undefined) return title;
-  const error = fit && fit.error !== null ? `, off by ${(100 * fit.error).toFixed(1)} %` : "";
+  const error = fit && fit.error !== null ? `, a polygon's ratio off by ${(100 * fit.error).toFixed(1)} %` : "";
   return `${title}: rank correlation ${value.toFixed(2)}${error}`;
 }
 

@@ -41,9 +41,9 @@ function styled(variable) {
    or node, meaning], of which the class "name" is the row's own heading. */
 function rankingTable(label, caption, columns, rows) {
   const head = columns.map(([text, kind, , title]) => element("th", { scope: "col", class: kind === "name" ? null : kind, title }, text));
-  const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" }, ...columns.map(([, kind, show]) => (kind === "name"
+  const body = rows.map((row) => element("tr", { class: row.complete ? null : "incomplete" }, ...columns.map(([heading, kind, show]) => (kind === "name"
     ? element("th", { scope: "row" }, element("span", { class: "key", style: `background:${row.colour}`, "aria-hidden": "true" }), show(row))
-    : element("td", { class: kind === "verdict" ? `verdict ${row.verdict}` : kind }, show(row))))));
+    : element("td", { class: kind === "verdict" ? `verdict ${row.verdict}` : kind, "data-label": heading }, show(row))))));
   return element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, element("table", { class: "ranking" },
     element("caption", {}, caption), element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...body)));
 }

@@ -1,0 +1,137 @@
+"""Where a case costs more than before: the polygons that grew most, and pictures of them."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.compare.matching import Match, latest, match
+from harness.compare.model import Comparison
+from harness.compare.wording import FIRST, spaced
+from harness.frame import SUBPIXEL, Frame, frame_as_it_is
+from harness.stored import drawings
+from harness.stored.folder import Record, Run, read_arrays
+from harness.style import count, figure, percent
+
+MOST = 3
+"""Polygons that are shown, of all cases that regressed."""
+
+QUAD = 2 * SUBPIXEL
+"""A polygon that is moved by whole quads shades the same."""
+
+
+@dataclass(frozen=True)
+class Grown:
+    """A polygon of a case that costs more in HEAD.
+
+    case : the case, for people; metric : what is counted, in BASE and in HEAD
+    polygon : its number in the scene
+    frame : one of this polygon alone; triangles : (m, 3) of its vertices in BASE and in HEAD
+    """
+
+    case: str
+    metric: str
+    base: int
+    head: int
+    polygon: int
+    frame: Frame
+    triangles: dict[str, NDArray[np.int32]]
+
+    @property
+    def vertices(self) -> int:
+        """How many vertices it has."""
+        return len(self.frame.points)
+
+    def picture(self) -> str:
+        """Return heatmaps of BASE and HEAD side by side, as the address of an image."""
+        from harness.heatmaps import draw_heatmaps
+
+        content = io.BytesIO()
+        draw_heatmaps(self.frame, 0, self.triangles, content)
+        return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
+def grown_text(grown: Grown) -> str:
+    """Write `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
+    growth = f" ({percent(grown.head / grown.base - 1)})" if grown.base else ""
+    return (
+        f"polygon {grown.polygon} ({count(grown.vertices, 'vertex', 'vertices')}) of {grown.case}: "
+        f"{spaced([grown.metric])} {figure(grown.base)} → {figure(grown.head)}{growth}"
+    )
+
+
+def most_grown(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
+    """Return the polygons that grew most in the cases that regressed, the worst first.
+
+    Only where both runs kept what they counted of each polygon, and what they drew.
+    """
+    names = {case.name for case in comparison.regressed() if case.status == "compared"}
+    base, head = latest(base), latest(head)
+    matches = match(base, head, across_devices=comparison.settings.across_devices)
+    candidates = [
+        (growth, order, found, metric, place)
+        for order, found in enumerate(matches)
+        if found.name in names
+        for growth, metric, place in _growth(base, head, found)
+    ]
+    candidates.sort(key=lambda each: (-each[0], each[1], each[4]))
+    made = (_grown(base, head, *each[2:]) for each in candidates[:MOST])
+    return [each for each in made if each is not None]
+
+
+def _growth(base: Run, head: Run, found: Match) -> Iterator[tuple[int, str, int]]:
+    """Yield the largest growths of a case's polygons: by how much, of what, at which place."""
+    before, after = (_counted(run, record) for run, record in _sides(base, head, found))
+    for metric in FIRST:
+        if metric in before and metric in after and len(before[metric]) == len(after[metric]):
+            growth = after[metric] - before[metric]
+            for place in np.argsort(-growth, kind="stable")[:MOST].tolist():
+                if growth[place] > 0:
+                    yield int(growth[place]), metric, place
+            return
+
+
+def _sides(base: Run, head: Run, found: Match) -> list[tuple[Run, Record]]:
+    return [(base, found.base or {}), (head, found.head or {})]
+
+
+def _counted(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
+    """Return what was counted of each polygon, (p,) each; one polygon's are the totals."""
+    columns = read_arrays(run, record["key"])
+    if columns is None and record.get("polygons") == 1:
+        columns = {name: np.array([value]) for name, value in record["counters"].items()}
+    return {
+        name: column.astype(np.int64)
+        for name, column in (columns or {}).items()
+        if name in FIRST and column.ndim == 1 and np.issubdtype(column.dtype, np.number)
+    }
+
+
+def _grown(base: Run, head: Run, found: Match, metric: str, place: int) -> Grown | None:
+    triangles, alone = {}, None
+    counts = []
+    for side, (run, record) in zip(("BASE", "HEAD"), _sides(base, head, found), strict=True):
+        geometry = drawings.read(run, drawings.view_of(record))
+        rows = None if geometry is None else geometry.triangles.get(record["triangulator"])
+        if geometry is None or rows is None or place >= len(geometry.source):
+            return None
+        first, last = geometry.offsets[place : place + 2].tolist()
+        own = rows[(rows >= first).all(axis=1) & (rows < last).all(axis=1)] - np.int32(first)
+        points = geometry.points[first:last]
+        points = points - points.min(axis=0) // QUAD * QUAD
+        side_px = max(record["resolution"], int(np.ptp(points, axis=0).max()) // SUBPIXEL + 4)
+        ends = np.array([0, len(points)])
+        alone = replace(
+            frame_as_it_is(side_px, points.astype(np.int32), ends, ends[1:]),
+            source=geometry.source[place : place + 1],
+        )
+        triangles[f"{side}: {record['triangulator']}"] = own.astype(np.int32)
+        counts.append(int(_counted(run, record)[metric][place]))
+    assert alone is not None
+    case = f"{found.name.triangulator}, {found.name.where}"
+    return Grown(case, metric, counts[0], counts[1], int(alone.source[0]), alone, triangles)
