@@ -1,6 +1,7 @@
 // What a TypeScript program may write and, where an error is expected, what it may not.
 
 import flip, {type Options, type Triangles} from "flip-triangles";
+import retriangulate from "flip-triangles/gltf";
 import flipShapes from "flip-triangles/three";
 
 const vertices = new Float32Array([0, 0, 0, 2, -1, 0, 9, 0, 0, 2, 1, 0]);
@@ -16,6 +17,9 @@ export function refine(index: {array: Attribute}, position: {array: Attribute}):
     const triangles: Triangles = index.array;
     return count + flip(triangles, position.array, {dimensions: 3, by: "l1"});
 }
+
+const transform: (document: object) => void = retriangulate({by: "l1"});
+transform({});
 
 // @ts-expect-error: there is no such length
 flip([0, 1, 2], vertices, {by: "L1"});
