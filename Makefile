@@ -9,7 +9,7 @@ LOCK := --universal --python-version 3.11 --generate-hashes --no-emit-index-url 
 PARALLEL := -n auto --dist worksteal
 # Images often set this. Each of the processes of a run would then compile what it imports again.
 unexport PYTHONDONTWRITEBYTECODE
-SOURCES := harness triangulators scenes scripts tests examples
+SOURCES := harness triangulators scenes scripts tests examples docs
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1|/' | column -t -s '|'

@@ -5,11 +5,11 @@ MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 
 from __future__ import annotations
 
-import re
 import csv
 import importlib
 import inspect
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -149,7 +149,9 @@ def python() -> str:
             if found is None or inspect.ismodule(found):
                 found = importlib.import_module(name)
                 own = (each for each in vars(found).values() if inspect.isclass(each))
-                shown = [(f"{name}.{each.__name__}", each) for each in own if each.__module__ == name]
+                shown = [
+                    (f"{name}.{each.__name__}", each) for each in own if each.__module__ == name
+                ]
             else:
                 shown = [(name, found)]
             for path, each in shown:
@@ -198,7 +200,7 @@ PUBLIC = {
 
 
 def leaderboard() -> str:
-    """Return a row for each triangulator, scene and device that results hold, at 1024 px or the most below."""
+    """Return a row for each triangulator, scene and device that results hold, at 1024 px or less."""
     rows = []
     for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
         with file.open(encoding="utf-8", newline="") as stream:
@@ -213,7 +215,9 @@ def leaderboard() -> str:
                 where = f"{row['device']} ({row['rasteriser']})"
                 run = f"`{file.parent.relative_to(ROOT / 'results' / 'reference')}`"
                 spent = f"{float(row['triangulate_ms']):.1f}" if row["triangulate_ms"] else ""
-                rows.append((row["scene"], where, row["triangulator"], *cells, _time(time), spent, run))
+                rows.append(
+                    (row["scene"], where, row["triangulator"], *cells, _time(time), spent, run)
+                )
     for file in sorted((ROOT / "results" / "devices").glob("*.json")):
         told = json.loads(file.read_text(encoding="utf-8"))
         most = max((v["resolution"] for v in told["views"] if v["resolution"] <= 1024), default=0)

@@ -140,7 +140,7 @@ def thin() -> str:
 
 
 def hidden() -> str:
-    """Return the chart of cycles in ratio to ear clipping's, by cycles that a quad is shaded for."""
+    """Return the chart of cycles over ear clipping's, by cycles that a quad is shaded for."""
     figure, axes = _figure(len(simulated.SCENES), "cycles that a quad is shaded for")
     names = ("optimal:half-perimeter", "flips:l1", "optimal:overdraw")
     ks = (0.0, *simulated.SHADERS)

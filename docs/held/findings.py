@@ -31,7 +31,8 @@ FIRST: list[Held] = [
         ],
     ),
     Sentence(
-        "its error in the helper lanes of a scene is {} % (root mean square). H + T, the first order of it, is off by {} %",
+        "its error in the helper lanes of a scene is {} % (root mean square). H + T, the"
+        " first order of it, is off by {} %",
         lambda: [tables.error_of_prediction(1), tables.error_of_prediction(2)],
     ),
     Sentence(
@@ -227,4 +228,5 @@ DEFINITIONS = (
     r"Of the 47 triangulations(?s:.*?)conforming alone [^\n]*",
     r"above both simple rules(?s:.*?)0\.48 of its time|[Ww]ith it, 2\.96(?s:.*?)commit 280b409",
 )
-"""Not measured, or at a commit that is named: what was chosen, levels of confidence, exact counts that tests of the code hold."""
+"""Not measured, or at a commit that is named: what was chosen, levels of confidence, exact counts
+that tests of the code hold."""

@@ -245,8 +245,8 @@ HELD: list[Held] = [
         _blenders,
     ),
     Sentence(
-        "Over the rows of the first table, Euclidean flips have {} to {} % more helper lanes than L1"
-        " flips, Delaunay's {} to {} % more.",
+        "Over the rows of the first table, Euclidean flips have {} to {} % more helper lanes than"
+        " L1 flips, Delaunay's {} to {} % more.",
         lambda: [*_beyond_l1(EUCLIDEAN), *_beyond_l1("delaunay")],
     ),
     Sentence(

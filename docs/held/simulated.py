@@ -125,8 +125,8 @@ def _extremes(rows: list[dict[str, str]]) -> list[str]:
 
 
 IN_SHORT = Sentence(
-    "takes {} of ear clipping's cycles on Helsinki's footprints, {} on letters, {} on sheet metal parts and {} on "
-    "hostile polygons",
+    "takes {} of ear clipping's cycles on Helsinki's footprints, {} on letters, {} on sheet metal"
+    " parts and {} on hostile polygons",
     lambda: [two(saved(scene, BEST_FOR_H)) for scene in SCENES],
 )
 
@@ -143,7 +143,8 @@ HELD: list[Held] = [
     Table("| cycles over ear clipping's | Helsinki | letters | cad | stress |", choices),
     Table("| scene | px | H | A | quads, counted | E |", ranked),
     Table(
-        "| parameter | Delaunay | `flips:l1` | best for H | best for A | cycles a pixel of H | R^2 |",
+        "| parameter | Delaunay | `flips:l1` | best for H | best for A"
+        " | cycles a pixel of H | R^2 |",
         turned,
     ),
     Table("| cycles a quad | cycles | quads | over the larger, median | most |", shaded),
@@ -223,8 +224,8 @@ def whole_orders() -> list[str]:
 
 IN_WHOLE = [
     Sentence(
-        "the best for H takes {}, {}, {} and {} of ear clipping's cycles on the city, Helsinki, letters"
-        " and sheet metal parts; bound by shading, {}, {}, {} and {}, which is",
+        "the best for H takes {}, {}, {} and {} of ear clipping's cycles on the city, Helsinki,"
+        " letters and sheet metal parts; bound by shading, {}, {}, {} and {}, which is",
         lambda: [
             two(in_whole(scene, bound)["ratio"]) for bound in BOUNDS[:2] for scene in OF_ATTILA
         ],
@@ -255,4 +256,8 @@ WHOLE_HELD: list[Held] = [
     ),
 ]
 
-WHOLE_DEFINITIONS = (r"(?s)^.*?## Results", r"12 polygons of each|4,032 draws|\b95 %", r"(?m)^\d\. ")
+WHOLE_DEFINITIONS = (
+    r"(?s)^.*?## Results",
+    r"12 polygons of each|4,032 draws|\b95 %",
+    r"(?m)^\d\. ",
+)

@@ -35,7 +35,7 @@ SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties
 
 
 def processor() -> list[str]:
-    """Return family, model and vector width of the CPU that the tables of times were measured on."""
+    """Return family, model and vector width of the CPU that times were measured on."""
     cpu = values("reference/llvmpipe/gains-city/run.json")["cpu"]
     return [cpu["family"], cpu["model"], str(cpu["vector_bits"])]
 
