@@ -200,7 +200,7 @@ PUBLIC = {
 
 
 def leaderboard() -> str:
-    """Return a row for each triangulator, scene and device that results hold, at 1024 px or less."""
+    """Return a row for each triangulator, scene and device that results hold, at up to 1024 px."""
     rows = []
     for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
         with file.open(encoding="utf-8", newline="") as stream:
