@@ -122,3 +122,25 @@ def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
     assert harness("triangulate", "a.wkt", "-o", "out.parquet")[0] == 0
     geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
     assert geo["columns"]["geometry"]["crs"] is None
+
+
+def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the_run(harness):
+    square = shapely.geometry.mapping(shapely.box(0, 0, 1, 1))
+    shapes = [square, *[{"type": "Point", "coordinates": [0, 0]}] * 6, *[None] * 6]
+    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
+    collection = {"type": "FeatureCollection", "features": features}
+    Path("own.geojson").write_text(json.dumps(collection))
+    arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
+    code, _, err = harness("run", *arguments)
+    assert code == 0, err
+    dropped = dict(scene_of("out")["dropped"])
+    assert dropped == {
+        **{f"feature {number}": "is a Point, not a polygon" for number in range(1, 7)},
+        **{f"feature {number}": "empty geometry" for number in range(7, 13)},
+    }
+    named = [line for line in err.splitlines() if ": dropped feature " in line]
+    assert len(named) == 10
+    for line in named:
+        name, reason = line.partition("dropped ")[2].split(": ")
+        assert dropped.pop(name) == reason
+    assert "dropped 2 more: see run.json" in err
