@@ -17,10 +17,11 @@ from harness.compare.model import (
     TimeChange,
     Total,
 )
+from harness.figures.counters import CYCLES
 from harness.figures.registry import find
 from harness.style import count, figure, percent
 
-FIRST = ("helper_lanes", "quads", "bbox_tests")
+FIRST = (CYCLES, "helper_lanes", "quads", "bbox_tests")
 """Counters that stand for the cost best, the best first."""
 
 NOT_GATED = "not gated"
@@ -183,7 +184,8 @@ def _calm(comparison: Comparison) -> str:
         counters += f" ({NOT_GATED})"
     timed = [case.time for case in compared if case.time is not None]
     if not timed:
-        times = "times were not compared"
+        cycles = any(_find(case, CYCLES) for case in compared)
+        times = "cycles are their times" if cycles else "times were not compared"
     elif not comparison.settings.gates_time:
         times = f"times are {NOT_GATED}"
     elif noisy:

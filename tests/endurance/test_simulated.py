@@ -108,7 +108,9 @@ def test_counts_of_every_scene_are_the_references_in_skybox(opened, tell, source
     frame = frame_of(scene_of(source), View(size))
     triangles = cut(frame)
     drawn = opened("skybox").count(frame, triangles, Options())
-    assert_exact(drawn, frame, triangles, "skybox")
+    expected = get("reference")().count(frame, triangles, Options())
+    for name in EXACT:
+        np.testing.assert_array_equal(drawn[name], expected[name], name)
     tell({"triangles": len(triangles)})
 
 

@@ -85,5 +85,5 @@ def test_comparison_and_history_tell_the_users_commit(tmp_path):
         for name, seed in (("base", 1), ("head", 2))
     ]
     line = run_lines(compare_runs(*runs))[1]
-    assert f"commit {'b' * 12}, harness 0.1.0 at {'a' * 12}" in line
+    assert f"commit {'b' * 12}, raster-harness 0.1.0 at {'a' * 12}" in line
     assert run_label(runs[0]).startswith("b" * 8)

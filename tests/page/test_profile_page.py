@@ -146,7 +146,7 @@ def test_rounds_tell_it_what_they_tell_python(browser, page):
     theirs = browser.evaluate(f"measuredOf({given}, {size})")
     assert np.array(theirs["epochs"]) == pytest.approx(ours.epochs, rel=1e-9)
     assert theirs["drift"] == pytest.approx(ours.drift)
-    assert theirs["empty_s"] == pytest.approx(ours.empty_s)
+    assert theirs["empty_s"] == pytest.approx(ours.empty)
     control = [theirs["control"][name] for name in ("value", "low", "high")]
     wanted = [ours.control.value, ours.control.low, ours.control.high]
     # Student's quantile with three degrees of freedom is 1 % too small by its expansion.

@@ -94,7 +94,10 @@ def test_a_run_has_cycles_for_its_time_and_compare_finds_one_added(
         r["time"] for r in records_of(tmp_path / "head")
     ]
     base, head = str(tmp_path / "base"), str(tmp_path / "head")
-    assert harness("compare", base, head)[0] == 0
+    code, told, _ = harness("compare", base, head)
+    assert code == 0
+    assert "no counter differs, cycles are their times" in told
+    assert "cycles" in told.splitlines()[4].split()
 
     later = records_of(tmp_path / "head")
     later[0]["counters"]["cycles"] += 1
