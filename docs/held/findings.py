@@ -133,9 +133,8 @@ TABLES: list[Held] = [
         tables.choice,
     ),
     Sentence(
-        "1024 px: it takes {}, the best for H takes {} and Delaunay {}. There the paper is right."
-        " On a rasteriser that walks rows, the best for H takes {} and {}, the best for A {} and"
-        " {}.",
+        "1024 px: it takes {}, the best for H takes {} and Delaunay {}. On a rasteriser"
+        " that walks rows, the best for H takes {} and {}, the best for A {} and {}.",
         lambda: [
             *(tables.boxes(n, 1024) for n in ("optimal:overdraw", tables.BEST_FOR_H, "delaunay")),
             *(

@@ -131,11 +131,6 @@ def first_judged(name: str, scene: str) -> Row:
     return next(iter(judged_rows(name, scene).values()))
 
 
-def least_within(name: str) -> str:
-    """Return the least R2 within polygons of any scene, as a profile's law predicts its times."""
-    return three(min(float(first_judged(name, scene)["law_within"]) for scene in JUDGED))
-
-
 def most_above() -> list[str]:
     """Return the most that what is advised takes above the best of H, Q and A, in per cent."""
     found = [row for name in TIMED for scene in JUDGED for row in judged_rows(name, scene).values()]
@@ -244,23 +239,10 @@ TABLES: list[Held] = [
     Table(
         "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |", rules
     ),
-    Sentence(
-        "triangles of 8 px^2 take {} at 8:1 and {} at 16:1",
-        lambda: [_at("opengl-llvmpipe", aspect).split(",")[0] for aspect in (8, 16)],
-    ),
     Table(
         "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
         " | advised above H, Q, A |",
         judged,
-    ),
-    Sentence(
-        "Within polygons of each scene the law explains {} or more on llvmpipe, {} on lavapipe, {}"
-        " on zink and {} on the walk of boxes",
-        lambda: [least_within(name) for name in PROFILES if name != SWIFTSHADER],
-    ),
-    Sentence(
-        "on counties, where noise is small, it is {}",
-        lambda: [three(first_judged(SWIFTSHADER, "counties")["law_within"])],
     ),
     Sentence(
         "What is advised takes, as a mean, at most {} % more time than the best of H, Q and A; the"

@@ -139,7 +139,6 @@ WITH_SHADER = Sentence(
 )
 
 HELD: list[Held] = [
-    IN_SHORT,
     Table("| cycles over ear clipping's | Helsinki | letters | cad | stress |", choices),
     Table("| scene | px | H | A | quads, counted | E |", ranked),
     Table(

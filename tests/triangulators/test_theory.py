@@ -1,13 +1,9 @@
 """The claims of docs/theory.md, each on triangles and triangulations."""
 
-import re
-
 import numpy as np
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.paths import ROOT
 from tests.triangulators.cases import hard_polygons, star, union_of_copies
 from triangulators import triangulate, vertices
 from triangulators.criteria import predict
@@ -74,37 +70,3 @@ def test_a_box_walked_holds_the_area_and_the_overdraw():
     polygon = star(40)
     sums = predict(vertices(polygon), triangulate(polygon, "delaunay"))
     assert sums["bbox_area"] == sums["overdraw"] + sums["area"]
-
-
-def test_the_example_of_a_proof_has_the_figures_that_it_says():
-    """Its points are read from the text, and so are the triangles, costs and potentials."""
-    text = " ".join((ROOT / "docs/theory.md").read_text(encoding="utf-8").split())
-    text = text[text.index("**An example.**") : text.index("**Large polygons.**")]
-    points = np.array(re.findall(r"\((-?\d+), (-?\d+)\)", text[: text.index("1. *")]), dtype=float)
-    polygon = shapely.Polygon(points[:5], [points[5:]])
-    step = text[text.index("Eight triangles are left") :]
-    corners = [[*map(int, each)] for each in re.findall(r"(\d)-(\d)-(\d)", step)[:8]]
-    costs = [*map(int, re.findall(r"\d+", step[step.index(" of ") : step.index("They are")]))]
-    assert costs == [half_perimeter(*points[list(each)].ravel()) for each in corners]
-    optimum = triangulate(polygon, "optimal:half-perimeter")
-    assert vertices(polygon).tolist() == points.tolist()
-    assert sorted(map(sorted, corners)) == sorted(map(sorted, optimum.tolist()))
-    assert f"They are the optimum: {sum(costs)}." in step
-    # Beyond a diagonal lie the triangles on its far side from 0-1, the root: a tree of triangles.
-    told = re.findall(r"beyond (\d)-(\d) (?:lie )?(\d+)", step)
-    assert len(told) == 7
-    for a, b, cost in told:
-        assert int(cost) == beyond({int(a), int(b)}, 0, corners, costs)
-
-
-def beyond(edge, root, corners, costs):
-    """Sum the costs of triangles that an edge parts from triangle `root`; 4-5 is a cut."""
-    reached, waiting = {root}, [root]
-    while waiting:
-        here = set(corners[waiting.pop()])
-        for number, each in enumerate(corners):
-            shared = here & set(each)
-            if number not in reached and len(shared) == 2 and shared not in (edge, {4, 5}):
-                reached.add(number)
-                waiting.append(number)
-    return sum(cost for number, cost in enumerate(costs) if number not in reached)
