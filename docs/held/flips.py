@@ -283,7 +283,7 @@ HELD: list[Held] = [
 
 DEFINITIONS = (
     # Computed by tests/triangulators/test_slivers.py.
-    r"(?s)## Slivers.*?(?=\*\*Blender's Beauty)|it leaves \S+ of ear clipping's[^.]*\.\d+",
+    r"(?s)## Slivers.*?(?=\*\*Blender's Beauty)",
     r"mapbox_earcut 2\.1\.0|Blender 5\.0\.1|in the city at 1024 px",
     r"(?s)^.*?## What it is worth",
     r"\b[Aa]t (64|1024) px",

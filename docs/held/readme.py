@@ -53,6 +53,6 @@ HELD: list[Held] = [
 
 DEFINITIONS = (
     r"\b2x2\b|\b95 %|Python 3.11 to 3.13|\b1024 px|\b500 footprints|2-core machine",
-    r"Below 1 is|up to 2,000 vertices|than 500 vertices|512 px",
+    r"up to 2,000 vertices|than 500 vertices|512 px",
     r"Its packages take(?s:.*?)fonts 24|array \(m, 3\)",
 )

@@ -59,12 +59,6 @@ def test_slivers_of_scenes(scene):
         found = triangulate_many(polygons, name)
         many[name] = [measures(vertices(p), t) for p, t in zip(polygons, found, strict=True)]
     in_flips(rows_of({"glyphs": "letters"}.get(scene, scene), many))
-    if scene == "city":
-        usual, by_angle, by_length = (
-            perimeter(many[name]) for name in ("ear-clipping", "flips:delaunay", "flips:euclidean")
-        )
-        left = f"leaves {by_angle / usual:.3f} of ear clipping's perimeter"
-        in_flips([f"{left}, the Euclidean flips {by_length / usual:.3f}"])
 
 
 def test_slivers_of_earcuts_fixtures():
