@@ -33,7 +33,7 @@ BUILDS = [
 ]
 SCENES = ("city", "helsinki", "glyphs", "cad", "paper", "stress", "meshes:limit=200")
 FIXTURES = ("earcut_fixtures.json", "poly2tri_testbed.json")
-SIZES = {64: 60, 256: 30, 1024: 10}
+SIZES = {64: 100, 256: 10, 1024: 1}
 """Side in pixels -> triangles of each kind in a draw of Skybox's."""
 
 TOGETHER = {64: 100, 256: 50, 1024: 10}
