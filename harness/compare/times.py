@@ -13,9 +13,9 @@ None of it is needed where both were timed in the same rounds. Whatever the mach
 it did to both, so each round's ratio tells the code alone, and what all cases did together is a
 finding like any other.
 
-docs/how-to/ci.md has the measurements behind this. The tests are Mann & Whitney's (1947), corrected
-for many cases by Benjamini & Hochberg (1995), with a percentile bootstrap of the ratio; `unchanged`
-is shown, as in an equivalence test, by an interval inside the threshold.
+docs/how-to/ci.md has the measurements behind this. Of runs made apart the test is Mann & Whitney's
+(1947), with a percentile bootstrap of the ratio; of the same rounds it is a sign test, with Student's
+interval. Both are corrected for many cases by Benjamini & Hochberg (1995); `unchanged` is shown, as in an equivalence test, by an interval inside the threshold.
 """
 
 from __future__ import annotations

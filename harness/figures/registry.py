@@ -295,7 +295,8 @@ _METRICS = (
 )
 
 METRICS = {figure.name: figure for figure in _METRICS}
-"""Figures derived from records; one added here is in every table, plot, comparison and report."""
+"""Figures derived from records; one added here is in every plot, comparison and report, and in the
+terminal's table if it has a `heading`."""
 
 
 @cache

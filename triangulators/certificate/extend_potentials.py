@@ -56,7 +56,7 @@ def extend(
 
 
 @njit
-def _between(low: np.int64, high: np.int64) -> Any:
+def _nearest_zero(low: np.int64, high: np.int64) -> Any:
     """Return what is nearest to zero of low to high; where nothing is, half-way."""
     return min(max(0, low), high) if low <= high else (low + high) // 2
 
@@ -93,7 +93,7 @@ def _extend(
                 high = min(high, room)
             elif whole:
                 low = max(low, -room)
-        potentials[e] = _between(low, high)
+        potentials[e] = _nearest_zero(low, high)
         if abs(potentials[e]) >= _FAR:
             return False
         given[e] = True

@@ -1,8 +1,9 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
 Without holes it is exact, up to a number of vertices that the caller may set, by a table over all
-sub-polygons. With holes a local search comes first, and `proof` makes an optimum of what it finds
-and says whether that could be proven. Beyond the number of vertices, windows of the better of ear
+sub-polygons. With few holes and corners all ways to cut them open are tried (`cut_holes`); else
+`proof` begins with the better of ear clipping and Delaunay, improves it and says whether it could be
+proven. Beyond the number of vertices, windows of the better of ear
 clipping and Delaunay are optimised.
 """
 
