@@ -14,8 +14,9 @@ it did to both, so each round's ratio tells the code alone, and what all cases d
 finding like any other.
 
 docs/how-to/ci.md has the measurements behind this. Of runs made apart the test is Mann & Whitney's
-(1947), with a percentile bootstrap of the ratio; of the same rounds it is a sign test, with Student's
-interval. Both are corrected for many cases by Benjamini & Hochberg (1995); `unchanged` is shown, as in an equivalence test, by an interval inside the threshold.
+(1947), with a percentile bootstrap of the ratio; of the same rounds it is a sign test, with
+Student's interval. Both are corrected for many cases by Benjamini & Hochberg (1995); `unchanged` is
+shown, as in an equivalence test, by an interval inside the threshold.
 """
 
 from __future__ import annotations

@@ -2,9 +2,8 @@
 
 Without holes it is exact, up to a number of vertices that the caller may set, by a table over all
 sub-polygons. With few holes and corners all ways to cut them open are tried (`cut_holes`); else
-`proof` begins with the better of ear clipping and Delaunay, improves it and says whether it could be
-proven. Beyond the number of vertices, windows of the better of ear
-clipping and Delaunay are optimised.
+`proof` begins with the better of ear clipping and Delaunay, improves it and says whether it could
+be proven. Beyond the number of vertices, windows of that beginning are optimised.
 """
 
 import math
