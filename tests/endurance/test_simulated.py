@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 import shapely.affinity
@@ -17,7 +18,12 @@ from harness.rasterisers.simulated.attila import program as attila
 from harness.rasterisers.simulated.attila.attila import BINDING
 from harness.rasterisers.simulated.skybox import program as skybox
 from harness.rasterisers.simulated.skybox.skybox import Skybox
+from harness.settings import StudySize
+from harness.study.subjects import choose_polygons
+from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.recipes import parse_all
 from scenes import Scene, load
+from scripts.studies import whole_gpu
 from tests.paths import ROOT
 from tests.simulated.conftest import KINDS, triangles_of
 from tests.simulated.test_skybox import DRAWN, EXACT, assert_exact, with_parameters
@@ -143,3 +149,20 @@ def test_counts_of_every_scene_are_the_references_in_attila(opened, tell, source
         name: int(np.sum(value)) for name, value in again.items()
     }
     tell({"triangles": len(triangles)})
+
+
+def test_counts_of_the_study_of_attila_are_the_references(tell):
+    """Without ATTILA: what the committed draws say they covered."""
+    found = pd.read_csv(ROOT / "results" / "reference" / "attila" / "draws.csv")
+    rows = found.set_index(["scene", "polygon", "triangulator"]).sort_index()
+    for scene in whole_gpu.SCENES:
+        for number, alone in choose_polygons(load(scene), StudySize(polygons=12)):
+            frame = frame_of(alone, View(whole_gpu.PIXELS))
+            for recipe in parse_all(whole_gpu.TRIANGULATORS):
+                parts = triangulate_polygons(recipe, frame.polygons, None).parts
+                triangles = frame.join(parts)
+                counted = totals(get("reference")().count(frame, triangles, Options()))
+                drawn = rows.loc[(scene, number, str(recipe))]
+                assert (drawn["triangles"] == len(triangles)).all()
+                assert (drawn[list(counted)] == list(counted.values())).all(axis=None)
+                tell({"draws": len(drawn), "triangles": len(triangles) * len(drawn)})
