@@ -133,8 +133,8 @@ TABLES: list[Held] = [
         tables.choice,
     ),
     Sentence(
-        "1024 px: it takes {}, the best for H takes {} and Delaunay {}. On a rasteriser"
-        " that walks rows, the best for H takes {} and {}, the best for A {} and {}.",
+        "1024 px: it takes {}, the best for H takes {} and Delaunay {}. On one that walks"
+        " rows, at 256 and 1024 px, the best for H takes {} and {}, the best for A {} and {}.",
         lambda: [
             *(tables.boxes(n, 1024) for n in ("optimal:overdraw", tables.BEST_FOR_H, "delaunay")),
             *(
@@ -219,6 +219,8 @@ DEFINITIONS = (
     r"with 2 % of the resamples|it is 1 % now",
     r"costs at most 1 %\s+more quads|correlation of 0\.95 or more",
     r"3 % of one drawing's|Of 11 findings|below 1 % are not",
+    r"12 polygons are wide",
+    r"of thin triangles are of a\s+26/2",
     r"Of the 47 triangulations(?s:.*?)conforming alone [^\n]*",
     r"above both simple rules(?s:.*?)0\.48 of its time|[Ww]ith it, 2\.96(?s:.*?)commit 280b409",
 )
