@@ -6,10 +6,11 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.commands.options import Dask, Layer, Quiet, Several, Where, several
 from harness.errors import (
     INTERRUPTED,
     Inconclusive,
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from harness.scaling.census import Options, TileOptions
     from harness.scaling.dataset import Dataset, Summary
     from harness.scaling.task_queue import Crew
-from typing import Annotated
-
-from harness.commands.options import Dask, Layer, Quiet, Several, Where, several
 
 SAID_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."

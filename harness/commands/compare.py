@@ -8,25 +8,20 @@ import sys
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.errors import ReaderGone, UsageError
-from harness.progress import Screen
-
-if TYPE_CHECKING:
-    from harness.compare.model import Comparison
-    from harness.compare.polygons import Grown
-    from harness.stored.folder import Run
-from typing import TYPE_CHECKING, Any
-
 from harness.commands.options import Several, several
-from harness.errors import NothingMeasured
+from harness.errors import NothingMeasured, ReaderGone, UsageError
+from harness.progress import Screen
+from harness.settings import HISTORY_METRICS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from harness.compare.model import Comparison
+    from harness.compare.polygons import Grown
     from harness.history.series import Series
     from harness.stored.folder import Run
 
@@ -232,7 +227,7 @@ def history(
             help="Metrics: time, and those of: raster-harness list metrics. By default time and "
             "the counters that stand for the cost.",
         ),
-    ] = Several(("cycles", "quads", "helper_lanes", "bbox_tests", "time")),
+    ] = Several(HISTORY_METRICS),
     scene: Annotated[Several | None, _only("scenes")] = None,
     triangulator: Annotated[Several | None, _only("triangulators")] = None,
     rasteriser: Annotated[Several | None, _only("rasterisers")] = None,

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.commands.options import Base, Quiet
+from harness.commands.options import Base, Quiet, Several, several
 from harness.errors import UsageError
 from harness.progress import Screen
 
 if TYPE_CHECKING:
     from harness.page import profile_result
-from itertools import chain
-
-from harness.commands.options import Several, several
 
 
 def report(

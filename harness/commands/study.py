@@ -18,9 +18,7 @@ from harness.settings import StudySize
 
 if TYPE_CHECKING:
     import pandas as pd
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
     from harness.measuring.run import Part
     from scenes import Scene
 

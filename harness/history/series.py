@@ -24,10 +24,10 @@ from harness.compare.model import CaseName
 from harness.compare.times import low_quantile
 from harness.errors import UsageError, unknown
 from harness.figures import groups
-from harness.figures.counters import CYCLES
 from harness.figures.registry import figures, figures_of, find
 from harness.figures.run_state import state_of
 from harness.machine.environment import label_of
+from harness.settings import HISTORY_METRICS
 from harness.stored.folder import Record, Run, read_facts, read_run
 from scenes.spec import install
 
@@ -45,8 +45,6 @@ TOGETHER = "(all cases together)"
 
 MEASURED_ONCE = "triangulate_ms"
 """A cached triangulation keeps the time that an earlier run measured: no run's own, so no point."""
-
-DEFAULT = (CYCLES, "quads", "helper_lanes", "bbox_tests", TIME)
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ def is_base(facts: Mapping[str, Any]) -> bool:
     return isinstance(beside, dict) and bool(beside.get("is_base"))
 
 
-def read_series(runs: Sequence[Run], metrics: Sequence[str] = DEFAULT) -> list[Series]:
+def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -> list[Series]:
     """Return a series for each case and each of `metrics` that any run has.
 
     Raises

@@ -10,17 +10,12 @@ from typing import TYPE_CHECKING, Any
 from harness.figures.verdict import listed
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import COARSE, TERMS
-from harness.style import plain_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-from typing import TYPE_CHECKING
-
-from harness.style import draw, look_of
+from harness.style import draw, look_of, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from rich.table import Table
 
 
 STEPS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))

@@ -41,8 +41,7 @@ function flipPrimitive(primitive, by) {
     const others = [primitive, ...primitive.listTargets()].flatMap((each) => each.listAttributes()).filter((a) => a !== position);
     const corners = Array.from(indices.getArray());
     let flips = 0;
-    for (const face of faces(corners, points, FLAT * extent)) {
-        const plane = planeOf(face[0], corners, points);
+    for (const {face, plane} of faces(corners, points, FLAT * extent)) {
         if (others.every((attribute) => isLinear(attribute, face, plane, corners, points))) {
             flips += flipFace(face, plane, corners, points, by);
         }
@@ -62,7 +61,7 @@ function planeOf(t, corners, points) {
     return {a, u, v, area: Math.hypot(...n), normal: scaled(n, 1 / Math.hypot(...n))};
 }
 
-/** Faces of two triangles or more, each a list that begins with the largest, whose plane it is. */
+/** Faces of two triangles or more, the largest first, with the plane of that one. */
 function faces(corners, points, most) {
     const count = Math.floor(corners.length / 3), planes = Array.from({length: count}, (_, t) => planeOf(t, corners, points));
     const across = new Map(); // from an edge, as it is wound, to its triangle; null where it has several
@@ -87,7 +86,7 @@ function faces(corners, points, most) {
                 face.push(t);
             }
         }
-        if (face.length > 1) found.push(face);
+        if (face.length > 1) found.push({face, plane: planes[first]});
     }
     return found;
 }

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import spearmanr
 
+from harness.figures.polygons import spearman
 from harness.frame import Frame, View, bare_frame, frame_of
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated.simulated import read
@@ -132,9 +132,8 @@ def ranks(table: pd.DataFrame) -> pd.DataFrame:
     for key, part in without_twins(table).groupby(["device", "scene", "resolution"], sort=False):
         views = [view for _, view in part.groupby("polygon", sort=False) if len(view) > 2]
         for criterion in CRITERIA:
-            values = np.array(
-                [spearmanr(view[criterion], view["cycles"]).statistic for view in views]
-            )
+            columns = ((view[criterion], view["cycles"]) for view in views)
+            values = np.array([spearman(x.to_numpy(), y.to_numpy()) for x, y in columns])
             known = values[np.isfinite(values)]
             rows.append((*key, criterion, np.median(known), known.min(), len(known)))
     names = ["device", "scene", "resolution", "criterion", "median", "least", "polygons"]
