@@ -17,6 +17,7 @@ from shapely.geometry import Polygon, box, mapping
 
 from harness import style
 from harness.cli import main
+from harness.figures.run_state import QUIET, RunState
 from harness.measuring import server, tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
@@ -123,13 +124,17 @@ _timer_tested_once = cache(tasks._test_timer)
 
 
 def briefly(patch: pytest.MonkeyPatch) -> None:
-    """Run a run's tasks in this process, in few rounds; the reference draws once for a batch."""
+    """Run a run's tasks in this process, in few rounds; the reference draws once for a batch.
+
+    The run is quiet whatever else the machine does, so that what follows from its times is there.
+    """
     sample = _Filling.sample
 
     def once(drawing: _Filling, repeats: int) -> Sample:
         return Sample(wall=sample(drawing, 1).wall * repeats)
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
+    patch.setattr("harness.measuring.run.judge", lambda *_: RunState(QUIET))
     patch.setattr("harness.measuring.tasks._test_timer", _timer_tested_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_Filling, "sample", once)

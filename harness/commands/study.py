@@ -131,6 +131,7 @@ def gains(
     import pandas as pd
 
     from harness.figures import groups
+    from harness.figures.run_state import state_of
     from harness.stored import atomic
     from harness.stored.folder import read_run
     from harness.study.gains import best, by_order, gain_table, plot
@@ -139,7 +140,10 @@ def gains(
     wanted = [str(recipe) for recipe in parse_all(bases)]
     read = [read_run(path) for path in runs]
     table = gain_table([run.records for run in groups.by_processor(read)], wanted)
+    disturbed = [line for run in read for line in state_of(run.facts, run.records).words]
     if table.empty:
+        if disturbed:
+            raise Inconclusive(disturbed[0])
         raise NothingMeasured("no two triangulators were timed together on the same polygons")
     orders = [p for n in wanted if len(p := by_order(table, n).assign(base=n))]
     with atomic.folder(out, added=True) as made:
@@ -149,6 +153,8 @@ def gains(
             pd.concat(orders).to_csv(made / "orders.csv", index=False, float_format="%.4g")
     if mixed := groups.several_processors(read):
         typer.echo(f"several processors, whose times stay apart: {groups.processor_words(mixed)}")
+    for line in disturbed:
+        typer.echo(f"left out: {line}")
     if orders:
         _say_orders(orders[0])
     for name in wanted:
@@ -296,7 +302,7 @@ def study(
 
     Each study is a folder of its own in the output folder, with its report; findings.md sets what
     was found beside what we found. A study that is there already is not measured again. The exit
-    code is 5 where cases failed, and 4 where nothing could be judged.
+    code is 5 where cases failed or times were disturbed, and 4 where nothing could be judged.
     """
     from harness.stored import atomic
     from harness.stored.folder import file_stem
@@ -369,7 +375,7 @@ def study(
         raise NothingMeasured("no finding could be judged: no part of the study has its figures")
     if failed:
         number = len(scenes) * len(parts)
-        raise Inconclusive(f"in {failed} of {number} parts of the study cases failed")
+        raise Inconclusive(f"{failed} of {number} parts of the study are not whole")
 
 
 def _carry_out(scene: str, folder: Path, part: _Part) -> None:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from harness.errors import Inconclusive, NothingMeasured, UsageError
+from harness.figures.run_state import DISTURBED, RunState
 from harness.settings import StudySize
 from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, judge, page
@@ -188,6 +189,18 @@ def test_what_one_part_cannot_do_the_others_do(harness, tmp_path):
     assert Path("study/squares/choice/gains.csv").is_file()
 
 
+@pytest.mark.usefixtures("no_plots", "in_process", "small")
+def test_disturbed_times_have_no_gains_and_it_is_said(harness, monkeypatch):
+    disturbed = RunState(DISTURBED, ("9 of 10 samples waited for a core",))
+    monkeypatch.setattr("harness.measuring.run.judge", lambda *_: disturbed)
+    arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
+    code, out, err = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
+    assert code == 5
+    assert "3 of 4 parts of the study are not whole" in err
+    assert "choice: the run's times are disturbed: 9 of 10 samples waited for a core" in out
+    assert not Path("study/city-buildings-20/choice/gains.csv").exists()
+
+
 def test_what_is_set_against_another_is_judged_by_differences():
     """Intervals that meet can be of criteria that differ in every polygon, and the other way."""
     wide = correlations(**USUAL)
@@ -258,7 +271,7 @@ def test_a_study_whose_parts_fail_is_shown_and_inconclusive(harness, monkeypatch
     monkeypatch.setattr("harness.study.replication.read", lambda folder: found)
     code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
-    assert "error: in 3 of 4 parts of the study cases failed" in err
+    assert "error: 3 of 4 parts of the study are not whole" in err
     assert "city: 11 of 11 findings hold" in out
     assert [path.name for path in asked] == ["choice", "walked", "turned"]
     monkeypatch.setattr("harness.commands.study.run", lambda **_: None)
