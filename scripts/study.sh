@@ -34,7 +34,7 @@ profile=results/reference/profiles/opengl-llvmpipe.json
 once $to/llvmpipe/city "${harness[@]}" run --scene city --device llvmpipe
 
 # What does the choice buy? As each triangulator gives its triangles, and all in one kind of order.
-peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:l1,refined
+peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:beauty,flips:l1,refined
 peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     once $to/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
@@ -47,10 +47,10 @@ for scene in city helsinki glyphs counties:level=state counties; do
     name=flips-${scene#counties:level=}
     once $to/llvmpipe/$name "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,512,1024 --budget 1 --triangulators \
-        ear-clipping,earcut-refine,delaunay,flips:l1,flips:euclidean,refined,optimal:half-perimeter
+        ear-clipping,earcut-refine,delaunay,flips:beauty,flips:l1,flips:euclidean,refined,optimal:half-perimeter
     once $to/llvmpipe/$name-walk "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,1024 --budget 1 --order walk --triangulators \
-        ear-clipping,earcut-refine,flips:l1,refined
+        ear-clipping,earcut-refine,flips:beauty,flips:l1,refined
 done
 
 # Does a criterion predict what was measured? Twice: the second study must say the same.
