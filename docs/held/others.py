@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from docs.held import Held, Sentence
-from docs.held.lookups import Row, some, text
+from docs.held.lookups import Row, one, percent, some, table_row, text
 
 
 def alarms() -> list[str]:
@@ -47,6 +47,53 @@ def _runs(file: str) -> list[Row]:
 def _ends(runs: list[Row], column: str, digits: int) -> str:
     found = [float(run[column]) for run in runs]
     return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
+
+
+PRODUCERS = {
+    "mean over polygons": "mean over polygons: regret, gains, what is advised",
+    "ratio over tiles": "ratio of sums over polygons or tiles",
+    "correlation": "rank correlation, median over polygons",
+    "criteria compared": "difference of two criteria's correlations",
+    "regret of times": "regret by draw times",
+    "median time": "draw time",
+    "ratio of times": "ratio of draw times, its processes and runs",
+    "ratio of times in use": "the same, beside other programs",
+    "the best of seven": "what the fastest of seven saves",
+    "break-even": "draws until triangulating pays",
+    "two runs compared": "growth from one run to another (`compare`)",
+    "share of A/A pairs": "share of pairs called a regression",
+}
+"""Rows of `coverage.csv` by what they are of."""
+
+KEPT = 0.93
+"""What an interval of 95 % is asked to hold the truth in."""
+
+
+def intervals() -> list[str]:
+    """Return a row for each producer of intervals: how often they hold the truth, and where not."""
+    lines = []
+    for name, label in PRODUCERS.items():
+        rows = some("coverage.csv", interval=name)
+        kept = [float(row["covered"]) for row in rows if float(row["covered"]) >= KEPT]
+        simpler = [float(row["before"]) for row in rows if row["before"]]
+        lost = [f"{row['data']}: {row['covered']}" for row in rows if _below(row["covered"])]
+        told = f"{min(simpler):.3f}" if simpler else ""
+        cells = (str(len(rows)), f"{min(kept):.3f}", told, "; ".join(lost))
+        lines.append(table_row(label, *cells))
+    whole, profiles = one("law-coverage.csv", term="all"), some("law-coverage-profiles.csv")
+    lost = [
+        f"as {row['profile']} misses it: {row['within']}, a false cost in"
+        f" {percent(1 - float(row['nothing_shown']))} % of devices"
+        for row in profiles
+        if _below(row["within"])
+    ]
+    least = min(float(row["within"]) for row in (whole, *profiles) if not _below(row["within"]))
+    cells = (str(1 + len(profiles)), f"{least:.3f}", "", "; ".join(lost))
+    return [*lines, table_row("a cost of a device's law (`profile`)", *cells)]
+
+
+def _below(share: str) -> bool:
+    return float(share) < KEPT
 
 
 GATE: list[Held] = [

@@ -2,8 +2,8 @@
 
 The fit is robust: coefficients that are not negative, relative errors.
 
-No device keeps the law exactly: draws miss it by 8 to 17 %, where noise is 1 %, and about half of
-that is common to the draws of a group. So the error of a draw is taken for the sum of two, one of
+No device keeps the law exactly: draws miss it by 9 to 27 %, where noise is 1 %, and an eighth to a
+half of that is common to the draws of a group. So the error of a draw is taken for the sum of two, one of
 its own and one that its group shares. Both variances are told by what the fit leaves within groups
 and of their means, less what the fit has followed of each (the moments' estimator of a model with a
 random effect for each group). They give the coefficients' covariance. As groups are few, intervals
