@@ -3,13 +3,13 @@
 The fit is robust: coefficients that are not negative, relative errors.
 
 No device keeps the law exactly: draws miss it by 9 to 27 %, where noise is 1 %, and an eighth to a
-half of that is common to the draws of a group. So the error of a draw is taken for the sum of two, one of
-its own and one that its group shares. Both variances are told by what the fit leaves within groups
-and of their means, less what the fit has followed of each (the moments' estimator of a model with a
-random effect for each group). They give the coefficients' covariance. As groups are few, intervals
-are Student's, with half as many degrees of freedom as there are groups. Errors of the epochs are
-among those of the draws. Coefficients may be negative here: where they may not, a term that costs
-nothing makes others too small.
+half of that is common to the draws of a group. So the error of a draw is taken for the sum of two,
+one of its own and one that its group shares. Both variances are told by what the fit leaves within
+groups and of their means, less what the fit has followed of each (the moments' estimator of a model
+with a random effect for each group). They give the coefficients' covariance. As groups are few,
+intervals are Student's, with half as many degrees of freedom as there are groups. Errors of the
+epochs are among those of the draws. Coefficients may be negative here: where they may not, a term
+that costs nothing makes others too small.
 
 A cost is shown if it would be among so many terms, by Bonferroni's correction: no more than one
 device in twenty is to be said to charge for what is free. Some terms cannot be told apart, as all
