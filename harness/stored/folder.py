@@ -19,7 +19,7 @@ import math
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,12 @@ COUNTED = "counted.jsonl"
 """Records of finished cases, and of those that are counted but not finished."""
 
 WRITTEN = "written"
-"""In the facts of a run that is done: length and digest of its records."""
+"""In the facts of a run that is done: length and digest of its records, and `ARRAYS`."""
+
+ARRAYS = "arrays"
+"""Digests of the files of arrays that were written."""
+
+NOT_AS_LEFT = "{} is not as the run left it, and is not used"
 
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
@@ -133,6 +138,7 @@ class Store:
         self.path = path
         self._cases = _Lines(path / CASES)
         self._counted = _Lines(path / COUNTED)
+        self._arrays: dict[str, str] = {}
 
     @classmethod
     def create(cls, path: Path) -> Store:
@@ -166,6 +172,7 @@ class Store:
         store = cls(path)
         with clear_errors(path):
             store._cases.open()
+        store._arrays |= _digests(read_facts(path, []))
         return store
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:
@@ -173,7 +180,7 @@ class Store:
         content = {"schema_version": SCHEMA_VERSION, **facts}
         content.pop(WRITTEN, None)
         if facts.get("interrupted") is False:
-            content[WRITTEN] = self._cases.written
+            content[WRITTEN] = {**self._cases.written, ARRAYS: self._arrays}
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         self._replace(FACTS, (text + "\n").encode())
 
@@ -185,7 +192,9 @@ class Store:
         np.savez_compressed(content, allow_pickle=False, **arrays)
         with clear_errors(self.path):
             (self.path / folder).mkdir(exist_ok=True)
-        self._replace(f"{folder}/{key}.npz", content.getvalue(), forced=False)
+        name = f"{folder}/{key}.npz"
+        self._replace(name, content.getvalue(), forced=False)
+        self._arrays[name] = hashlib.sha256(content.getvalue()).hexdigest()
 
     def append(self, record: Record) -> None:
         """Add one record and force it to the disk.
@@ -287,6 +296,7 @@ def read_run(path: Path) -> Run:
             f"{cases} is not as the run left it: something else, such as a plugin's process, has "
             "written there; trust none of its records that you did not measure again"
         )
+    problems += map(NOT_AS_LEFT.format, _changed(cases.parent, _digests(facts)))
     if not path.is_dir() and not records:
         raise UsageError(
             f"{path} holds no record of a run{': ' if problems else ''}"
@@ -297,6 +307,21 @@ def read_run(path: Path) -> Run:
     if (state := (facts.get("state") or {}).get("state")) is not None:
         records = [{**record, "state": state} for record in records]
     return Run(path, facts, records, problems)
+
+
+def _digests(facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return the digests of the run's files of arrays by name, {} where it tells none."""
+    found = (facts.get(WRITTEN) or {}).get(ARRAYS)
+    return found if isinstance(found, dict) else {}
+
+
+def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[Path]:
+    """Yield the files of arrays that something else than the run has written."""
+    for name, digest in digests.items():
+        file = folder / name
+        with contextlib.suppress(OSError):
+            if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+                yield file
 
 
 def _is_as_written(content: bytes, written: dict[str, Any]) -> bool:
@@ -361,10 +386,13 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 
 
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
-    """Return the per-polygon columns of the case `key`, or None if they were not kept whole."""
+    """Return the per-polygon columns of the case `key`, or None if they were not kept whole.
+
+    What something else than the run has written there is not used; `read_run` found it.
+    """
     place = run.path if run.path.is_dir() else run.path.parent
     file = place / folder / f"{key}.npz"
-    if not file.is_file():
+    if not file.is_file() or NOT_AS_LEFT.format(file) in run.problems:
         return None
     try:
         with np.load(file, allow_pickle=False) as arrays:

@@ -71,6 +71,45 @@ def test_what_another_process_writes_among_the_records_is_told(tmp_path, when):
     assert read_run(tmp_path).problems == []
 
 
+@pytest.mark.parametrize("when", ["meanwhile", "after", "never"])
+def test_arrays_that_another_process_writes_are_told_and_not_used(tmp_path, when):
+    def forge() -> None:
+        np.savez(tmp_path / "polygons" / f"{A}.npz", fragments=np.array([1, 1]))
+
+    with Store.create(tmp_path) as store:
+        store.append(record("a"))
+        for key in (A, B):
+            store.write_arrays(key, {"fragments": np.array([1, 2])})
+        if when == "meanwhile":
+            forge()
+        store.write_facts({"interrupted": False})
+    if when == "after":
+        forge()
+    for _ in range(2):
+        run = read_run(tmp_path)
+        told = f"polygons/{A}.npz is not as the run left it, and is not used"
+        assert (told in "".join(run.problems)) == (when != "never")
+        assert (read_arrays(run, A) is None) == (when != "never")
+        assert read_arrays(run, B) is not None
+        with Store.resume(tmp_path) as store:  # what was not written again is still the other's
+            store.write_facts({"interrupted": False})
+    with Store.resume(tmp_path) as store:
+        store.write_arrays(A, {"fragments": np.array([1, 2])})
+        store.write_facts({"interrupted": False})
+    assert read_run(tmp_path).problems == []
+
+
+@pytest.mark.parametrize("arrays", [None, [], 3, {"../x": 3, "polygons": "", "": None}])
+def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
+    with Store.create(tmp_path) as store:
+        store.append(record("a"))
+        store.write_facts({"interrupted": False})
+    facts = json.loads((tmp_path / "run.json").read_text())
+    facts["written"]["arrays"] = arrays
+    (tmp_path / "run.json").write_text(json.dumps(facts))
+    assert read_run(tmp_path).problems == []
+
+
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
     with Store.create(tmp_path) as store:
         store.write_facts({})
