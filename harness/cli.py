@@ -85,8 +85,11 @@ def main() -> None:
     # Unless it was started to ignore a signal.
     with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN), _closed_pipes_seen():
         try:
+            _asked.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)
             sys.stdout.flush()
+            if _asked and code != INTERRUPTED:
+                raise KeyboardInterrupt
         except BaseException as error:
             code = _explain(error)
     sys.exit(code)
@@ -189,8 +192,14 @@ def _closed_pipes_seen() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
+_asked: list[int] = []
+"""Signals that asked to stop. Python only prints what is raised in a destructor or in a callback of
+a library, so that a program that was stopped there would go on and end as if it were not."""
+
+
 def _stop(number: int, _: object) -> None:
     """End the program as Ctrl-C does."""
+    _asked.append(number)
     if number == system.HANGUP:
         let_go_of_terminal()
     raise KeyboardInterrupt

@@ -203,3 +203,25 @@ def test_a_signal_while_the_program_is_being_loaded_or_ends(tmp_path, number, wh
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert b"Traceback" not in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_a_destructor_is_not_forgotten(tmp_path, number):
+    """Python only prints what is raised there, and the command goes on to its end."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, sys\n"
+        "class Dying:\n"
+        "    def __del__(self):\n"
+        f"        os.kill(os.getpid(), {int(number)})\n"
+        "class Hook:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'scenes.registry':\n"
+        "            Dying()\n"
+        "sys.meta_path.insert(0, Hook())\n"
+    )
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    process = program("list", "scenes", env=environment, stdout=subprocess.PIPE)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err.splitlines()[-1]) == (130, b"stopped")
+    assert b"city" in out
