@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from harness import rasterisers
 from harness.errors import HarnessError
 from harness.frame import SUBPIXEL, Frame, bare_frame
-from harness.measuring.timing import self_test
+from harness.measuring.tasks import choose_timer
 from harness.measuring.worker import Worker
 from harness.rasterisers import Device, Options, Rasteriser, osmesa
 from harness.rasterisers import devices as probed
@@ -207,10 +207,10 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
         drawn["fragments"] = drawn["hits"]
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.int32) * (TIMED_PX * SUBPIXEL)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    with opened.prepare(bare_frame(TIMED_PX, square, 4), layer, Options()) as drawing:
-        timer = self_test(drawing)
-        step = timer.resolution_s
-        if timer.timer == "gpu":
+    timer = choose_timer(opened)
+    step = timer.resolution_s
+    if timer.timer == "gpu":
+        with opened.prepare(bare_frame(TIMED_PX, square, 4), layer, Options()) as drawing:
             step = _step([drawing.sample(1).gpu or 0.0 for _ in range(8)])
     traps = _multisampling(opened, bare_frame(TIMED_PX, square, 4), layer)
     details = opened.device.details

@@ -1,8 +1,10 @@
 """Measure the same scenes while the machine is in seven states, and judge what is said of it.
 
 Each run is compared with a quiet one of its kind: no false regression, and no first sentence that
-shows by times what the quiet ones do not. It takes some four hours, alone on the machine. What is
-done is in the folder: the same command goes on.
+shows by times what the quiet ones do not. In each state two versions are measured in the same
+rounds, too, of which one is worse on purpose: it draws a tenth of a drawing's triangles twice, or
+shades a hundredth more quads. It takes some hours, alone on the machine. What is done is in the
+folder: the same command goes on.
 
     PYTHONPATH=. python scripts/states_matrix.py --scenes city,own.geojson --out states
 """
@@ -17,13 +19,15 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from harness.errors import REGRESSION
 from harness.figures.groups import groups
 from harness.figures.verdict import advice, decide
 from harness.stored.folder import read_run
+from scripts.studies.aa import HEAVY, MINE, ROOT, TRIANGULATORS, WHICH, project_of_a_user
 
 LOOP = "while True: pass"
 COPY = "a = bytearray(1 << 28)\nwhile True: b = bytes(a)"
@@ -38,6 +42,15 @@ STATES: dict[str, tuple[str, ...]] = {
     "half-core": (LOOP,),
 }
 """What runs beside, in Python; half-core is held to the core of the loop by its affinity."""
+
+WORSE = """from triangulators import triangulate
+def cut(p): return triangulate(p, 'ear-clipping' if len(p.points) % 5 == 0 else 'greedy')
+"""
+PLANTED: dict[str, tuple[str, dict[str, str]]] = {
+    "times": (MINE, {"HEAVY_EXTRA": "0.1", "HEAVY_DRAWING": WHICH}),
+    "quads": (WORSE, {}),
+}
+"""What is worse in the present version: a triangulator of the user's, and what draws more."""
 
 RUNS = 5
 KINDS: dict[str, tuple[str, ...]] = {"quick": ("--quick",), "default": ()}
@@ -69,9 +82,18 @@ def main() -> None:
                     rows.append([scene, kind, state, number, *judged(folder, quiet)])
     with (chosen.out / "states.csv").open("w", newline="") as stream:
         csv.writer(stream).writerows([FIELDS, *rows])
+    planted = [
+        [state, kind, regression(state, kind, chosen.out)]
+        for state in chosen.states.split(",")
+        for kind in PLANTED
+    ]
+    with (chosen.out / "planted.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([("state", "worse", "compare"), *planted])
+    missed = [f"{kind} in {state}" for state, kind, code in planted if code != REGRESSION]
     false = sum(row[5] == REGRESSION for row in rows)
     wrong = sum(row[-1] for row in rows)
     print(f"{len(rows)} runs: {false} false regressions, {wrong} first sentences that are wrong")
+    print(f"{len(planted)} planted regressions: missed {', '.join(missed) or 'none'}")
 
 
 @contextlib.contextmanager
@@ -92,16 +114,36 @@ def beside(state: str) -> Iterator[None]:
 
 def measured(scene: str, kind: str, state: str, folder: Path) -> Path:
     """Return the folder of a run in a state, which is made unless it is there."""
-    done = folder.with_suffix(".done")
-    if not done.exists():
-        resume = ["--resume" if (folder / "run.json").exists() else "--out", str(folder)]
-        command = [sys.executable, "-m", "harness", "run", "-q", "--scene", scene, *KINDS[kind]]
-        held = ["taskset", "-c", "0"] if state == "half-core" else []
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with beside(state):
-            subprocess.run([*held, *command, *resume], check=True, stdout=subprocess.DEVNULL)
-        done.touch()
+    run_in(state, folder, ["--scene", scene, *KINDS[kind]])
     return folder
+
+
+def run_in(state: str, folder: Path, options: Sequence[str], **settings: Any) -> None:
+    """Make a run in a state, unless it is there; `settings` are `subprocess.run`'s."""
+    done = folder.with_suffix(".done")
+    if done.exists():
+        return
+    resume = ["--resume" if (folder / "run.json").exists() else "--out", str(folder)]
+    command = [sys.executable, "-m", "harness", "run", "-q", *options, *resume]
+    held = ["taskset", "-c", "0"] if state == "half-core" else []
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with beside(state):
+        subprocess.run([*held, *command], check=True, stdout=subprocess.DEVNULL, **settings)
+    done.touch()
+
+
+def regression(state: str, kind: str, out: Path) -> int:
+    """Return what `compare` ends with where the present version is worse than the one beside it."""
+    content, variables = PLANTED[kind]
+    out = out.resolve()
+    project = project_of_a_user(out / "project")
+    (project / "mine.py").write_text(content)
+    folder = out / f"planted-{kind}-{state}"
+    options = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
+    options += ["--triangulators", TRIANGULATORS]
+    run_in(state, folder, options, cwd=project, env=environment)
+    return compared(folder / "base", folder)
 
 
 def judged(folder: Path, quiet: list[Path]) -> list[object]:
@@ -111,13 +153,18 @@ def judged(folder: Path, quiet: list[Path]) -> list[object]:
     base = next((path for path in quiet if path != folder), None)
     code: int | str = ""
     if base is not None:
-        command = [sys.executable, "-m", "harness", "compare", str(base), str(folder)]
-        code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
+        code = compared(base, folder)
     own, others = shown(folder), [each for each in map(shown, quiet) if each]
     wrong = own is not None and not any(
         own[0] == name and own[1] <= high and low <= own[2] for name, low, high in others
     )
     return [told, code, " ".join(map(str, own or ())), wrong]
+
+
+def compared(base: Path, head: Path) -> int:
+    """Return what `compare` ends with."""
+    command = [sys.executable, "-m", "harness", "compare", str(base), str(head)]
+    return subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
 
 
 def shown(folder: Path) -> tuple[str, float, float] | None:

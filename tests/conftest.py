@@ -120,7 +120,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     briefly(monkeypatch)
 
 
-_timer_tested_once = cache(tasks._test_timer)
+_timer_tested_once = cache(tasks.choose_timer)
 
 
 def briefly(patch: pytest.MonkeyPatch) -> None:
@@ -135,7 +135,7 @@ def briefly(patch: pytest.MonkeyPatch) -> None:
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: Inline())
     patch.setattr("harness.measuring.run.judge", lambda *_: RunState(QUIET))
-    patch.setattr("harness.measuring.tasks._test_timer", _timer_tested_once)
+    patch.setattr("harness.measuring.tasks.choose_timer", _timer_tested_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_Filling, "sample", once)
 

@@ -79,7 +79,7 @@ def open_device(name: str, device: Device) -> Opened:
     """Open `device` with the rasteriser `name` and test its timer."""
     rasteriser = _opened(name, device)
     return Opened(
-        dict(rasteriser.device.details), _test_timer(rasteriser) if rasteriser.timed else None
+        dict(rasteriser.device.details), choose_timer(rasteriser) if rasteriser.timed else None
     )
 
 
@@ -134,8 +134,8 @@ def _opened(name: str, device: Device) -> Rasteriser:
     return _open[key]
 
 
-def _test_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Time full layers of the viewport, so many that no timer can overlook them."""
+def choose_timer(rasteriser: Rasteriser) -> TimerTest:
+    """Say which timer to believe, by full layers of the viewport: more than one can overlook."""
     far = SELF_TEST_PX * SUBPIXEL
     square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
     frame = bare_frame(SELF_TEST_PX, square)

@@ -39,7 +39,7 @@ def main() -> int:
     """Run the series; returns the exit code."""
     options = _options()
     out = options.out.resolve()
-    project = _project(out / "project")
+    project = project_of_a_user(out / "project")
     file = out / "pairs.csv"
     done = _done(file)
     wanted = [(n, 0.0) for n in range(options.pairs)]
@@ -64,7 +64,7 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _project(folder: Path) -> Path:
+def project_of_a_user(folder: Path) -> Path:
     """Make the repository of a user who has a triangulator."""
     if not (folder / ".git").exists():
         folder.mkdir(parents=True, exist_ok=True)

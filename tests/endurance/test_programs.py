@@ -1,23 +1,27 @@
 """Damaged files and others' code given to the program itself: it ends soon, in a line, by name.
 
-Each input is a process of its own: `raster-harness` for tiles, models, polygons and plugins,
-Node.js for the port to JavaScript.
+Each input is a process of its own: `raster-harness`, loaded once and forked, for tiles, models and
+polygons, started anew for plugins; Node.js for the port to JavaScript.
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import selectors
 import shutil
+import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 import psutil
@@ -26,6 +30,7 @@ import pytest
 from harness.stored.folder import read_run
 from scenes.real.helsinki import FILE
 from scenes.tiles.archives import PMTiles
+from tests.endurance.forked import Program
 from tests.endurance.test_tiles_and_models import HOSTILE, spoilt, spoilt_json
 from tests.models.various import MODELS
 from tests.paths import ROOT
@@ -60,28 +65,47 @@ def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> En
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         stdin=subprocess.DEVNULL,
+        bufsize=0,
     )
     assert process.stdout is not None
+    heard = listen(process.stdout, process.pid)
+    return Ended(process.wait(60), *heard)
+
+
+_own = threading.local()
+
+
+def run_forked(arguments: list[str], folder: Path) -> Ended:
+    """Run the program as `run` does, forked from one that each thread has loaded once."""
+    if not hasattr(_own, "program"):
+        _own.program = Program()
+    environment = {"COLUMNS": "200", "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")}
+    pid, output = _own.program.start(arguments, folder, environment)
+    heard = listen(output, pid)
+    return Ended(_own.program.wait(), *heard)
+
+
+def listen(output: IO[bytes], pid: int) -> tuple[str, float, float]:
+    """Return what a process says to its end, and its longest silences; kills one that hangs."""
     said, silent, waited = b"", 0.0, 0.0
     spoke, computed = time.monotonic(), 0.0
-    with selectors.DefaultSelector() as selector:
-        selector.register(process.stdout, selectors.EVENT_READ)
+    with output, selectors.DefaultSelector() as selector:
+        selector.register(output, selectors.EVENT_READ)
         while True:
             ready = selector.select(0.2)
-            now, used = time.monotonic(), _computed(process.pid)
+            now, used = time.monotonic(), _computed(pid)
             silent = max(silent, used - computed)
             waited = max(waited, now - spoke)
             if waited > SILENT_S:
-                process.kill()
+                os.kill(pid, signal.SIGKILL)
                 break
             if ready:
-                part = process.stdout.read1(1 << 16)  # type: ignore[attr-defined]
+                part = output.read(1 << 16)
                 if not part:
                     break
                 said = (said + part)[-100_000:]
                 spoke, computed = now, used
-    process.stdout.close()
-    return Ended(process.wait(60), said.decode(errors="replace"), silent, waited)
+    return said.decode(errors="replace"), silent, waited
 
 
 def _computed(pid: int) -> float:
@@ -149,7 +173,7 @@ def test_tiles(times, tell, tmp_path):
             ["census", name, "-o", "census", "--triangulators", "ear-clipping,delaunay"],
             ["inspect", name, "--polygon", "0", "--out", "one.png"],
         )
-        ended = run(commands[number // 3 % 3], folder)
+        ended = run_forked(commands[number // 3 % 3], folder)
         return ended, problem_of(ended)
 
     each(times(300), one, tell, tmp_path)
@@ -179,39 +203,34 @@ def test_models(times, tell, tmp_path):
             else:
                 file.write_bytes(spoilt(whole, chance))
         out = ["--check"] if number % 2 else ["-o", f"out{file.suffix}"]
-        ended = run(["triangulate", file.name, *out], folder)
+        ended = run_forked(["triangulate", file.name, *out], folder)
         return ended, problem_of(ended)
 
     each(times(400), one, tell, tmp_path)
 
 
 def test_polygons(times, tell, tmp_path):
-    ring = [[10.0, 50.0], [10.01, 50.0], [10.01, 50.01], [10.0, 50.01], [10.0, 50.0]]
-    told = {
-        "type": "FeatureCollection",
-        "features": [
-            {
-                "type": "Feature",
-                "properties": {"height": 3, "name": "a"},
-                "geometry": {
-                    "type": kind,
-                    "coordinates": [ring] if kind == "Polygon" else [[ring]],
-                },
-            }
-            for kind in ("Polygon", "MultiPolygon", "Polygon")
-        ],
-    }
+    def feature(number: int) -> dict[str, Any]:
+        east, north = 10.0 + 0.02 * number, 50.0
+        ring = [[east, north], [east + 0.01, north], [east + 0.01, north + 0.01], [east, north]]
+        kind = ("Polygon", "MultiPolygon")[number % 2]
+        geometry = {"type": kind, "coordinates": [ring] if kind == "Polygon" else [[ring]]}
+        properties = {"height": 3, "name": f"a {number}"}
+        return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+    features = [feature(number) for number in range(12)]
 
     def one(number: int, folder: Path) -> tuple[Ended, str]:
         chance = np.random.default_rng(number)
         file = folder / "polygons.geojson"
+        told = {"type": "FeatureCollection", "features": features}
         if number % 4:
-            file.write_text(json.dumps(spoilt_json(told, chance)))
+            file.write_text(json.dumps({**told, "features": spoilt_json(features, chance)}))
         else:
             file.write_bytes(spoilt(json.dumps(told).encode(), chance))
         out = "out.glb" if number % 3 else "out.geojson"
         more = ["--extrude", "height"] if number % 3 else []
-        ended = run(["triangulate", file.name, "-o", out, *more], folder)
+        ended = run_forked(["triangulate", file.name, "-o", out, *more], folder)
         return ended, problem_of(ended)
 
     each(times(300), one, tell, tmp_path)
@@ -304,9 +323,11 @@ def test_the_port_to_javascript(times, tell, tmp_path):
 
     def one(number: int, folder: Path) -> tuple[Ended, str]:
         chance = np.random.default_rng(number)
-        parts = spoilt_json(good, chance)
+        parts = copy.deepcopy(good)
         if number % 5 == 0:
             parts[1][int(chance.integers(0, 8))] = "NaN"
+        else:
+            parts[number % 5 % 3] = spoilt_json(parts[number % 5 % 3], chance)
         command = (node, "--input-type=module", "-e", program, "--")
         ended = run([json.dumps(parts)], folder, command)
         return ended, problem_of(ended)

@@ -21,7 +21,7 @@ def test_what_works_here_is_reported_with_its_figures(findings):
     llvmpipe = findings["opengl on llvmpipe"]
     assert llvmpipe.status == "ok", llvmpipe
     assert "llvmpipe" in llvmpipe.detail
-    assert "timer: wall" in llvmpipe.detail
+    assert "timer: cpu" in llvmpipe.detail
     assert "counts equal the reference's" in llvmpipe.detail
     assert findings["EGL devices"].status == "ok"
     assert "software" in findings["EGL devices"].detail
