@@ -84,7 +84,7 @@ def _be(arguments: list[str], folder: str, environment: dict[str, str], output: 
     os.environ.update(environment)
     os.chdir(folder)
     sys.argv = ["raster-harness", *arguments]
-    sys.path[0] = folder
+    sys.path.insert(0, folder)
     from harness.__main__ import main
 
     try:
