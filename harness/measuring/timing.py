@@ -235,10 +235,7 @@ def time_together(
             drawings = epochs.begin(order)
         shuffler.shuffle(order)
         for name in order:
-            if name == REFERENCE:
-                # It tells the machine's state, whatever large drawing has emptied the caches.
-                drawings[name].sample(1)
-            times[name].add(drawings[name].sample(times[name].repeats), test.timer)
+            times[name].add(_sample(name, drawings[name], times[name].repeats), test.timer)
         epochs.rounds[-1] += 1
         rounds = len(times[order[0]].samples_s)
         over = clock() >= latest
@@ -261,6 +258,16 @@ def time_together(
                     entry.stolen_s = system.stolen_s() - stolen_s
                     entry.timing_s = clock() - start
                 return times
+
+
+def _sample(name: str, drawing: Timeable, repeats: int) -> Sample:
+    """Draw so often; the reference, which tells the machine's state, once before that.
+
+    A large drawing in its turn before it has emptied the caches.
+    """
+    if name == REFERENCE:
+        drawing.sample(1)
+    return drawing.sample(repeats)
 
 
 class _Epochs:

@@ -42,6 +42,28 @@ def test_samples_that_waited_are_left_out_if_others_are_enough():
         kept_pairs(times, {"samples_s": [1.0]})
 
 
+def test_threads_that_wait_for_each_other_are_not_disturbed():
+    """Vulkan's on the CPU do; what they wait for takes no longer by the wall clock."""
+    rng = np.random.default_rng(11)
+    cpu = 1e-3 * np.exp(0.01 * rng.standard_normal(40))
+    times = {"samples_s": cpu.tolist(), "waited_s": (0.95 * cpu).tolist()}
+    late = np.where(np.arange(40) < 10, 0.5 * cpu, 0.0)  # by another program
+    assert not undisturbed(times).any()
+    assert undisturbed({**times, "wall_s": (1.001 * cpu).tolist()}).all()
+    for usual in (0.5, 1.001):  # side by side, one after the other
+        found = undisturbed({**times, "wall_s": (usual * cpu + late).tolist()})
+        assert found.tolist() == (late == 0).tolist()
+    assert not undisturbed({**times, "wall_s": (1.5 * cpu).tolist()}).any()
+
+
+def test_few_drawings_of_two_modes_disturb_no_run():
+    rng = np.random.default_rng(12)
+    one, another = (timed(rng, machine, (1.0,))[0] for machine in (two_speeds, quiet))
+    many = [{**another, "triangulator": str(number)} for number in range(11)]
+    assert judge([one, *many[:8]]).state == DISTURBED
+    assert judge([one, *many]).state == QUIET
+
+
 def test_two_modes_are_found_and_one_is_one():
     rng = np.random.default_rng(1)
     for samples in (

@@ -52,6 +52,22 @@ def test_every_round_times_every_drawing_once_in_changing_order():
     assert [len(entry.samples_s) for entry in times.values()] == [rounds] * 3
 
 
+def test_the_reference_draw_is_drawn_once_before_it_is_timed():
+    """A drawing that follows a large one in a round finds its caches empty."""
+
+    class Cold(ScriptedDrawing):
+        def sample(self, repeats: int) -> Sample:
+            cold = self.log[-1:] != [self.name]
+            found = super().sample(repeats)
+            return Sample(wall=found.wall + cold * 1e-3)
+
+    clock, log = Clock(), []
+    drawings = {name: Cold(name, 2e-3, clock, 0.0, log, 0) for name in ("a", REFERENCE)}
+    times = time_together(drawings, TimingSettings(), WALL, clock=clock)
+    assert set(times[REFERENCE].samples_s) == {2e-3}
+    assert max(times["a"].samples_s) == pytest.approx(3e-3)
+
+
 def test_steady_drawings_stop_at_the_fewest_rounds():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
