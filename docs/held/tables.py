@@ -49,6 +49,7 @@ PEERS = (
     "manifold",
     "optimal:overdraw",
     "optimal:expected-quads",
+    "flips:beauty",
     "flips:l1",
     "refined:half-perimeter",
     "optimal:half-perimeter",
@@ -89,29 +90,17 @@ def correlation(
     return one(file, statistic="spearman_within", **where)
 
 
-def counted(criterion: str, measure: str, scene: str = "city", px: int = 512) -> Row:
-    """Return the row of a rank correlation with what the CPU reference counts."""
-    where = {"scene": scene, "resolution": px, "criterion": criterion, "measure": measure}
-    return one("partial-quads.csv", **where)
-
-
 def predicts() -> list[str]:
-    """Return the table of rank correlations within a polygon; beauty was counted alone."""
+    """Return the table of rank correlations within a polygon."""
     columns = (
-        *(("helper_lanes", "reference"), ("partial_quads", "reference")),
+        *(("helper_lanes", "opengl"), ("partial_quads", "opengl")),
         *(("time_work_0", "opengl"), ("time_work_8", "opengl")),
         *(("bbox_tests", "bounding-box"), ("time_work_0", "bounding-box")),
     )
 
-    def found(criterion: str, of: tuple[str, str]) -> Row:
-        by_reference = of[1] == "reference"
-        return counted(criterion, of[0]) if by_reference else correlation(criterion, *of)
-
     def cell(criterion: str, of: tuple[str, str]) -> str:
-        if criterion == "beauty" and of[1] != "reference":
-            return "-"
-        row = found(criterion, of)
-        top = max(float(found(other, of)["value"]) for other in CRITERIA if other != "beauty")
+        row = correlation(criterion, *of)
+        top = max(float(correlation(other, *of)["value"]) for other in CRITERIA)
         shown = f"**{three(row['value'])}**" if float(row["value"]) == top else three(row["value"])
         with_ends = of[1] != "bounding-box"
         return shown + f" ({three(row['ci_low'])}-{three(row['ci_high'])})" * with_ends
@@ -130,7 +119,9 @@ def sizes(measure: str) -> Callable[[], list[str]]:
     """Return what makes the table of rank correlations with a counter by the viewport's size."""
 
     def cell(px: int, of: tuple[str, str]) -> str:
-        shown = three(counted(of[1], measure, of[0], px)["value"])
+        file = f"cpu/validate-{of[0]}-sizes/correlations_by_resolution.csv"
+        where = {"resolution": px, "criterion": of[1], "measure": measure}
+        shown = three(one(file, statistic="spearman_within", **where)["value"])
         return f"**{shown}**" if of[1] == "expected_quads" else shown
 
     columns = tuple(product(("city", "helsinki"), ("expected_quads", "half_perimeter", "overdraw")))
@@ -155,8 +146,6 @@ TRUSTED = {
 def regret(place: str, scene: str, px: int, who: str, measure: str) -> Row:
     """Return the row of what trusting a criterion, or a triangulator, costs."""
     kind, name = TRUSTED[who]
-    if name == "flips:beauty":  # counted later
-        return one("regret-beauty.csv", scene=scene, resolution=px, measure=measure)
     file = f"{place}/regret-{scene}/regret.csv"
     return one(file, resolution=px, measure=measure, kind=kind, name=name)
 
