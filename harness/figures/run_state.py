@@ -44,8 +44,8 @@ ENOUGH = 12
 """Undisturbed rounds that are enough to leave the others out."""
 
 FEW = 0.10
-"""Share of samples that are disturbed on a quiet machine, too: the system has work of its own; and
-of drawings whose samples sit in two modes there."""
+"""Share of samples that are disturbed on a quiet machine, too: the system has work of its own; of
+drawings whose samples sit in two modes there; and of a core that other programs take."""
 
 STOLEN = 0.05
 """The same of the time of a core that the host takes."""
@@ -179,7 +179,9 @@ def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
     masks = {name: undisturbed(times) for name, times in drawings.items()}
     count = sum(len(good) for good in masks.values())
     waited = count - sum(int(good.sum()) for good in masks.values())
-    if waited > FEW * count:
+    others = [times["others_s"] / times["timing_s"] for times in drawings.values() if _told(times)]
+    # Where nobody else computed, threads waited for their own process's.
+    if waited > FEW * count and not (others and max(others) <= FEW):
         few = any(good.sum() < min(ENOUGH, len(good)) for good in masks.values())
         share = f"{waited} of {count} samples waited for a core"
         found[share] = UNTRUSTED if few else DISTURBED
@@ -200,6 +202,11 @@ def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
         if stolen > STOLEN * wall > 0:
             found[f"the host took {stolen / wall:.0%} of a core"] = DISTURBED
     return found
+
+
+def _told(times: Mapping[str, Any]) -> bool:
+    """Whether it is known what other processes computed while a drawing was timed."""
+    return times.get("others_s") is not None and (times.get("timing_s") or 0.0) > 0.0
 
 
 def _of_one_process(times: Mapping[str, Any]) -> NDArray[np.float64]:

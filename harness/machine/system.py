@@ -155,6 +155,14 @@ def stolen_s() -> float:
     return float(getattr(psutil.cpu_times(), "steal", 0.0))
 
 
+def others_s() -> float:
+    """Return the seconds that all other processes have computed, on all cores, since the start."""
+    all_of_them, own = psutil.cpu_times(), psutil.Process().cpu_times()
+    spent = ("user", "nice", "system", "irq", "softirq")
+    busy = sum(float(getattr(all_of_them, name, 0.0)) for name in spent)
+    return busy - float(own.user + own.system)
+
+
 def lead_group() -> None:
     """Make this process the first of a group of its own, for `end_group`, where there are any."""
     if hasattr(os, "setpgid"):

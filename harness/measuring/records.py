@@ -188,7 +188,7 @@ def time_fields(
     return {
         "timer": test.timer,
         "samples_s": _rounded(times.samples_s),
-        **_waiting_of(times),
+        **waiting_of(times),
         "median_s": times.median_s,
         "ci95_s": list(times.ci95_s),
         "repeats": times.repeats,
@@ -202,7 +202,7 @@ def time_fields(
     }
 
 
-def _waiting_of(times: Times) -> dict[str, Any]:
+def waiting_of(times: Times) -> dict[str, Any]:
     """Return what is kept beside CPU time: the wall clock, waiting, and how many samples waited."""
     if not times.wall_s:
         return {}
@@ -210,7 +210,8 @@ def _waiting_of(times: Times) -> dict[str, Any]:
     if len(times.waited_s) == len(times.samples_s):
         found["waited_s"] = _rounded(times.waited_s)
         found["disturbed"] = int((~undisturbed({**found, "samples_s": times.samples_s})).sum())
-    return {**found, "stolen_s": times.stolen_s, "timing_s": times.timing_s}
+    told = {name: getattr(times, name) for name in ("stolen_s", "others_s", "timing_s")}
+    return {**found, **told}
 
 
 def _rounded(seconds: Sequence[float]) -> list[float]:

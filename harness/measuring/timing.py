@@ -93,7 +93,8 @@ class Times:
     repeats : draws a sample averages over
     wall_s, waited_s : of the same draws, by the wall clock and waiting for a core; [] where the
         timer is not the CPU's, or the system does not tell
-    stolen_s, timing_s : seconds that the host took from all cores meanwhile, and how long it was
+    stolen_s, others_s, timing_s : seconds that the host took from all cores meanwhile, that all
+        other processes computed, and how long it was
     precision_reached : whether the interval of the median became narrow enough in time
     epochs : rounds of each epoch, in order; one alone where drawings were never prepared anew
     processes : rounds of each process, where there were several
@@ -107,6 +108,7 @@ class Times:
     wall_s: list[float] = field(default_factory=list)
     waited_s: list[float] = field(default_factory=list)
     stolen_s: float = 0.0
+    others_s: float = field(default=0.0, compare=False)
     timing_s: float = 0.0
 
     def add(self, sample: Sample, timer: Timer) -> None:
@@ -126,6 +128,7 @@ class Times:
             wall_s=[sample for part in parts for sample in part.wall_s],
             waited_s=[sample for part in parts for sample in part.waited_s],
             stolen_s=sum(part.stolen_s for part in parts),
+            others_s=sum(part.others_s for part in parts),
             timing_s=sum(part.timing_s for part in parts),
             epochs=[rounds for part in parts for rounds in part.epochs],
             precision_reached=all(part.precision_reached for part in parts),
@@ -205,7 +208,7 @@ def time_together(
     of the budget is drawn, or when `settings.budget_s` times the number of drawings has passed; not
     before there are `settings.epochs` where `renew` is given, unless `settings.limit_s` is over.
     """
-    start, stolen_s = clock(), system.stolen_s()
+    start, stolen_s, others_s = clock(), system.stolen_s(), system.others_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
     times: dict[str, Times] = {}
     draw_s: dict[str, float] = {}
@@ -256,6 +259,7 @@ def time_together(
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
                     entry.stolen_s = system.stolen_s() - stolen_s
+                    entry.others_s = max(0.0, system.others_s() - others_s)
                     entry.timing_s = clock() - start
                 return times
 

@@ -14,6 +14,7 @@ from harness.figures.counters import CYCLES
 from harness.figures.intervals import FEWEST_EPOCHS, Ratio, paired_ratio
 from harness.figures.run_state import judge
 from harness.measuring.processes import Backend, Bench
+from harness.measuring.records import waiting_of
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.design import Draw
 from harness.rasterisers.base import Options
@@ -148,10 +149,8 @@ def measure(
             "time": {
                 "timer": "cpu" if each.wall_s else "wall",
                 "samples_s": each.samples_s,
-                "waited_s": each.waited_s,
                 "processes": each.processes,
-                "stolen_s": each.stolen_s,
-                "timing_s": each.timing_s,
+                **waiting_of(each),
             },
         }
         for name, each in times.items()

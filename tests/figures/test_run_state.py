@@ -84,6 +84,11 @@ def test_one_rule_tells_the_state():
     sliced_run = judge(timed(rng, sliced, (1.0, 0.9)))
     assert sliced_run.state == DISTURBED
     assert "samples waited for a core" in sliced_run.words[0]
+    for others_s, state in ((0.05, QUIET), (0.5, DISTURBED)):
+        alone = timed(rng, sliced, (1.0, 0.9))
+        for record in alone:
+            record["time"] |= {"timing_s": 1.0, "others_s": others_s}
+        assert judge(alone).state == state
     two = judge(timed(rng, two_speeds, (1.0, 0.9)))
     assert two.state == DISTURBED
     assert "two modes" in two.words[0]
