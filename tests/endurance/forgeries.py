@@ -124,7 +124,7 @@ def _well_formed(claim: Any) -> bool:
         )
 
     def ring(value: Any) -> bool:
-        return rows(value, 2, double)
+        return rows(value, 2, double) and len(value) > 2
 
     of_field = {
         "format": lambda value: value == "raster-harness evidence 1",
