@@ -147,7 +147,7 @@ def _nothing(path: str, dropped: list[Note], layer: str | None, where: str | Non
     """Why there is no polygon, in one line."""
     if dropped:
         which, reason = dropped[0]
-        more = f" and {len(dropped) - 1} more" if len(dropped) > 1 else ""
+        more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
         return f"{path} holds no usable polygon: {which} {reason}{more}"
     asked = [f"{k}={v}" for k, v in (("layer", layer), ("where", where)) if v is not None]
     if asked:

@@ -13,6 +13,9 @@ from harness.errors import Inconclusive, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
+NAMED = 3
+"""Polygons that a line about a reason names."""
+
 COMPILING = "still busy at the first; a first run also compiles what it needs ..."
 
 
@@ -107,6 +110,7 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
+    from scenes.cleaning.clean import counted_notes
 
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
@@ -154,7 +158,12 @@ def triangulate(
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
-        reporter.warn(f"{kind} {count:,}: {reason}")
+        notes = getattr(report, kind)
+        named = [
+            which for which, why in notes if (kind, reason) in counted_notes(kind, [("", why)])
+        ]
+        more = f" and {count - NAMED:,} more" if count > NAMED else ""
+        reporter.warn(f"{kind} {count:,}: {reason} ({', '.join(named[:NAMED])}{more})")
     if report.flat:
         reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")
     typer.echo(

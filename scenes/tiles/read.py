@@ -188,6 +188,6 @@ def _nothing(path: str, found: _Found, layers: str | None, tiles: str) -> str:
         )
     if found.dropped:
         which, why = found.dropped[0]
-        more = f" and {len(found.dropped) - 1} more" if len(found.dropped) > 1 else ""
+        more = f" (and {len(found.dropped) - 1} more)" if len(found.dropped) > 1 else ""
         return f"{path} holds no usable polygon: {which} {why}{more}"
     return f"{path} holds no polygon in what tiles={tiles} choose: give more, or another zoom"

@@ -399,3 +399,15 @@ def test_proofs_are_written_beside_the_triangles_and_hold(houses, tmp_path):
         with pytest.raises(check_evidence.Refused):
             check_evidence.check(json.dumps(claim | half))
     assert proofs in report.files
+
+
+def test_what_is_left_out_is_named(harness, tmp_path):
+    points = [{"type": "Point", "coordinates": [number, 0]} for number in range(5)]
+    shapes = (shapely.geometry.mapping(shapely.box(0, 0, 4, 4)), *points)
+    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
+    file = tmp_path / "mixed.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    code, _, err = harness("triangulate", str(file), "-o", "out.npz")
+    assert code == 0
+    named = "feature 1, feature 2, feature 3 and 2 more"
+    assert f"dropped 5: is a Point, not a polygon ({named})" in " ".join(err.split())
