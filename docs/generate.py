@@ -11,6 +11,7 @@ import inspect
 import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -133,9 +134,10 @@ def devices() -> str:
 
 def profiles() -> str:
     """Return a table of the devices' laws."""
+    from harness.page.device_summaries import plain_cell
     from harness.profile.words import devices_table
 
-    return _table(*devices_table(ROOT / "results" / "reference" / "profiles"))
+    return _table(*devices_table(ROOT / "results" / "reference" / "profiles"), plain_cell)
 
 
 def python() -> str:
@@ -201,6 +203,8 @@ PUBLIC = {
 
 def leaderboard() -> str:
     """Return a row for each triangulator, scene and device that results hold, at up to 1024 px."""
+    from harness.page.device_summaries import plain_cell
+
     rows = []
     for file in sorted((ROOT / "results" / "reference").glob("*/*/summary.csv")):
         with file.open(encoding="utf-8", newline="") as stream:
@@ -229,7 +233,7 @@ def leaderboard() -> str:
                 rows.append((scene, where, name, "", "", _time(time), "", f"`{file.stem}`"))
     rows.sort(key=lambda row: (row[0], row[1], row[5] or "9", row[3] or "9"))
     headings = ("scene", "device", "triangulator", "helper lanes", "partial quads", "draw time")
-    return _table((*headings, "triangulating, ms", "run"), rows)
+    return _table((*headings, "triangulating, ms", "run"), rows, plain_cell)
 
 
 def _usual(row: dict[str, str]) -> bool:
@@ -250,13 +254,17 @@ def _time(ends: list[str]) -> str:
     return f"{float(ends[0]):.3f} ({low} to {high})" if low else f"{float(ends[0]):.3f}"
 
 
-def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
-    return "\n".join(lines + ["| " + " | ".join(map(_cell, row)) + " |" for row in rows])
-
-
 def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
+
+
+def _table(
+    headings: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    cell: Callable[[str], str] = _cell,
+) -> str:
+    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * len(headings)]
+    return "\n".join(lines + ["| " + " | ".join(map(cell, row)) + " |" for row in rows])
 
 
 PARTS = {

@@ -165,8 +165,15 @@ def table(folder: Path) -> str:
                 *(_ratio(view["triangulators"].get(name)) for name in SHOWN),
                 *("" if (v := view["ranks"].get(c)) is None else f"{v:.2f}" for c in CRITERIA),
             ]
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+            lines.append("| " + " | ".join(map(plain_cell, cells)) + " |")
     return "\n".join(lines)
+
+
+def plain_cell(text: str) -> str:
+    """Return the cell of a Markdown table: what anybody contributed is no HTML and no link."""
+    for letter, shown in (("<", "&lt;"), ("[", "&#91;"), ("|", "\\|")):
+        text = text.replace(letter, shown)
+    return text
 
 
 def browser(agent: str) -> tuple[str, str]:

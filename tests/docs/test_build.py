@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from docs import generate
 from harness.commands.index import COMMANDS
 from harness.figures.registry import figures
 from tests.docs.blocks import pages
@@ -107,3 +109,25 @@ def test_the_page_to_try_it_leads_into_the_site(site):
     assert all((site / link).exists() for link in links)
     before = re.findall(r'href="([^"#]+)"', (ROOT / "docs" / "try.html").read_text())
     assert all((ROOT / "docs" / link).exists() for link in before)
+
+
+def test_what_is_contributed_is_text(tmp_path, monkeypatch):
+    """A profile's fields are anybody's; the pages of the documents show them as they are."""
+    source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
+    profile = json.loads(source.read_text())
+    markup = '<img src=x onerror="window.hacked = 1"> [here](javascript:1)'
+    for name in ("name", "rasteriser", "cpu"):
+        profile["device"][name] = markup
+    profile["advice"]["triangulator"] = markup
+    folder = tmp_path / "results" / "reference" / "profiles"
+    folder.mkdir(parents=True)
+    (folder / "hostile.json").write_text(json.dumps(profile))
+    source = ROOT / "results" / "devices" / "opengl-llvmpipe.json"
+    summary = json.loads(source.read_text()) | dict.fromkeys(("device", "driver", "cpu"), markup)
+    (tmp_path / "results" / "devices").mkdir()
+    (tmp_path / "results" / "devices" / "hostile.json").write_text(json.dumps(summary))
+    monkeypatch.setattr("docs.generate.ROOT", tmp_path)
+    for made, times in ((generate.profiles, 4), (generate.devices, 3), (generate.leaderboard, 2)):
+        row = made().splitlines()[-1]
+        assert row.count("&lt;img") == times
+        assert not {"<", "["} & set(row)
