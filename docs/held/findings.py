@@ -31,8 +31,8 @@ FIRST: list[Held] = [
         ],
     ),
     Sentence(
-        "its error in the helper lanes of a scene is {} % (root mean square). H + T, the"
-        " first order of it, is off by {} %",
+        "its error in a scene's helper lanes, in ratio to ear clipping's, is {} % (root mean"
+        " square). That of H + T, the first order of it, is {} %.",
         lambda: [tables.error_of_prediction(1), tables.error_of_prediction(2)],
     ),
     Sentence(

@@ -44,7 +44,7 @@ HELD: list[Held] = [
         lambda: [two(drawn(scene, 1024, BEST_FOR_H)) for scene in SCENES],
     ),
     Sentence(
-        "say how many helper lanes a scene has, to {} % (root mean square over",
+        "say a scene's helper lanes, in ratio to ear clipping's, to {} % (root mean square over",
         lambda: [error_of_prediction(1)],
     ),
     Table("| after earcut, L1 flips | city | letters | U.S. states |", flips.in_short),
