@@ -170,10 +170,12 @@ def table(folder: Path) -> str:
 
 
 def plain_cell(text: str) -> str:
-    """Return the cell of a Markdown table: what anybody contributed is no HTML and no link."""
-    for letter, shown in (("<", "&lt;"), ("[", "&#91;"), ("|", "\\|")):
-        text = text.replace(letter, shown)
-    return text
+    """Return the cell of a Markdown table: what anybody contributed is text in one line.
+
+    It is no HTML, no link and no list of attributes, which would be the cell's.
+    """
+    plain = {"<": "&lt;", "[": "&#91;", "{": "&#123;", "|": "\\|"}
+    return "".join(plain.get(letter, letter) for letter in " ".join(text.split()))
 
 
 def browser(agent: str) -> tuple[str, str]:

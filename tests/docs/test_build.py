@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from markdown import markdown
 
 from docs import generate
 from harness.commands.index import COMMANDS
@@ -111,11 +112,14 @@ def test_the_page_to_try_it_leads_into_the_site(site):
     assert all((ROOT / "docs" / link).exists() for link in before)
 
 
+TABLE = ("table", "thead", "tbody", "tr", "th", "td", "code")
+
+
 def test_what_is_contributed_is_text(tmp_path, monkeypatch):
     """A profile's fields are anybody's; the pages of the documents show them as they are."""
     source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
     profile = json.loads(source.read_text())
-    markup = '<img src=x onerror="window.hacked = 1"> [here](javascript:1)'
+    markup = 'x\n\n# y <img src=x onerror="1"> [here](javascript:1) {: onmouseover="1" }'
     for name in ("name", "rasteriser", "cpu"):
         profile["device"][name] = markup
     profile["advice"]["triangulator"] = markup
@@ -130,4 +134,6 @@ def test_what_is_contributed_is_text(tmp_path, monkeypatch):
     for made, times in ((generate.profiles, 4), (generate.devices, 3), (generate.leaderboard, 2)):
         row = made().splitlines()[-1]
         assert row.count("&lt;img") == times
-        assert not {"<", "["} & set(row)
+        assert not {"<", "[", "{"} & set(row)
+        tags = re.findall("<[^>]*>", markdown(made(), extensions=["tables", "attr_list"]))
+        assert {tag.strip("</>") for tag in tags} <= {*TABLE}
