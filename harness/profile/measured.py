@@ -150,6 +150,8 @@ def measure(
                 "timer": "cpu" if each.wall_s else "wall",
                 "samples_s": each.samples_s,
                 "processes": each.processes,
+                "stolen_s": each.stolen_s,
+                "timing_s": each.timing_s,
                 **waiting_of(each),
             },
         }
