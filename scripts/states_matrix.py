@@ -44,7 +44,8 @@ STATES: dict[str, tuple[str, ...]] = {
 """What runs beside, in Python; half-core is held to the core of the loop by its affinity."""
 
 WORSE = """from triangulators import triangulate
-def cut(p): return triangulate(p, 'ear-clipping' if len(p.points) % 5 == 0 else 'greedy')
+def cut(p):
+    return triangulate(p, 'ear-clipping' if len(p.exterior.coords) % 6 == 0 else 'greedy')
 """
 PLANTED: dict[str, tuple[str, dict[str, str]]] = {
     "times": (MINE, {"HEAVY_EXTRA": "0.1", "HEAVY_DRAWING": WHICH}),
