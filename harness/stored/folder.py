@@ -44,8 +44,6 @@ WRITTEN = "written"
 ARRAYS = "arrays"
 """Digests of the files of arrays that were written."""
 
-NOT_AS_LEFT = "{} is not as the run left it, and is not used"
-
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
 
@@ -63,12 +61,14 @@ class Run:
     facts : the content of `run.json`, {} where there is none
     records : in the order written
     problems : one line for each thing that could not be read
+    changed : names of files of arrays that something else than the run has written
     """
 
     path: Path
     facts: dict[str, Any]
     records: list[Record]
     problems: list[str] = field(default_factory=list)
+    changed: frozenset[str] = frozenset()
 
 
 class _Lines:
@@ -296,7 +296,9 @@ def read_run(path: Path) -> Run:
             f"{cases} is not as the run left it: something else, such as a plugin's process, has "
             "written there; trust none of its records that you did not measure again"
         )
-    problems += map(NOT_AS_LEFT.format, _changed(cases.parent, _digests(facts)))
+    changed = frozenset(_changed(cases.parent, _digests(facts)))
+    for name in sorted(changed):
+        problems.append(f"{cases.parent / name} is not as the run left it, and is not used")
     if not path.is_dir() and not records:
         raise UsageError(
             f"{path} holds no record of a run{': ' if problems else ''}"
@@ -306,7 +308,7 @@ def read_run(path: Path) -> Run:
         records = [{**record, "base": facts["base"]} for record in records]
     if (state := (facts.get("state") or {}).get("state")) is not None:
         records = [{**record, "state": state} for record in records]
-    return Run(path, facts, records, problems)
+    return Run(path, facts, records, problems, changed)
 
 
 def _digests(facts: Mapping[str, Any]) -> dict[str, str]:
@@ -315,13 +317,13 @@ def _digests(facts: Mapping[str, Any]) -> dict[str, str]:
     return found if isinstance(found, dict) else {}
 
 
-def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[Path]:
-    """Yield the files of arrays that something else than the run has written."""
+def _changed(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
+    """Yield the names of files of arrays that something else than the run has written."""
     for name, digest in digests.items():
         file = folder / name
         with contextlib.suppress(OSError):
             if file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-                yield file
+                yield name
 
 
 def _is_as_written(content: bytes, written: dict[str, Any]) -> bool:
@@ -388,11 +390,12 @@ def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record
 def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray[Any]] | None:
     """Return the per-polygon columns of the case `key`, or None if they were not kept whole.
 
-    What something else than the run has written there is not used; `read_run` found it.
+    What something else than the run has written there is not used (`Run.changed`).
     """
     place = run.path if run.path.is_dir() else run.path.parent
-    file = place / folder / f"{key}.npz"
-    if not file.is_file() or NOT_AS_LEFT.format(file) in run.problems:
+    name = f"{folder}/{key}.npz"
+    file = place / name
+    if not file.is_file() or name in run.changed:
         return None
     try:
         with np.load(file, allow_pickle=False) as arrays:
