@@ -74,7 +74,7 @@ def intervals() -> list[str]:
     lines = []
     for name, label in PRODUCERS.items():
         rows = some("coverage.csv", interval=name)
-        kept = [float(row["covered"]) for row in rows if float(row["covered"]) >= KEPT]
+        kept = [float(row["covered"]) for row in rows if not _below(row["covered"])]
         simpler = [float(row["before"]) for row in rows if row["before"]]
         lost = [f"{row['data']}: {row['covered']}" for row in rows if _below(row["covered"])]
         told = f"{min(simpler):.3f}" if simpler else ""

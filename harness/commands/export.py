@@ -110,7 +110,7 @@ def triangulate(
     if evidence is not None and not certify:
         raise UsageError("--evidence is what --certify finds: give both")
     from harness.export.export import export_file
-    from scenes.cleaning.clean import counted_notes
+    from scenes.cleaning.clean import usual_reason
 
     reporter = Reporter(quiet=quiet)
     height = None if extrude is None else _height(extrude)
@@ -158,10 +158,7 @@ def triangulate(
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
-        notes = getattr(report, kind)
-        named = [
-            which for which, why in notes if (kind, reason) in counted_notes(kind, [("", why)])
-        ]
+        named = [which for which, why in getattr(report, kind) if usual_reason(why) == reason]
         more = f" and {count - NAMED:,} more" if count > NAMED else ""
         reporter.warn(f"{kind} {count:,}: {reason} ({', '.join(named[:NAMED])}{more})")
     if report.flat:

@@ -179,9 +179,13 @@ def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
     masks = {name: undisturbed(times) for name, times in drawings.items()}
     count = sum(len(good) for good in masks.values())
     waited = count - sum(int(good.sum()) for good in masks.values())
-    others = [times["others_s"] / times["timing_s"] for times in drawings.values() if _told(times)]
+    others = [
+        times["others_s"] / times["timing_s"]
+        for times in drawings.values()
+        if times.get("others_s") is not None and times.get("timing_s")
+    ]
     # Where nobody else computed, threads waited for their own process's.
-    if waited > FEW * count and not (others and max(others) <= FEW):
+    if waited > FEW * count and max(others, default=math.inf) > FEW:
         few = any(good.sum() < min(ENOUGH, len(good)) for good in masks.values())
         share = f"{waited} of {count} samples waited for a core"
         found[share] = UNTRUSTED if few else DISTURBED
@@ -202,11 +206,6 @@ def _of_samples(drawings: Mapping[str, Mapping[str, Any]]) -> dict[str, State]:
         if stolen > STOLEN * wall > 0:
             found[f"the host took {stolen / wall:.0%} of a core"] = DISTURBED
     return found
-
-
-def _told(times: Mapping[str, Any]) -> bool:
-    """Whether it is known what other processes computed while a drawing was timed."""
-    return times.get("others_s") is not None and (times.get("timing_s") or 0.0) > 0.0
 
 
 def _of_one_process(times: Mapping[str, Any]) -> NDArray[np.float64]:

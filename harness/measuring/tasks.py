@@ -135,7 +135,7 @@ def _opened(name: str, device: Device) -> Rasteriser:
 
 
 def choose_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Say which timer to believe, by full layers of the viewport: more than one can overlook."""
+    """Say which timer to believe, by full layers of the viewport: so many that none overlooks."""
     far = SELF_TEST_PX * SUBPIXEL
     square = np.array([[0, 0], [far, 0], [far, far], [0, far]], np.int32)
     frame = bare_frame(SELF_TEST_PX, square)

@@ -46,8 +46,12 @@ def counted_notes(kind: str, notes: Iterable[Note]) -> Counter[tuple[str, str]]:
     >>> counted_notes("dropped", [("feature 3", "crosses itself at 1 2"), ("b", "crosses itself")])
     Counter({('dropped', 'crosses itself'): 2})
     """
-    # "self-intersects at 3.0 4.0; repaired ..." is counted as "self-intersects"
-    return Counter((kind, reason.split(" at ")[0].split(";")[0]) for _, reason in notes)
+    return Counter((kind, usual_reason(reason)) for _, reason in notes)
+
+
+def usual_reason(reason: str) -> str:
+    """Return it without its place: "self-intersects at 3 4; repaired" is "self-intersects"."""
+    return reason.split(" at ")[0].split(";")[0]
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]

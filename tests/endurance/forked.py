@@ -23,12 +23,15 @@ MOST = 1 << 20
 
 
 class Program:
-    """A loaded program that can be run again and again, one input at a time."""
+    """A loaded program that can be run again and again, one input at a time.
+
+    It ends with the process that has loaded it.
+    """
 
     def __init__(self) -> None:
         ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket = ours
-        self._process = subprocess.Popen(
+        subprocess.Popen(
             [sys.executable, "-m", "tests.endurance.forked", str(its.fileno())],
             cwd=ROOT,
             pass_fds=[its.fileno()],
@@ -46,11 +49,6 @@ class Program:
     def wait(self) -> int:
         """Return its exit code, less than 0 for a signal, once it has ended."""
         return int(self._socket.recv(64))
-
-    def close(self) -> None:
-        """End what is loaded."""
-        self._socket.close()
-        self._process.wait()
 
 
 def serve(number: int) -> None:
