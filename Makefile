@@ -73,7 +73,6 @@ documents: setup-test  ## write what documents cite of results and code anew
 
 docs:  ## build the documents into site/, warnings as errors
 	@scripts/setup.sh docs
-	$(PY) -m harness page --profile --out docs/profile.html
 	$(PY) -m mkdocs build --strict --quiet
 
 try: setup-test  ## put docs/try.html together from its parts

@@ -26,11 +26,11 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Let try.html, which opens from docs/ as well, lead to the site's pages."""
+    """Let try.html, which leads nowhere where there is no site, lead to the site's pages."""
     page = Path(config.site_dir) / "try.html"
-    text = re.sub(r'href="([a-z/-]+)\.md"', r'href="\1.html"', page.read_text(encoding="utf-8"))
-    if (page.parent / "profile.html").exists():  # which `make docs` writes
-        text = text.replace('id="profile" href="how-to/profile.html"', 'href="profile.html"')
+    text = page.read_text(encoding="utf-8")
+    link = r'<a href="\1.html">\2</a>'
+    text = re.sub(r'<span data-page="([a-z/-]+)">(.*?)</span>', link, text)
     page.write_text(text, encoding="utf-8")
 
 

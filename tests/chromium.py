@@ -164,8 +164,8 @@ class Chromium:
         for kind in ("mousePressed", "mouseReleased"):
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
-    def press(self, key: str, code: int = 0) -> None:
-        """Press and release a key, e.g. press("Tab", 9)."""
+    def press(self, key: str, code: int = 0, modifiers: int = 0) -> None:
+        """Press and release a key, e.g. press("Tab", 9); modifiers 2 hold Ctrl."""
         text = {"Enter": "\r"}.get(key, "")
         for kind in ("keyDown", "keyUp"):
             self.send(
@@ -175,6 +175,7 @@ class Chromium:
                 code=key,
                 text=text if kind == "keyDown" else "",
                 windowsVirtualKeyCode=code,
+                modifiers=modifiers,
             )
 
     def screenshot(self, file: Path, *, whole: bool = True) -> Path:

@@ -1,13 +1,18 @@
 """Puts docs/try.html together, one file that needs no network: `python docs/try/build.py`.
 
 Its parts: earcut as npm has it, the flips of ports/javascript, the report's style, elements and
-exact rasteriser, and the page's own scripts, which lie beside this file.
+exact rasteriser, the page that measures a device, packed, and the page's own scripts, which lie
+beside this file.
 """
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +41,7 @@ EXAMPLES = (
     ("A footprint", "city", 438),
     ("A letter", "glyphs:text=S", 0),
     ("A county", "counties", 5),
-    ("The paper's polygon", "paper", 0),
+    ("Nine corners", "paper", 0),
 )
 """Each with its scene, and its number there."""
 
@@ -55,6 +60,7 @@ def page() -> str:
             [
                 *(file.read_text().strip() for file in scripts),
                 f"const EXAMPLES = {json.dumps(examples(), ensure_ascii=False)};",
+                f"const PROFILE = {json.dumps(profile())};",
                 (HERE / "main.js").read_text().strip(),
             ]
         ),
@@ -75,6 +81,16 @@ def examples() -> list[tuple[str, str]]:
     ]
 
 
+def profile() -> str:
+    """Return the page that measures a device, compressed, in base64."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "profile.html"
+        command = [sys.executable, "-m", "harness", "page", "--profile", "--out", str(file)]
+        subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+        text = file.read_bytes()
+    return base64.b64encode(gzip.compress(text, mtime=0)).decode()
+
+
 def link(polygon: shapely.Polygon, size: int = SIZE, rotation: int = 0) -> str:
     """Return the end of a link to a polygon, as polygon.js reads it."""
     rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
@@ -87,7 +103,7 @@ def link(polygon: shapely.Polygon, size: int = SIZE, rotation: int = 0) -> str:
         steps = np.diff(whole, axis=0, prepend=at[None])
         at = whole[-1]
         written.append("-".join(_digits(int(step)) for step in steps.ravel()))
-    return f"{size}/{rotation}/{'.'.join(written)}"
+    return f"{size}/{rotation}/{'.'.join(written)}/"
 
 
 def _digits(step: int) -> str:

@@ -1,14 +1,21 @@
 "use strict";
-/* The page: its state, what is drawn of it, and what people do to it. EXAMPLES are [name, link] pairs. */
+/* The page: its state, what is drawn of it, and what people do to it. EXAMPLES are [name, link] pairs; PROFILE is the page that
+   measures a device, packed. */
 
 const SIZES = [16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512];
 const MATTERS = 0.01; // of the lanes that ear clipping shades: less is nothing
-const WAYS = [["ears", "Ear clipping", "earcut, as most programs use it"], ["refined", "earcut’s refine", "flips by circles: fewer thin angles"],
+const MOST_BYTES = 20e6;
+const MOST_UNDONE = 200;
+const WAYS = [["ears", "Ear clipping", "earcut, as most programs use it: what the others are compared with"], ["refined", "earcut’s refine", "flips by circles: fewer thin angles"],
   ["flipped", "Flips", "to diagonals with less |dx| + |dy|"], ["optimal", "The optimum for H", "least width + height of all boxes"]];
-const SAID = { refined: "earcut’s refine", flipped: "flips after it", optimal: "the optimum for H" };
+const SAID = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H" };
+const DRAWING = "Click where the corners are to be, and the first one again to close the polygon. Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up.";
 const SVG = "http://www.w3.org/2000/svg";
 
-const state = { rings: [], size: 64, rotation: 0, chosen: 0, open: null, found: null };
+/* open : the corners of a polygon that is being drawn, and cursor where its next one would be
+   back : a point in the numbers of the text it came from; text : that text
+   past : what Undo goes back to */
+const state = { rings: [], size: 64, rotation: 0, chosen: 0, example: null, back: null, text: null, degrees: null, open: null, cursor: null, found: null, past: [] };
 const count = (value) => value.toLocaleString("en-GB");
 const share = (value) => `${(100 * value).toFixed(1)} %`;
 const cornersOf = (rings) => rings.flatMap((ring, r) => ring.map((_, i) => [r, i]));
@@ -16,33 +23,45 @@ const cornersOf = (rings) => rings.flatMap((ring, r) => ring.map((_, i) => [r, i
 /* What all ways make of the polygon as it is, at its size and rotation. */
 function measure({ rings, size, rotation }) {
   const placed = place(rings, size, rotation), simple = isSimple(placed);
-  const made = triangulations(placed, simple), found = { placed, simple, ways: {} };
+  const found = { placed, simple, crosses: !simple && !isSimple({ points: rings.flat(2), ends: endsOf(rings) }), ways: {} };
+  if (!simple) return found;
+  const made = triangulations(placed);
   for (const [name] of WAYS) {
     if (!made[name]) continue;
     const shaded = { covered: new Uint8Array(size * size), helpers: new Uint8Array(size * size) };
     found.ways[name] = { rows: made[name], shaded, counts: shade(placed.points, made[name], size, shaded) };
   }
   const base = found.ways.ears.counts.quads;
-  for (const way of Object.values(found.ways)) way.saved = base ? 1 - way.counts.quads / base : 0;
+  found.least = Math.min(...Object.values(found.ways).map(({ counts }) => counts.quads));
+  for (const way of Object.values(found.ways)) {
+    way.saved = base ? 1 - way.counts.quads / base : 0;
+    way.cheapest = way.counts.quads === found.least;
+  }
   return found;
 }
 
-/* What is found, as [text, kind] pieces of one sentence. */
-function sentenceOf({ simple, ways, placed }, size) {
-  if (!simple) return [["Edges of this polygon cross or touch. Drag a corner until they do not, and its triangles can be compared."]];
+const both = (names) => (names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0]);
+
+/* What is found, as [text, kind] pieces of a few sentences. */
+function sentenceOf({ simple, crosses, ways, placed }, size) {
+  if (crosses) return [["Edges of this polygon cross or touch. Drag a corner until they do not, and its triangles can be compared."]];
+  if (!simple) return [[`At ${size} px corners of this polygon fall together, and its edges touch. Draw it larger, and its triangles can be compared.`]];
   if (placed.points.length === 6) return [["A triangle has one triangulation. Add a corner, and there is something to choose."]];
-  const others = Object.keys(SAID).filter((name) => ways[name]);
-  if (Math.max(...others.map((name) => ways[name].saved)) < MATTERS) {
-    return [[`It does not matter for this polygon at ${size} px: none of these saves 1 % of the lanes that ear clipping shades.`]];
+  const others = Object.keys(SAID).filter((name) => ways[name]).sort((p, q) => ways[q].saved - ways[p].saved);
+  const told = ({ saved }) => (saved >= 0 ? [`${share(saved)} fewer`, "less"] : [`${share(-saved)} more`, "more"]);
+  const list = (names) => names.flatMap((name, i) => [[`${i ? "; " : ""}${SAID[name]} `], told(ways[name])]);
+  const best = ways[others[0]], worst = ways[others.at(-1)];
+  if (Math.max(best.saved, 0) - Math.min(worst.saved, 0) < MATTERS) {
+    return [[`It does not matter for this polygon at ${size} px: all ways take the same number of lanes, to within 1 %.`]];
   }
-  const pieces = [[`At ${size} px, of the lanes that ear clipping shades, `]];
-  others.forEach((name, i) => {
-    const { saved } = ways[name], less = saved >= 0;
-    if (i) pieces.push([i === others.length - 1 ? " and " : ", "]);
-    pieces.push([`${SAID[name]} ${less ? "saves" : "wastes"} `.replace("flips after it saves", "flips after it save").replace("flips after it wastes", "flips after it waste")],
-      [less ? share(saved) : `${share(-saved)} more`, less ? "less" : "more"]);
-  });
-  return [...pieces, ["."]];
+  if (best.saved < MATTERS) {
+    return [[`At ${size} px none of these saves 1 % of the lanes that ear clipping takes, but some take more: `], ...list(others.filter((name) => -ways[name].saved >= MATTERS)), ["."]];
+  }
+  const first = others.filter((name) => ways[name].cheapest), rest = others.filter((name) => !ways[name].cheapest);
+  const pieces = [[`Cheapest at ${size} px: ${both(first.map((name) => SAID[name]))}, with `], told(best), [" lanes than ear clipping. "]];
+  if (rest.length) pieces.push(["Then: "], ...list(rest), ["."]);
+  if (ways.optimal && !ways.optimal.cheapest) pieces.push([" (H is for all places on the screen; in this one, another way is cheaper than its optimum.)"]);
+  return pieces;
 }
 
 /* Pixels of a viewport as a picture: covered once, and shaded for nothing once, twice, more often. */
@@ -99,7 +118,7 @@ function drawWay(canvas, { rows, shaded }, points, size, colours, edge) {
 }
 
 function whyNone(found) {
-  if (!found.simple) return "its edges cross";
+  if (!found.simple) return found.crosses ? "its edges cross or touch" : "its edges touch at this size";
   return found.placed.ends.length > 1 ? "raster-harness finds it for polygons with holes; this page does not" : `this page finds it up to ${MOST_FOR_OPTIMUM} corners`;
 }
 
@@ -109,25 +128,32 @@ function showWays(found) {
     const way = found.ways[name], parts = panels[name];
     parts.canvas.hidden = !way;
     parts.none.hidden = Boolean(way);
-    [parts.saved.textContent, parts.saved.className] = name === "ears" ? ["100 %", "base"] : ["", ""];
+    parts.best.hidden = !way?.cheapest || Object.values(found.ways).every(({ cheapest }) => cheapest);
+    [parts.saved.textContent, parts.saved.className] = ["", ""];
     if (!way) {
       parts.none.textContent = whyNone(found);
       parts.caption.textContent = "";
       continue;
     }
     const { quads, helper_lanes: helpers, partial_quads: partial, fragments } = way.counts;
-    if (name !== "ears" && found.simple) {
+    if (name !== "ears") {
       parts.saved.textContent = way.saved === 0 ? "±0 %" : `${way.saved > 0 ? "−" : "+"}${share(Math.abs(way.saved))}`;
       parts.saved.className = way.saved > 0 ? "less" : way.saved < 0 ? "more" : "";
     }
-    parts.caption.replaceChildren(element("b", {}, `${count(4 * quads)} lanes`), ` for ${count(fragments)} pixels: ${count(helpers)} helpers, ${count(quads)} quads, ${count(partial)} partial`);
+    parts.caption.replaceChildren(element("b", {}, `${count(4 * quads)} lanes`), ` for ${count(fragments)} pixels: ${count(helpers)} helper lanes; ${count(quads)} quads, ${count(partial)} of them partial`);
     parts.canvas.setAttribute("aria-label", `${way.counts.triangles} triangles, ${count(helpers)} helper lanes`);
     drawWay(parts.canvas, way, found.placed.points, state.size, colours, edge);
   }
 }
 
 function showAnswer(found) {
-  $("answer").replaceChildren(...sentenceOf(found, state.size).map(([text, kind]) => (kind ? element("b", { class: kind }, text) : text)));
+  const pieces = state.open ? [[DRAWING]] : sentenceOf(found, state.size);
+  $("answer").replaceChildren(...pieces.map(([text, kind]) => (kind ? element("b", { class: kind }, text) : text)));
+  $("hint").hidden = Boolean(state.open);
+  if (state.open) {
+    $("corners").textContent = `${state.open.length} corners so far`;
+    return;
+  }
   const lost = found.placed.lost > 0 ? `, ${found.placed.lost} of which fall together at this size` : "";
   $("corners").textContent = `${count(state.rings.flat().length)} corners${lost}`;
   $("size-told").textContent = `${state.size} px`;
@@ -146,7 +172,8 @@ function drawn(name, attributes) {
 
 function showEditor() {
   const rings = state.open ? [state.open] : state.rings;
-  const path = rings.map((ring) => ring.length ? `M${ring.map((point) => shownAt(point).map((value) => value.toFixed(1)).join(" ")).join("L")}${state.open ? "" : "Z"}` : "").join("");
+  const shown = state.open && state.cursor ? [[...state.open, state.cursor]] : rings;
+  const path = shown.map((ring) => ring.length ? `M${ring.map((point) => shownAt(point).map((value) => value.toFixed(1)).join(" ")).join("L")}${state.open ? "" : "Z"}` : "").join("");
   const parts = [drawn("path", { d: path, class: state.open ? "open" : "area" })];
   const corners = cornersOf(rings), reach = corners.length > 80 ? 7 : corners.length > 30 ? 11 : 15;
   if (!state.open) {
@@ -159,11 +186,19 @@ function showEditor() {
     const [cx, cy] = shownAt(rings[r][i]);
     parts.push(drawn("circle", { cx, cy, r: 2.2 * reach, class: "hold", "data-corner": number }), drawn("circle", { cx, cy, r: reach, class: `dot${number === state.chosen ? " chosen" : ""}` }));
   });
+  if (state.open && state.cursor) {
+    const [x, y] = shownAt(state.cursor);
+    parts.push(drawn("path", { d: `M${x - 24} ${y}H${x + 24}M${x} ${y - 24}V${y + 24}`, class: "cross" }));
+  }
   $("editor").replaceChildren(...parts);
   $("editor").classList.toggle("drawing", Boolean(state.open));
   $("draw").setAttribute("aria-pressed", String(Boolean(state.open)));
   $("draw").textContent = state.open ? "Close the polygon" : "Draw your own";
-  $("remove").disabled = !state.open && !canRemove();
+  $("remove").disabled = state.open ? !state.open.length : !canRemove();
+  $("undo").disabled = Boolean(state.open) || !state.past.length;
+  for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!state.open && button.dataset.example === state.example));
+  $("degrees-label").hidden = Boolean(state.open) || state.degrees === null;
+  $("degrees").checked = Boolean(state.degrees);
 }
 
 const link = () => toLink(state.rings, state.size, state.rotation);
@@ -175,9 +210,10 @@ function changed() {
   waiting ||= requestAnimationFrame(() => {
     waiting = 0;
     showEditor();
-    if (state.open) return;
-    state.found = measure(state);
+    stale(Boolean(state.open));
+    if (!state.open) state.found = measure(state);
     showAnswer(state.found);
+    if (state.open) return;
     showWays(state.found);
     const { dataset } = document.documentElement;
     if (dataset.ready) history.replaceState(null, "", `#${link()}`); // an address as it was opened stays
@@ -191,31 +227,65 @@ function tell(text) {
   $("notice").hidden = !text;
 }
 
-function take(rings, note = "") {
-  Object.assign(state, { rings, chosen: 0, open: null });
-  for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", "false");
+/* Pictures and numbers of a polygon that is no longer the one in hand. */
+function stale(are) {
+  $("ways").classList.toggle("stale", are);
+}
+
+/* Keeps the polygon for Undo, before it is changed. */
+function remember() {
+  const { rings, example, back, text, degrees } = state;
+  if (rings.length) state.past.push({ rings: structuredClone(rings), example, back, text, degrees });
+  state.past.splice(0, state.past.length - MOST_UNDONE);
+  state.example = null;
+}
+
+function undo() {
+  if (state.open || !state.past.length) return;
+  Object.assign(state, state.past.pop(), { chosen: 0 });
+  tell("");
+  changed();
+}
+
+/* Takes a polygon in: rings, and what is known of them. */
+function take(rings, { note = "", example = null, back = null, text = null, degrees = null } = {}) {
+  remember();
+  Object.assign(state, { rings, example, back, text, degrees, chosen: 0, open: null });
   tell(note);
   changed();
 }
 
-function takeText(text) {
+function takeText(text, told = null) {
   try {
-    const { rings, note } = readPolygon(text);
-    take(rings, note);
+    const { rings, ...known } = readPolygon(text, told);
+    take(rings, { ...known, text });
   } catch (error) {
-    tell(error.message);
+    tell(`${error.message}${state.open ? "" : " The polygon shown is the one from before."}`);
+    stale(true);
   }
 }
 
-function takeLink(text) {
-  const found = fromLink(decodeURIComponent(text));
+async function takeFile(file) {
+  if (file.size > MOST_BYTES) tell(`${file.name} has more than ${MOST_BYTES / 1e6} MB: this page is for single polygons.`);
+  else takeText(await file.text());
+}
+
+function takeLink(text, example = null) {
+  const found = fromLink(text);
   if (!found) return false;
   state.size = SIZES.reduce((best, size) => (Math.abs(size - found.size) < Math.abs(best - found.size) ? size : best));
   state.rotation = found.rotation % 360;
   $("size").value = SIZES.indexOf(state.size);
   $("rotation").value = state.rotation;
-  take(found.rings);
+  take(found.rings, { example });
   return true;
+}
+
+/* Takes the polygon of the page's address; says so if it holds only a part of one. */
+function takeAddress() {
+  if (takeLink(location.hash.replaceAll(/%2f/gi, "/"))) return true;
+  if (/^#\d/.test(location.hash)) tell("The link to this page is not whole: the polygon shown is not the one it was made for.");
+  return false;
 }
 
 /* What is done to corners. */
@@ -243,6 +313,7 @@ function moveTo(point) {
 }
 
 function insert(r, i, point) {
+  remember();
   state.rings[r].splice(i + 1, 0, point.map(within));
   state.chosen = cornersOf(state.rings).findIndex(([s, k]) => s === r && k === i + 1);
   changed();
@@ -256,6 +327,7 @@ const canRemove = () => {
 function removeCorner() {
   if (state.open) state.open.pop();
   else if (canRemove()) {
+    remember();
     const { ring, r, i } = chosenCorner();
     ring.splice(i, 1);
     if (ring.length < 3) state.rings.splice(r, 1);
@@ -266,16 +338,28 @@ function removeCorner() {
 
 function closeDrawing() {
   const ring = withoutRepeats(state.open);
-  if (ring.length < 3 || !doubledArea(ring)) {
-    tell("A polygon has three corners or more: click where they are to be.");
-    return;
-  }
-  take(oriented([ring]));
+  if (ring.length < 3 || isFlat(ring)) tell("A polygon has three corners or more, not all on one line.");
+  else take(oriented([ring]));
 }
 
 function pointOf(event) {
   const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform($("editor").getScreenCTM().inverse());
   return [x / 1000 * GRID, (1000 - y) / 1000 * GRID];
+}
+
+function setCorner(point) {
+  state.open.push(point.map(within));
+  state.chosen = state.open.length - 1;
+  tell("");
+  changed();
+}
+
+function startDrawing() {
+  Object.assign(state, { open: [], cursor: [GRID / 2, GRID / 2], chosen: 0 });
+  tell("");
+  $("editor").focus({ preventScroll: true });
+  $("editor").scrollIntoView({ block: "nearest" });
+  changed();
 }
 
 function pressed(event) {
@@ -285,18 +369,25 @@ function pressed(event) {
   $("editor").focus({ preventScroll: true });
   if (state.open) {
     if (corner === "0" && state.open.length > 2) closeDrawing();
-    else {
-      state.open.push(pointOf(event).map(within));
-      state.chosen = state.open.length - 1;
-      changed();
-    }
+    else setCorner(pointOf(event));
     return;
   }
   if (corner !== undefined) choose(Number(corner));
   else if (edge !== undefined) insert(...edge.split(" ").map(Number), pointOf(event));
   else return;
   $("editor").setPointerCapture(event.pointerId);
-  state.dragging = true;
+  state.dragging = corner === undefined ? "on" : "begun";
+}
+
+function moved(event) {
+  if (state.dragging) {
+    if (state.dragging === "begun") remember();
+    state.dragging = "on";
+    moveTo(pointOf(event));
+  } else if (state.open) {
+    state.cursor = pointOf(event).map(within);
+    showEditor();
+  }
 }
 
 const STEP = GRID / 100;
@@ -304,19 +395,43 @@ const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDow
 
 function keyPressed(event) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if ((event.ctrlKey || event.metaKey) && key === "z") undo();
+  else if (event.ctrlKey || event.metaKey || event.altKey || !(state.open ? drawByKey : changeByKey)(key, event.shiftKey ? STEP / 10 : STEP)) return;
+  event.preventDefault();
+}
+
+const stepped = (point, key, step) => point.map((value, axis) => within(value + step * KEYS[key][axis]));
+
+/* Whether a key does something to the polygon that is being drawn. */
+function drawByKey(key, step) {
+  if (KEYS[key]) {
+    state.cursor = stepped(state.cursor, key, step);
+    $("corner").textContent = `Cross at ${shownAt(state.cursor).map(Math.round).join(", ")}`;
+    showEditor();
+  } else if (key === " ") setCorner(state.cursor);
+  else if (key === "Enter") closeDrawing();
+  else if (key === "Delete" || key === "Backspace") removeCorner();
+  else if (key === "Escape") {
+    state.open = null;
+    tell("");
+    changed();
+  } else return false;
+  return true;
+}
+
+/* Whether a key does something to the polygon. */
+function changeByKey(key, step) {
   const { ring, r, i } = chosenCorner();
-  if (KEYS[key] && ring[i]) {
-    const step = event.shiftKey ? STEP / 10 : STEP;
-    moveTo(ring[i].map((value, axis) => value + step * KEYS[key][axis]));
+  if (KEYS[key]) {
+    remember();
+    moveTo(stepped(ring[i], key, step));
     choose(state.chosen);
   } else if (key === "n") choose(state.chosen + 1);
   else if (key === "p") choose(state.chosen - 1);
-  else if ((key === "Insert" || key === "+") && !state.open) insert(r, i, [0, 1].map((axis) => (ring[i][axis] + ring[(i + 1) % ring.length][axis]) / 2));
+  else if (key === "Insert" || key === "+") insert(r, i, [0, 1].map((axis) => (ring[i][axis] + ring[(i + 1) % ring.length][axis]) / 2));
   else if (key === "Delete" || key === "Backspace") removeCorner();
-  else if (key === "Enter" && state.open) closeDrawing();
-  else return;
-  event.preventDefault();
+  else return false;
+  return true;
 }
 
 async function copied(text, what) {
@@ -330,21 +445,29 @@ async function copied(text, what) {
   }
 }
 
+/* Has the page that measures a device do so, in a frame of this one. */
+async function measureDevice() {
+  $("profile").disabled = true;
+  const packed = decode(PROFILE, Uint8Array), stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const frame = element("iframe", { title: "What a triangle costs on this device", srcdoc: await new Response(stream).text() });
+  frame.addEventListener("load", () => {
+    const { documentElement: inside } = frame.contentDocument;
+    new ResizeObserver(() => { frame.style.height = `${inside.offsetHeight + 8}px`; }).observe(inside);
+  });
+  $("profile").parentElement.after(frame);
+}
+
 const panels = {};
 
 function build() {
   for (const [name, title, note] of WAYS) {
-    const parts = { saved: element("span"), canvas: element("canvas", { role: "img" }), none: element("p", { class: "none", hidden: "" }), caption: element("figcaption") };
+    const parts = { saved: element("span"), best: element("span", { class: "best", hidden: "" }, "cheapest"), canvas: element("canvas", { role: "img" }), none: element("p", { class: "none", hidden: "" }), caption: element("figcaption") };
     panels[name] = parts;
-    $("ways").append(element("figure", { "data-way": name }, element("h3", {}, title, parts.saved), element("div", { class: "quiet" }, note), parts.canvas, parts.none, parts.caption));
+    $("ways").append(element("figure", { "data-way": name }, element("h3", {}, element("span", {}, title, " ", parts.best), parts.saved), element("div", { class: "quiet" }, note), parts.canvas, parts.none, parts.caption));
   }
   EXAMPLES.forEach(([name, written]) => {
-    const button = element("button", { type: "button", "aria-pressed": "false", "data-example": "" }, name);
-    button.addEventListener("click", () => {
-      const { rings } = fromLink(written);
-      take(rings);
-      button.setAttribute("aria-pressed", "true");
-    });
+    const button = element("button", { type: "button", "aria-pressed": "false", "data-example": name }, name);
+    button.addEventListener("click", () => take(fromLink(written).rings, { example: name }));
     $("examples").append(button);
   });
 }
@@ -352,42 +475,48 @@ function build() {
 function listen() {
   const editor = $("editor");
   editor.addEventListener("pointerdown", pressed);
-  editor.addEventListener("pointermove", (event) => { if (state.dragging) moveTo(pointOf(event)); });
-  for (const kind of ["pointerup", "pointercancel"]) editor.addEventListener(kind, () => { state.dragging = false; });
+  editor.addEventListener("pointermove", moved);
+  for (const kind of ["pointerup", "pointercancel"]) editor.addEventListener(kind, () => { state.dragging = null; });
   editor.addEventListener("dblclick", () => { if (state.open?.length > 2) closeDrawing(); });
   editor.addEventListener("keydown", keyPressed);
-  $("draw").addEventListener("click", () => {
-    if (state.open) closeDrawing();
-    else {
-      state.open = [];
-      tell("Click the corners one after another; click the first one again to close the polygon.");
-      changed();
-    }
-  });
+  $("draw").addEventListener("click", () => { if (state.open) closeDrawing(); else startDrawing(); });
   $("remove").addEventListener("click", removeCorner);
+  $("undo").addEventListener("click", undo);
+  $("degrees").addEventListener("change", () => takeText(state.text, $("degrees").checked));
+  $("choose").addEventListener("click", () => $("file").click());
+  $("file").addEventListener("change", () => { if ($("file").files[0]) takeFile($("file").files[0]); });
+  $("profile").addEventListener("click", measureDevice);
   $("text").addEventListener("input", () => { if ($("text").value.trim()) takeText($("text").value); else tell(""); });
   $("size").max = SIZES.length - 1;
   $("size").addEventListener("input", () => { state.size = SIZES[$("size").value]; changed(); });
   $("rotation").addEventListener("input", () => { state.rotation = Number($("rotation").value); changed(); });
   $("copy").addEventListener("click", () => copied(`${location.href.split("#")[0]}#${link()}`, "The link"));
-  $("wkt").addEventListener("click", () => copied(toWkt(state.rings), "The polygon"));
-  addEventListener("dragover", (event) => event.preventDefault());
-  addEventListener("drop", async (event) => {
+  $("wkt").addEventListener("click", () => copied(toWkt(state.back ? state.rings.map((ring) => ring.map(state.back)) : state.rings), `The polygon, in ${state.back ? "its own units" : "units of this page"},`));
+  const over = (is) => document.body.classList.toggle("over", is);
+  addEventListener("dragover", (event) => {
     event.preventDefault();
+    over(true);
+  });
+  addEventListener("dragleave", (event) => { if (!event.relatedTarget) over(false); });
+  addEventListener("drop", (event) => {
+    event.preventDefault();
+    over(false);
     const file = event.dataTransfer.files[0];
-    takeText(file ? await file.text() : event.dataTransfer.getData("text"));
+    if (file) takeFile(file);
+    else takeText(event.dataTransfer.getData("text"));
   });
   addEventListener("paste", (event) => {
     if (event.target !== $("text")) takeText(event.clipboardData.getData("text"));
   });
-  addEventListener("hashchange", () => takeLink(location.hash));
+  addEventListener("hashchange", takeAddress);
   addEventListener("resize", changed);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
 }
 
 build();
 listen();
-if (!takeLink(location.hash)) {
-  takeLink(EXAMPLES[0][1]);
-  $("examples").querySelector("[data-example]").setAttribute("aria-pressed", "true");
+if (!takeAddress()) {
+  const broken = $("notice").textContent;
+  takeLink(EXAMPLES[0][1], EXAMPLES[0][0]);
+  tell(broken);
 }

@@ -16,6 +16,12 @@ const isInside = ([x, y], ring) => ring.reduce((inside, [ax, ay], i) => {
   return (ay > y) !== (by > y) && x < ax + (y - ay) / (by - ay) * (bx - ax) ? !inside : inside;
 }, false);
 
+/* Whether all corners lie on one line. */
+const isFlat = (ring) => ring.every(([x, y]) => {
+  const [[ax, ay]] = ring, [bx, by] = ring.find(([u, v]) => u !== ax || v !== ay) ?? ring[0];
+  return (bx - ax) * (y - ay) === (by - ay) * (x - ax);
+});
+
 const withoutRepeats = (ring) => ring.filter(([x, y], i) => {
   const [u, v] = ring[(i + 1) % ring.length];
   return x !== u || y !== v;
@@ -58,15 +64,13 @@ function readGeoJson(value) {
   return [value.geometry, ...(value.geometries ?? []), ...(value.features ?? [])].flatMap(readGeoJson);
 }
 
-/* Polygons in longitude and latitude, each as wide as it is at its middle. */
-function flattened(polygons) {
-  if (!polygons.flat(2).every(([x, y]) => Math.abs(x) <= 180 && Math.abs(y) <= 90)) return polygons;
-  return polygons.map((rings) => {
-    const latitudes = rings.flat().map(([, y]) => y);
-    const middle = (latitudes.reduce((p, q) => Math.min(p, q)) + latitudes.reduce((p, q) => Math.max(p, q))) / 2;
-    const narrower = Math.cos(middle * Math.PI / 180);
-    return rings.map((ring) => ring.map(([x, y]) => [x * narrower, y]));
-  });
+const isOnGlobe = (polygons) => polygons.flat(2).every(([x, y]) => Math.abs(x) <= 180 && Math.abs(y) <= 90);
+
+/* How wide a degree of longitude is beside one of latitude, at a polygon's middle. */
+function narrowing(rings) {
+  const latitudes = rings.flat().map(([, y]) => y);
+  const middle = (latitudes.reduce((p, q) => Math.min(p, q)) + latitudes.reduce((p, q) => Math.max(p, q))) / 2;
+  return Math.cos(middle * Math.PI / 180);
 }
 
 const PIECES = 8; // straight ones of a curve
@@ -98,7 +102,7 @@ function arc([x, y], [rx, ry, degrees, large, sweep, u, v]) {
 
 const ARGUMENTS = { M: 2, L: 2, H: 1, V: 1, C: 6, S: 4, Q: 4, T: 2, A: 7, Z: 0 };
 
-/* The rings of a path's data, y down as in SVG. */
+/* The rings of a path's data. */
 function readPath(data) {
   const rings = [];
   let ring = [], at = [0, 0], control = null, before = "";
@@ -136,49 +140,67 @@ function readPath(data) {
 function readSvg(text) {
   const given = [...text.matchAll(/<(path|polygon)\b[^>]*?\s(?:d|points)\s*=\s*(["'])(.*?)\2/gis)];
   const rings = given.length ? given.flatMap(([, kind, , data]) => (kind.toLowerCase() === "path" ? readPath(data) : [inPairs(numbersOf(data))])) : readPath(text);
-  return nested(rings.map((ring) => withoutRepeats(ring).map(([x, y]) => [x, -y])).filter((ring) => ring.length > 2));
+  return nested(rings.map(withoutRepeats).filter((ring) => ring.length > 2));
 }
 
-/* The polygon of a text, the largest one where there are several, and what to say of it: { rings, note }. */
-function readPolygon(text) {
-  const trimmed = text.trim();
-  let polygons;
-  if (/^[{[]/.test(trimmed)) {
-    let value;
-    try {
-      value = JSON.parse(trimmed);
-    } catch {
-      throw new Error("This is not whole JSON: is its beginning or its end missing?");
-    }
-    polygons = Array.isArray(value) ? [Array.isArray(value[0]?.[0]) ? value : [value]] : flattened(readGeoJson(value));
-  } else if (/^\s*(?:SRID=\d+;)?\s*(?:MULTI)?POLYGON/i.test(trimmed)) polygons = readWkt(trimmed);
-  else if (/<(?:path|polygon)\b/i.test(trimmed) || /^M[\s\d.+-]/i.test(trimmed)) polygons = readSvg(trimmed);
-  else if (/^[-+\d.\s,;e]+$/i.test(trimmed)) polygons = [[inPairs(numbersOf(trimmed))]];
-  else throw new Error("This is none of WKT (POLYGON ((...))), GeoJSON and an SVG path (M 0 0 L 9 0 ... Z).");
-  const sized = polygons.map((rings) => [Math.abs(doubledArea(rings[0] ?? [])), rings]).filter(([area]) => area > 0);
+const KINDS = [
+  // Whether a text is of the kind, and what reads it.
+  [/^[{[]/, readJson],
+  [/^(?:SRID=\d+;)?\s*(?:MULTI)?POLYGON/i, readWkt],
+  [/<(?:path|polygon)\b|^M[\s\d.+-]/i, readSvg],
+  [/^[-+\d.\s,;e]+$/i, (text) => [[inPairs(numbersOf(text))]]],
+];
+
+function readJson(text) {
+  let value;
+  try {
+    value = JSON.parse(text);
+  } catch {
+    throw new Error("This is not whole JSON: is its beginning or its end missing?");
+  }
+  if (!Array.isArray(value)) return readGeoJson(value);
+  return [Array.isArray(value[0]?.[0]) ? value : [value]];
+}
+
+/* The polygon of a text, the largest one where there are several: { rings, note, back, degrees }.
+
+   degrees : whether its numbers are longitudes and latitudes, as told or else as GeoJSON and EPSG:4326 have them; null where
+     they cannot be. A polygon of degrees is drawn as wide as it is at its middle
+   back : a point of the grid in the text's own numbers
+   note : what else was in the text */
+function readPolygon(text, told = null) {
+  const trimmed = text.trim(), [, read] = KINDS.find(([pattern]) => pattern.test(trimmed)) ?? [];
+  if (!read) throw new Error("This is none of WKT (POLYGON ((...))), GeoJSON and an SVG path (M 0 0 L 9 0 ... Z).");
+  const polygons = read(trimmed).filter((rings) => rings?.[0]?.length > 2);
+  if (!polygons.flat(2).every((point) => Number.isFinite(point?.[0]) && Number.isFinite(point[1]))) throw new Error("A coordinate of this polygon is no number.");
+  const degrees = read === readSvg || !isOnGlobe(polygons) ? null : told ?? (trimmed.startsWith("{") || /^SRID=4326;/i.test(trimmed));
+  const sized = polygons.filter(([ring]) => !isFlat(ring)).map((rings) => ({ rings, across: degrees ? narrowing(rings) : 1 }));
   if (!sized.length) throw new Error("There is no polygon with an area in this text.");
-  const largest = sized.reduce((best, each) => (each[0] > best[0] ? each : best))[1];
-  if (largest.flat(2).some((value) => !Number.isFinite(value))) throw new Error("A coordinate of this polygon is no number.");
-  const rings = onGrid(largest);
+  const areaOf = ({ rings, across }) => Math.abs(doubledArea(rings[0])) * across;
+  const { rings, across } = sized.reduce((best, each) => (areaOf(each) > areaOf(best) ? each : best));
   const corners = rings.flat().length;
   if (corners > MOST_CORNERS) throw new Error(`It has ${corners} corners; this page draws up to ${MOST_CORNERS}.`);
-  return { rings, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
+  return { ...onGrid(rings, across, read === readSvg ? -1 : 1), degrees, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
 }
 
-/* Rings of any numbers in whole ones, in the middle of 0 to GRID, which the longer side fills. */
-function onGrid(rings) {
-  const points = rings.flat();
+/* Rings of any numbers in whole ones, in the middle of 0 to GRID, which the longer side fills; and the way back. */
+function onGrid(rings, across, up) {
+  const ways = [across, up], points = rings.flat();
   const [left, bottom, right, top] = points.reduce(([l, b, r, t], [x, y]) => [Math.min(l, x), Math.min(b, y), Math.max(r, x), Math.max(t, y)],
     [Infinity, Infinity, -Infinity, -Infinity]);
-  const scale = GRID / Math.max(right - left, top - bottom), at = (value, low, high) => Math.round((value - (low + high) / 2) * scale + GRID / 2);
-  const whole = rings.map((ring) => withoutRepeats(ring.map(([x, y]) => [at(x, left, right), at(y, bottom, top)])));
-  if (whole[0].length < 3) throw new Error("It is too thin: its corners lie on one line.");
-  return oriented(whole.filter((ring) => ring.length > 2));
+  const scale = GRID / Math.max((right - left) * across, top - bottom), middle = [(left + right) / 2, (bottom + top) / 2];
+  const whole = rings.map((ring) => withoutRepeats(ring.map((point) => middle.map((at, axis) => Math.round((point[axis] - at) * ways[axis] * scale + GRID / 2)))));
+  if (whole[0].length < 3 || isFlat(whole[0])) throw new Error("It is too thin: its corners lie on one line.");
+  // One place less than the grid has: a number of the text comes back as it was, unless it has more places.
+  const places = Math.min(15, Math.max(0, Math.floor(Math.log10(scale))));
+  const back = (point) => middle.map((at, axis) => Number((at + (point[axis] - GRID / 2) / scale / ways[axis]).toFixed(places)));
+  return { rings: oriented(whole.filter((ring) => ring.length > 2)), back };
 }
 
 const toWkt = (rings) => `POLYGON (${rings.map((ring) => `(${[...ring, ring[0]].map((point) => point.join(" ")).join(", ")})`).join(", ")})`;
 
-/* A link's end: size, rotation, and the steps from corner to corner, base 36, a sign in the last bit. */
+/* A link's end: size, rotation, and the steps from corner to corner, base 36, a sign in the last bit. The last slash tells that
+   nothing of it is missing. */
 function toLink(rings, size, rotation) {
   let [x, y] = [0, 0];
   const told = (value) => (value < 0 ? -2 * value - 1 : 2 * value).toString(36);
@@ -187,12 +209,12 @@ function toLink(rings, size, rotation) {
     [x, y] = [u, v];
     return step;
   }).join("-"));
-  return `${size}/${rotation}/${written.join(".")}`;
+  return `${size}/${rotation}/${written.join(".")}/`;
 }
 
 /* What `toLink` wrote, or null where it is none. */
 function fromLink(text) {
-  const [, size, rotation, written] = /^#?(\d+)\/(\d+)\/([-.0-9a-z]+)$/.exec(text) ?? [];
+  const [, size, rotation, written] = /^#?(\d+)\/(\d+)\/([-.0-9a-z]+)\/$/.exec(text) ?? [];
   if (!written) return null;
   let [x, y] = [0, 0];
   const rings = written.split(".").map((ring) => inPairs(ring.split("-").map((digits) => {
@@ -200,7 +222,7 @@ function fromLink(text) {
     return value % 2 ? -(value + 1) / 2 : value / 2;
   })).map(([u, v]) => [x += u, y += v]));
   const points = rings.flat();
-  const bad = points.length > MOST_CORNERS || rings.some((ring) => ring.length < 3) || !doubledArea(rings[0])
+  const bad = points.length > MOST_CORNERS || rings.some((ring) => ring.length < 3) || isFlat(rings[0])
     || points.flat().some((value) => !(value >= 0 && value <= GRID));
   return bad ? null : { rings: oriented(rings), size: Number(size), rotation: Number(rotation) };
 }

@@ -4,6 +4,12 @@
 const MARGIN_PX = 1;
 const MOST_FOR_OPTIMUM = 200;
 
+/* Where each ring ends among the corners of all. */
+function endsOf(rings) {
+  let end = 0;
+  return rings.map((ring) => (end += ring.length));
+}
+
 /* The polygon in a viewport of `size` px that holds its enclosing circle, turned by degrees, in 1/256 px: as
    harness/frame.py lays it with --fit circle. Returns { points, ends, rings } with flat points and where rings end. */
 function place(rings, size, degrees) {
@@ -24,29 +30,35 @@ function place(rings, size, degrees) {
   const snap = (value) => Math.round((value * scale + size / 2) * UNIT);
   const placed = moved.map((ring) => withoutRepeats(ring.map(([x, y]) => [snap(x), snap(y)])));
   const kept = placed.filter((ring, i) => ring.length > 2 || i === 0);
-  const ends = [];
-  kept.reduce((sum, ring) => (ends.push(sum + ring.length), sum + ring.length), 0);
-  return { points: kept.flat(2), ends, lost: corners.length - kept[0].length };
+  return { points: kept.flat(2), ends: endsOf(kept), lost: corners.length - kept[0].length };
 }
 
-/* Whether no two edges cross or touch but neighbours at their corner; up to MOST_FOR_OPTIMUM corners, beyond it is taken for granted. */
+/* Whether no two edges cross or touch but neighbours at their corner. Edges are in the order of their left ends, so those
+   behind the first that begins right of an edge's right end need no look. */
 function isSimple({ points, ends }) {
-  const n = points.length / 2;
-  if (n > MOST_FOR_OPTIMUM) return true;
-  const starts = [0, ...ends];
-  const edges = ends.flatMap((end, ring) => Array.from({ length: end - starts[ring] }, (_, i) => [starts[ring] + i, starts[ring] + i + 1 < end ? starts[ring] + i + 1 : starts[ring]]));
-  const turn = (a, b, c) => Math.sign((points[2 * b] - points[2 * a]) * (points[2 * c + 1] - points[2 * a + 1]) - (points[2 * b + 1] - points[2 * a + 1]) * (points[2 * c] - points[2 * a]));
-  const within = (a, b, c) => [0, 1].every((k) => Math.min(points[2 * a + k], points[2 * b + k]) <= points[2 * c + k] && points[2 * c + k] <= Math.max(points[2 * a + k], points[2 * b + k]));
-  return edges.every(([a, b], i) => edges.slice(i + 1).every(([c, d]) => {
+  const starts = [0, ...ends], x = (p) => points[2 * p], y = (p) => points[2 * p + 1];
+  const edges = ends.flatMap((end, ring) => Array.from({ length: end - starts[ring] }, (_, i) => [starts[ring] + i, starts[ring] + i + 1 < end ? starts[ring] + i + 1 : starts[ring]]))
+    .sort(([a, b], [c, d]) => Math.min(x(a), x(b)) - Math.min(x(c), x(d)));
+  const turn = (a, b, c) => Math.sign((x(b) - x(a)) * (y(c) - y(a)) - (y(b) - y(a)) * (x(c) - x(a)));
+  const within = (a, b, c) => [x, y].every((of) => Math.min(of(a), of(b)) <= of(c) && of(c) <= Math.max(of(a), of(b)));
+  const meet = ([a, b], [c, d]) => {
     const shared = [c, d].filter((p) => p === a || p === b);
     if (shared.length) {
       const [p] = shared, q = p === a ? b : a, r = p === c ? d : c;
-      return turn(p, q, r) !== 0 || !(within(p, q, r) || within(p, r, q));
+      return turn(p, q, r) === 0 && (within(p, q, r) || within(p, r, q));
     }
     const [s, t, u, v] = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
-    if (s * t < 0 && u * v < 0) return false;
-    return !((!s && within(a, b, c)) || (!t && within(a, b, d)) || (!u && within(c, d, a)) || (!v && within(c, d, b)));
-  }));
+    return (s * t < 0 && u * v < 0) || (!s && within(a, b, c)) || (!t && within(a, b, d)) || (!u && within(c, d, a)) || (!v && within(c, d, b));
+  };
+  return edges.every((edge, i) => {
+    const [a, b] = edge, right = Math.max(x(a), x(b)), low = Math.min(y(a), y(b)), high = Math.max(y(a), y(b));
+    for (let j = i + 1; j < edges.length; j++) {
+      const [c, d] = edges[j];
+      if (Math.min(x(c), x(d)) > right) break;
+      if (Math.max(y(c), y(d)) >= low && Math.min(y(c), y(d)) <= high && meet(edge, edges[j])) return false;
+    }
+    return true;
+  });
 }
 
 /* The triangulation of a ring without holes that has the least sum of half-perimeters of its triangles' bounding boxes.
@@ -101,14 +113,14 @@ function halfPerimeter(points, triangles) {
   return total;
 }
 
-/* Triangles by the name of each way; null where it has none. */
-function triangulations(placed, simple) {
+/* Triangles of a simple polygon by the name of each way; null where it has none. */
+function triangulations(placed) {
   const { points, ends } = placed;
   const ears = earcut.default(points, ends.slice(0, -1));
   const refined = [...ears], flipped = [...ears];
   earcut.refine(refined, points);
   flipTriangles(flipped, points);
-  return { ears, refined, flipped, optimal: simple ? optimum(placed) : null };
+  return { ears, refined, flipped, optimal: optimum(placed) };
 }
 
 /* What triangles shade. shaded, if given, are counts for each pixel of a viewport of `size` px, row 0 at the bottom:

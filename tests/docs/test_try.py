@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import importlib.util
 import json
 import re
@@ -34,7 +36,7 @@ OF_EACH = """
     return given.map(({link, size, rotation}) => {
         const {rings} = fromLink(link), placed = place(rings, size, rotation);
         const {points} = placed, simple = isSimple(placed), ways = {};
-        for (const [name, rows] of Object.entries(triangulations(placed, simple))) {
+        for (const [name, rows] of Object.entries(simple ? triangulations(placed) : {})) {
             if (!rows) continue;
             ways[name] = {rows, h: halfPerimeter(points, rows), counts: shade(points, rows)};
         }
@@ -89,9 +91,20 @@ def points_of(told: dict[str, Any]) -> np.ndarray:
 
 
 def test_the_page_is_current_and_small():
-    text = build.page()
-    assert PAGE.read_text() == text, "make it anew: .venv/bin/python docs/try/build.py"
-    assert len(text.encode()) < 400_000
+    made = build.page()
+    assert parts(PAGE.read_text()) == parts(made), "make it anew: .venv/bin/python docs/try/build.py"
+    assert len(made.encode()) < 400_000
+
+
+def parts(text: str) -> tuple[str, str, Any]:
+    """Return the page, the page in it that measures a device, and its data, which are packed."""
+    match = re.search(r'const PROFILE = "(.*?)";', text)
+    assert match is not None
+    profile = gzip.decompress(base64.b64decode(match[1])).decode()
+    data = re.search(r'id="data"[^>]*>(.*?)<', profile, re.S)
+    assert data is not None
+    content = json.loads(gzip.decompress(base64.b64decode(data[1])))
+    return text.replace(match[1], ""), profile.replace(data[1], ""), content
 
 
 def test_a_polygon_is_laid_where_a_run_lays_it():
@@ -141,7 +154,9 @@ def test_a_link_holds_the_polygon():
     found = in_node("return given.map((link) => fromLink(link));", [one["again"] for one in told])
     for view, one, again in zip(given, told, found, strict=True):
         assert again == {"rings": one["rings"], "size": view["size"], "rotation": view["rotation"]}
-    for bad in ("", "64/0/", "64/0/zz", "64/0/1-1-2-2", "x/0/1-1-2-2-3-4"):
+    whole = told[0]["again"]
+    cut = [whole[:end] for end in range(len(whole))]
+    for bad in (*cut, "64/0/zz/", "64/0/1-1-2-2/", "x/0/1-1-2-2-3-4/"):
         assert in_node("return [fromLink(given)];", bad) == [None], bad
 
 
@@ -196,6 +211,38 @@ def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
     low_x, low_y, high_x, high_y = Polygon(found["rings"][0]).bounds
     assert high_x - low_x == pytest.approx(high_y - low_y, rel=1e-5)
     assert found["note"] == "The largest of 2 polygons."
+    assert found["degrees"] is True
+
+
+def test_one_polygon_is_one_whatever_it_is_written_in():
+    """WKT has no reference system, so the page takes it as it is told to; GeoJSON has."""
+    footprint = Polygon([(24.93, 60.17), (24.932, 60.17), (24.932, 60.171), (24.931, 60.1705)])
+    written = [json.dumps(shapely.geometry.mapping(footprint)), f"SRID=4326;{footprint.wkt}"]
+    asked = [[text, None] for text in written] + [[footprint.wkt, told] for told in (True, None)]
+    code = "return given.map(([text, told]) => readPolygon(text, told));"
+    one, two, three, plain = in_node(code, asked)
+    assert one["rings"] == two["rings"] == three["rings"] != plain["rings"]
+    assert [each["degrees"] for each in (one, two, three, plain)] == [True, True, True, False]
+    assert in_node("return readPolygon(given).degrees;", "0 0, 700 0, 0 700") is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "POLYGON ((24.93 60.17, 24.932 60.17, 24.932 60.1712, 24.93 60.17))",
+        "POLYGON ((386054.25 6672087.5, 386104.5 6672073, 386080.75 6672101.25, 386054.25 6672087.5))",
+        "POLYGON ((0 0, 9 1, 8 6, 4 3, 1 7, 0 0), (5 2, 6 2, 7 4, 5 2))",
+    ],
+)
+def test_a_polygon_is_copied_in_its_own_numbers(text):
+    """To the last place, for degrees told and for plain coordinates."""
+    code = """
+        const told = (degrees) => readPolygon(given, degrees);
+        return [false, true].map(told).map(({rings, back}) => toWkt(rings.map((r) => r.map(back))));
+    """
+    expected = shapely.from_wkt(text)
+    for copied in in_node(code, text):
+        assert shapely.equals(shapely.from_wkt(copied), expected)
 
 
 def test_curves_and_arcs_are_followed():
@@ -218,6 +265,9 @@ def test_curves_and_arcs_are_followed():
         ('{"type": "Polygon"', "not whole JSON"),
         ('{"type": "Point", "coordinates": [0, 0]}', "no polygon with an area"),
         ("POLYGON ((0 0, 1 1, 2 2, 0 0))", "no polygon with an area"),
+        ('{"type": "Polygon"}', "no polygon with an area"),
+        ('{"type": "Polygon", "coordinates": [[1, 2, 3]]}', "is no number"),
+        ('{"type": "Polygon", "coordinates": [[[0, 0], [9, 0], ["9", 9]]]}', "is no number"),
         ("POLYGON ((0, 1 1, 2 2))", "fewer than two coordinates"),
         (",".join(f"{x} {x * x}" for x in range(3000)), "draws up to 2000"),
     ],
@@ -259,8 +309,15 @@ def test_a_new_user_pastes_a_polygon_and_reads_the_number(browser):
     quads = dict(browser.evaluate(counted))
     saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal")]
     assert max(saved) > 0.01
-    shares = [f"{100 * abs(each):.1f} %{' more' if each < 0 else ''}" for each in saved]
-    assert re.findall(r"[\d.]+ %(?: more)?", told(browser, "answer")) == shares
+    shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
+    answer = told(browser, "answer")
+    assert set(re.findall(r"[\d.]+ % (?:more|fewer)", answer)) == shares
+    names = {"refined": "earcut’s refine", "flipped": "flips", "optimal": "the optimum for H"}
+    least = min(names, key=lambda name: quads[name])
+    assert answer.startswith("Cheapest at 64 px: ")
+    assert names[least] in answer.split(", with")[0]
+    marked = "WAYS.map(([name]) => name).filter((name) => !panels[name].best.hidden)"
+    assert set(browser.evaluate(marked)) == {name for name in quads if quads[name] == quads[least]}
     assert told(browser, "corners") == "42 corners"
     caption = browser.evaluate("panels.ears.caption.textContent")
     assert caption.startswith(f"{4 * quads['ears']:,} lanes for ")
@@ -274,7 +331,7 @@ def test_size_rotation_and_link_go_together(browser):
     after(browser, "$('size').value = 8; $('size').dispatchEvent(new Event('input'))")
     after(browser, "$('rotation').value = 30; $('rotation').dispatchEvent(new Event('input'))")
     answer = told(browser, "answer")
-    assert answer.startswith("At 256 px")
+    assert "at 256 px" in answer
     assert answer != before
     link = browser.evaluate("location.hash.slice(1)")
     assert link.startswith("256/30/")
@@ -319,15 +376,89 @@ def test_a_polygon_is_drawn_by_clicks(browser):
     assert "px" in told(browser, "answer")
 
 
+def test_a_polygon_is_drawn_by_keys(browser):
+    """A cross is moved and corners are set; Escape goes back to the polygon before."""
+    opened(browser)
+    before = browser.evaluate("state.rings")
+    browser.evaluate("$('draw').click(); null")
+    browser.wait("$('ways').classList.contains('stale')")
+    assert "Space sets a corner" in told(browser, "answer")
+    for keys in ("ArrowLeft", "ArrowUp", "ArrowRight ArrowRight", "ArrowDown ArrowDown"):
+        for key in keys.split():
+            browser.press(key)
+        browser.press(" ")
+    assert told(browser, "corner").startswith("Cross at 510, 510")
+    browser.press("Escape")
+    browser.wait("!$('ways').classList.contains('stale')")
+    assert browser.evaluate("state.rings") == before
+    assert browser.evaluate("document.querySelectorAll('[aria-pressed=true]').length") == 1
+    browser.evaluate("$('draw').click(); null")
+    for key in ("Enter", " ", "ArrowUp", " ", "ArrowLeft", " "):
+        browser.press(key)
+    after(browser, "keyPressed(new KeyboardEvent('keydown', {key: 'Enter'}))")
+    assert told(browser, "corners") == "3 corners"
+    browser.press("z", modifiers=2)
+    browser.wait("$('corners').textContent === '67 corners'")
+    assert browser.evaluate("state.rings") == before
+
+
 def test_what_cannot_be_compared_is_said(browser):
     opened(browser)
-    paste(browser, "POLYGON ((0 0, 4 4, 4 0, 0 5, 0 0))")
+    paste(browser, "POLYGON ((0 0, 4 4, 4 0, 0 4, 0 0))")  # the two halves of a bow-tie cancel
     assert told(browser, "answer").startswith("Edges of this polygon cross")
-    assert browser.evaluate("panels.optimal.none.textContent") == "its edges cross"
+    for way in ("ears", "refined", "flipped", "optimal"):
+        assert browser.evaluate(f"panels.{way}.none.textContent") == "its edges cross or touch"
     paste(browser, "POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0), (3 3, 6 3, 6 6, 3 6, 3 3))")
     assert "with holes" in browser.evaluate("panels.optimal.none.textContent")
     browser.evaluate("$('text').value = 'nonsense'; $('text').dispatchEvent(new Event('input'))")
     assert "none of WKT" in told(browser, "notice")
+    assert "the one from before" in told(browser, "notice")
+    assert browser.evaluate("$('ways').classList.contains('stale')")
+    answer = browser.evaluate("$('notice').getBoundingClientRect().bottom")
+    assert 0 < answer < browser.evaluate("innerHeight")
+    after(browser, "$('undo').click()")
+    assert told(browser, "corners") == "4 corners"
+
+
+def test_what_matters_little_is_called_so_only_if_nothing_differs(browser):
+    """A way that takes more than ear clipping is named, too."""
+    opened(browser)
+    sentence = """
+        (saved) => {
+            const ways = Object.fromEntries(["ears", "refined", "flipped", "optimal"].map((name, i) =>
+                [name, {saved: [0, ...saved][i], cheapest: false}]));
+            return sentenceOf({simple: true, ways, placed: {points: {length: 10}}}, 64).join("");
+        }
+    """
+    assert "does not matter" in browser.evaluate(f"({sentence})([0.004, 0.002, -0.004])")
+    said = browser.evaluate(f"({sentence})([0.004, 0.002, -0.047])")
+    assert "none of these saves 1 %" in said
+    assert "the optimum for H 4.7 % more" in said
+    assert "flips" not in said
+
+
+def test_files_and_links_are_taken(browser):
+    opened(browser)
+    after(browser, "takeFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
+    assert told(browser, "corners") == "5 corners"
+    assert not browser.evaluate("$('degrees-label').hidden")
+    before = browser.evaluate("state.rings")
+    after(browser, "$('degrees').click()")
+    assert browser.evaluate("state.rings") != before
+    whole = browser.evaluate("link()")
+    opened(browser, fragment=whole[:-9])
+    assert "not whole" in told(browser, "notice")
+
+
+def test_a_device_is_measured_in_the_page(browser):
+    """The page that profiles begins by itself; without WebGPU it says so."""
+    opened(browser)
+    browser.evaluate("$('profile').click(); null")
+    frame = "document.querySelector('iframe')?.contentDocument"
+    browser.wait(f"{frame}?.documentElement?.dataset.state !== undefined")
+    assert "on this device" in browser.evaluate(f"{frame}.querySelector('h1').textContent")
+    assert browser.evaluate("document.querySelector('iframe').contentWindow.isSecureContext")
+    assert not [each for each in browser.requests if each.startswith("http")]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
