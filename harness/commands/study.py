@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from harness.measuring.run import Part
+    from harness.stored.folder import Run
     from scenes import Scene
 
 
@@ -61,7 +62,7 @@ def validate(
     ranks the triangulations of one polygon as the measured cost does, and if the one that it calls
     best costs little more than the best there is: its regret.
     """
-    from harness.commands.running import measure_study, require_all
+    from harness.commands.running import measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.measuring.run import Part
@@ -106,6 +107,16 @@ def validate(
     regret.print_regret(lost, Screen())
     if (few := table["polygon"].nunique()) < ENOUGH:
         typer.echo(f"{few} polygons say little; by default a study has {StudySize.polygons}")
+    _end(run)
+
+
+def _end(run: Run) -> None:
+    """Say what disturbed the times of a study, and where it is."""
+    from harness.commands.running import require_all
+    from harness.figures.run_state import state_of
+
+    for line in state_of(run.facts, run.records).words:
+        typer.echo(line)
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
     require_all(run)
 
@@ -229,7 +240,7 @@ def pareto(
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other beats in both.
     """
-    from harness.commands.running import measure_study, require_all
+    from harness.commands.running import measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.report.page import write_report
@@ -267,8 +278,7 @@ def pareto(
             fronts_of.plot(table, fronts, Path(label(scene)).stem, made / "plots")
         write_report(run)
     fronts_of.print_table(table, label(scene), Screen(highlight=False))
-    typer.echo(f"study: {folder}")
-    require_all(run)
+    _end(run)
 
 
 ANGLES = options.Several((0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0))

@@ -11,6 +11,7 @@ import pytest
 from harness.commands.running import folder_for
 from harness.compare.matching import repeat
 from harness.errors import UsageError
+from harness.figures.run_state import DISTURBED, RunState
 from harness.settings import StudySize
 from harness.stored.folder import read_run
 from harness.study.correlations import by_resolution, correlate, measure_table
@@ -80,7 +81,11 @@ def test_a_study_that_was_stopped_says_so_and_goes_on(harness, command, monkeypa
         code, out, _ = harness(*arguments, "--out", "stopped")
     assert code == 130
     assert "continue with the same command and --resume stopped" in out
-    assert harness(*arguments, "--resume", "stopped")[0] == 0
+    disturbed = RunState(DISTURBED, ("a loop ran beside it",))
+    monkeypatch.setattr("harness.measuring.run.judge", lambda *_: disturbed)
+    code, out, _ = harness(*arguments, "--resume", "stopped")
+    assert code == 0
+    assert "the run's times are disturbed: a loop ran beside it. So what is said rests" in out
 
 
 @pytest.mark.usefixtures("no_plots", "in_process")
