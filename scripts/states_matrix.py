@@ -21,10 +21,11 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from harness.errors import REGRESSION
-from harness.figures.groups import groups
+from harness.figures.groups import groups, time_ratio
 from harness.figures.verdict import advice, decide
 from harness.stored.folder import read_run
 from scripts.studies.aa import HEAVY, MINE, ROOT, TRIANGULATORS, WHICH, project_of_a_user
@@ -54,8 +55,10 @@ PLANTED: dict[str, tuple[str, dict[str, str]]] = {
 """What is worse in the present version: a triangulator of the user's, and what draws more."""
 
 RUNS = 5
+BASE = "ear-clipping"
 KINDS: dict[str, tuple[str, ...]] = {"quick": ("--quick",), "default": ()}
-FIELDS = ("scene", "kind", "state", "run", "told", "compare", "shown", "wrong")
+FIELDS = ("scene", "kind", "state", "run", "told", "reference_ms", "compare", "shown", "wrong")
+RATIOS = ("scene", "kind", "state", "run", "triangulator", "ratio", "low", "high")
 SHOWN = re.compile(
     r"by (\S+): it is shown to save [\d.]+ % of .*?interval (-?[\d.]+) to (-?[\d.]+)"
 )
@@ -70,7 +73,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=RUNS)
     parser.add_argument("--out", type=Path, default=Path("results/states"))
     chosen = parser.parse_args()
-    rows = []
+    rows, ratios = [], []
     for scene in chosen.scenes.split(","):
         for kind in chosen.kinds.split(","):
             quiet: list[Path] = []
@@ -80,21 +83,28 @@ def main() -> None:
                     folder = measured(scene, kind, state, chosen.out / name)
                     if state == "quiet":
                         quiet.append(folder)
-                    rows.append([scene, kind, state, number, *judged(folder, quiet)])
-    with (chosen.out / "states.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([FIELDS, *rows])
+                    key = [Path(scene).stem, kind, state, number]
+                    rows.append([*key, *judged(folder, quiet)])
+                    ratios += [[*key, *row] for row in ratios_of(folder)]
+    written(chosen.out / "states.csv", [FIELDS, *rows])
+    written(chosen.out / "ratios.csv", [RATIOS, *ratios])
     planted = [
         [state, kind, regression(state, kind, chosen.out)]
         for state in chosen.states.split(",")
         for kind in PLANTED
     ]
-    with (chosen.out / "planted.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([("state", "worse", "compare"), *planted])
+    written(chosen.out / "planted.csv", [("state", "worse", "compare"), *planted])
     missed = [f"{kind} in {state}" for state, kind, code in planted if code != REGRESSION]
-    false = sum(row[5] == REGRESSION for row in rows)
+    false = sum(row[FIELDS.index("compare")] == REGRESSION for row in rows)
     wrong = sum(row[-1] for row in rows)
     print(f"{len(rows)} runs: {false} false regressions, {wrong} first sentences that are wrong")
     print(f"{len(planted)} planted regressions: missed {', '.join(missed) or 'none'}")
+
+
+def written(file: Path, rows: Sequence[Sequence[object]]) -> None:
+    """Write a table."""
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows(rows)
 
 
 @contextlib.contextmanager
@@ -148,7 +158,9 @@ def regression(state: str, kind: str, out: Path) -> int:
 
 
 def judged(folder: Path, quiet: list[Path]) -> list[object]:
-    """Return a run's state, what `compare` says of it after a quiet one, and of its sentence."""
+    """Return a run's state, its reference draw, what `compare` says of it after a quiet one, what
+    its first sentence shows, and whether no quiet run's does.
+    """
     run = read_run(folder)
     told = (run.facts.get("state") or {}).get("state")
     base = next((path for path in quiet if path != folder), None)
@@ -159,7 +171,16 @@ def judged(folder: Path, quiet: list[Path]) -> list[object]:
     wrong = own is not None and not any(
         own[0] == name and own[1] <= high and low <= own[2] for name, low, high in others
     )
-    return [told, code, " ".join(map(str, own or ())), wrong]
+    drawn = [s for r in run.records for s in (r.get("time") or {}).get("reference_s", ())]
+    return [told, f"{1e3 * median(drawn):.3f}", code, " ".join(map(str, own or ())), wrong]
+
+
+def ratios_of(folder: Path) -> Iterator[list[str]]:
+    """Yield each triangulator's draw time in ratio to ear clipping's, with its interval."""
+    records = {record["triangulator"]: record for record in read_run(folder).records}
+    for name, record in records.items():
+        if name != BASE and (ratio := time_ratio(record, records[BASE])):
+            yield [name, *(f"{end:.4f}" for end in (ratio.value, ratio.low, ratio.high))]
 
 
 def compared(base: Path, head: Path) -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+from math import hypot, log
+
 from docs.held import Held, Sentence
-from docs.held.lookups import Row, one, percent, some, table_row, text
+from docs.held.lookups import Row, one, percent, some, table_row
 
 
 def alarms() -> list[str]:
@@ -16,37 +19,58 @@ def alarms() -> list[str]:
     return [str(n) for n in (len(equal), ends.count("1"), ends.count("5"), found, len(slower))]
 
 
-STATES, AGAIN = "llvmpipe/states.txt", "llvmpipe/states-again.txt"
-"""Runs of `scripts/studies/states.py`: the processor, a line of CSV for each run, then what pairs
-of them say.
-"""
-
-LOADS = {"none": "nothing", "copy": "a program that copies memory", "compute": "one that adds"}
+BESIDE = {
+    "quiet": "nothing",
+    "loop": "an endless loop",
+    "loops": "four of them",
+    "copying": "a program that copies memory",
+    "compiling": "a compiler",
+    "midway": "two loops, from midway on",
+    "half-core": "a loop, on the only core",
+}
+"""States of `scripts/states_matrix.py`, whose tables these are."""
 
 
 def states() -> list[str]:
-    """Return a row for each processor and state: how many runs, and the ends of what they say."""
-    rows = []
-    for file in (STATES, AGAIN):
-        runs = _runs(file)
-        for load, what in LOADS.items():
-            of_state = [run for run in runs if run["run"].startswith(f"{load}-")]
-            best = [run for run in of_state if run["triangulator"] == "optimal:half-perimeter"]
-            others = [run for run in of_state if run["triangulator"] == "delaunay"]
-            cells = [_ends(best, "reference_ms", 2), _ends(best, "all", 3), _ends(others, "all", 3)]
-            where = text(file).splitlines()[0].removeprefix("# ")
-            rows.append(f"| {where} | {what} | {len(best)} | {' | '.join(cells)} |")
-    return rows
+    """Return a row for each state: how many runs, what they are called, and what is said of them."""
+    lines = []
+    for state, what in BESIDE.items():
+        runs = some("states/states.csv", state=state)
+        calls = [run["told"] for run in runs]
+        told = [str(calls.count(name)) for name in ("quiet", "disturbed", "not to be trusted")]
+        draws = [float(run["reference_ms"]) for run in runs if run["scene"] == "city"]
+        best = some("states/ratios.csv", state=state, scene="city", triangulator=BEST)
+        ratios = [float(row["ratio"]) for row in best]
+        planted = some("states/planted.csv", state=state)
+        said = (
+            sum(run["compare"] == "1" for run in runs),
+            sum(run["wrong"] == "True" for run in runs),
+            f"{sum(row['compare'] == '1' for row in planted)} of {len(planted)}",
+        )
+        ends = [f"{min(draws):.2f} to {max(draws):.2f}", f"{min(ratios):.3f} to {max(ratios):.3f}"]
+        lines.append(table_row(what, str(len(runs)), *told, *ends, *map(str, said)))
+    return lines
 
 
-def _runs(file: str) -> list[Row]:
-    lines = [line.split(",") for line in text(file).splitlines() if line.count(",") == 8]
-    return [dict(zip(lines[0], line, strict=True)) for line in lines[1:]]
+BEST = "optimal:half-perimeter"
 
 
-def _ends(runs: list[Row], column: str, digits: int) -> str:
-    found = [float(run[column]) for run in runs]
-    return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
+def apart() -> list[str]:
+    """Return of how many pairs of quiet runs' ratios how many differ more than chance lets them."""
+    found: dict[tuple[str, ...], list[Row]] = {}
+    for row in some("states/ratios.csv", state="quiet"):
+        found.setdefault((row["scene"], row["kind"], row["triangulator"]), []).append(row)
+    pairs = [pair for rows in found.values() for pair in combinations(rows, 2)]
+    return [str(sum(_differ(*pair) for pair in pairs)), str(len(pairs))]
+
+
+def _differ(one: Row, other: Row) -> bool:
+    value, half = zip(*map(_log, (one, other)), strict=True)
+    return bool(abs(value[0] - value[1]) > hypot(*half))
+
+
+def _log(row: Row) -> tuple[float, float]:
+    return log(float(row["ratio"])), log(float(row["high"]) / float(row["low"])) / 2
 
 
 PRODUCERS = {
