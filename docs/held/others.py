@@ -32,7 +32,7 @@ BESIDE = {
 
 
 def states() -> list[str]:
-    """Return a row for each state: how many runs, what they are called, and what is said of them."""
+    """Return a row for each state: its runs, what they are called, and what is said of them."""
     lines = []
     for state, what in BESIDE.items():
         runs = some("states/states.csv", state=state)

@@ -16,6 +16,7 @@ from docs.held.lookups import (
     one,
     percent,
     some,
+    text,
     three,
     two,
     values,
@@ -388,6 +389,14 @@ def rows_by_key(file: str) -> dict[tuple[str, ...], str]:
     """Return the values of a table of correlations by what they are of."""
     key = ("rasteriser", "device", "criterion", "measure", "statistic")
     return {tuple(row[name] for name in key): row["value"] for row in some(file)}
+
+
+def on_the_device() -> list[str]:
+    """Return how many footprints, and how often the scenes' rings, a device solved."""
+    file = "llvmpipe/optimum-equality.txt"
+    solved = [line.split()[-2] for line in text(file).splitlines() if " px, " in line]
+    total = sum(int(each.replace(",", "")) for each in solved)
+    return [*matched(file, r"footprints on the device: ([\d,]+)"), f"{total:,}"]
 
 
 def holding() -> list[str]:

@@ -92,7 +92,9 @@ def points_of(told: dict[str, Any]) -> np.ndarray:
 
 def test_the_page_is_current_and_small():
     made = build.page()
-    assert parts(PAGE.read_text()) == parts(made), "make it anew: .venv/bin/python docs/try/build.py"
+    assert parts(PAGE.read_text()) == parts(made), (
+        "make it anew: .venv/bin/python docs/try/build.py"
+    )
     assert len(made.encode()) < 400_000
 
 
@@ -230,7 +232,7 @@ def test_one_polygon_is_one_whatever_it_is_written_in():
     "text",
     [
         "POLYGON ((24.93 60.17, 24.932 60.17, 24.932 60.1712, 24.93 60.17))",
-        "POLYGON ((386054.25 6672087.5, 386104.5 6672073, 386080.75 6672101.25, 386054.25 6672087.5))",
+        "POLYGON ((386054.25 6672087.5, 386104.5 6672073, 386080 6672101.25, 386054.25 6672087.5))",
         "POLYGON ((0 0, 9 1, 8 6, 4 3, 1 7, 0 0), (5 2, 6 2, 7 4, 5 2))",
     ],
 )
@@ -312,7 +314,7 @@ def test_a_new_user_pastes_a_polygon_and_reads_the_number(browser):
     shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
     answer = told(browser, "answer")
     assert set(re.findall(r"[\d.]+ % (?:more|fewer)", answer)) == shares
-    names = {"refined": "earcut’s refine", "flipped": "flips", "optimal": "the optimum for H"}
+    names = browser.evaluate("SAID")
     least = min(names, key=lambda name: quads[name])
     assert answer.startswith("Cheapest at 64 px: ")
     assert names[least] in answer.split(", with")[0]
@@ -425,8 +427,8 @@ def test_what_matters_little_is_called_so_only_if_nothing_differs(browser):
     opened(browser)
     sentence = """
         (saved) => {
-            const ways = Object.fromEntries(["ears", "refined", "flipped", "optimal"].map((name, i) =>
-                [name, {saved: [0, ...saved][i], cheapest: false}]));
+            const of = (way, i) => [way[0], {saved: [0, ...saved][i], cheapest: false}];
+            const ways = Object.fromEntries(WAYS.map(of));
             return sentenceOf({simple: true, ways, placed: {points: {length: 10}}}, 64).join("");
         }
     """
