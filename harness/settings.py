@@ -78,7 +78,7 @@ class TimingSettings:
     """
 
     precision: float = 0.01
-    budget_s: float = 2.0
+    budget_s: float = 1.3
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
     least_share: float = 0.5
