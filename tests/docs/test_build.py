@@ -16,6 +16,7 @@ from markdown import markdown
 from docs import generate
 from harness.commands.index import COMMANDS
 from harness.figures.registry import figures
+from tests.chromium import LOADED
 from tests.docs.blocks import pages
 from tests.paths import ROOT
 from triangulators import registry
@@ -113,7 +114,7 @@ def test_the_page_to_try_it_leads_into_the_site(site):
 TABLE = ("table", "thead", "tbody", "tr", "th", "td", "code")
 
 
-def test_what_is_contributed_is_text(tmp_path, monkeypatch):
+def test_what_is_contributed_is_text(tmp_path, monkeypatch, browser):
     """A profile's fields are anybody's; the pages of the documents show them as they are."""
     source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
     profile = json.loads(source.read_text())
@@ -133,5 +134,11 @@ def test_what_is_contributed_is_text(tmp_path, monkeypatch):
         row = made().splitlines()[-1]
         assert row.count("&lt;img") == times
         assert not {"<", "[", "{"} & set(row)
-        tags = re.findall("<[^>]*>", markdown(made(), extensions=["tables", "attr_list"]))
+        shown = markdown(made(), extensions=["tables", "attr_list"])
+        tags = re.findall("<[^>]*>", shown)
         assert {tag.strip("</>") for tag in tags} <= {*TABLE}
+        page = tmp_path / "page.html"
+        page.write_text(f"<!doctype html><title>{made.__name__}</title>{shown}")
+        browser.open(page, LOADED)
+        assert browser.evaluate("document.body.textContent").count("onerror=") > 0
+        assert browser.evaluate("document.querySelectorAll('img, [onmouseover], a').length") == 0
