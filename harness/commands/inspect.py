@@ -117,6 +117,8 @@ def inspect(
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
+    if polygon is not None and loaded.dropped:
+        typer.echo(f"polygon {polygon} is counted from 0 among the {len(loaded.polygons):,} left")
     if every is not None:
         _list_every(loaded, polygon or 0, every, out)
     elif sizes is None:

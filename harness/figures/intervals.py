@@ -94,8 +94,10 @@ def ratio_interval(
     """Return the studentised bootstrap's 95 % interval of sum(values) / sum(base), both (n,).
 
     Values are drawn together with their bases; a ratio's standard error is the jackknife's.
-    `UNKNOWN` as for `mean_interval`, and where a base is below 0 or all are 0. Source: B. Efron and
-    R. Tibshirani, An Introduction to the Bootstrap, 11 and 12.5.
+    `UNKNOWN` as for `mean_interval`, where a base is below 0 or all are 0, and where an end lies
+    further from all values' own ratios than these from each other: resamples of a few values can be
+    so alike that their errors are almost 0. Source: B. Efron and R. Tibshirani, An Introduction to
+    the Bootstrap, 11 and 12.5.
     """
     n = len(values)
     if n < FEWEST or (base < 0).any() or not base.any():
@@ -110,7 +112,11 @@ def ratio_interval(
         ratios = drawn.sum(axis=1) / below.sum(axis=1)
         error = _ratio_error(residuals[None], base[None])[0]
         t = (ratios - ratio) / _ratio_error(drawn - ratios[:, None] * below, below)
-    return _ends(ratio, error, t)
+        each = values / base
+    low, high = _ends(ratio, error, t)
+    least, most = np.nanmin(each), np.nanmax(each)
+    reach = most - least
+    return UNKNOWN if low < least - reach or high > most + reach else (low, high)
 
 
 def _ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:

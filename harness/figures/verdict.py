@@ -406,7 +406,8 @@ def _advice(decision: Decision, scene: str) -> str:
         )
     if decision.ground == FEW:
         covered = choice.record["counters"][COVERED]
-        return f"nothing is advised for {scene}: it covers {covered:,} pixels, too few to tell"
+        pixels = f"{covered:,} pixel{'s' * (covered != 1)}"
+        return f"nothing is advised for {scene}: it covers {pixels}, too few to tell"
     if decision.ground == EQUAL:
         times = "no time differs" if decision.state == QUIET else _times(decision)
         return f"nothing is advised for {scene}: all counters are equal, and {times}"

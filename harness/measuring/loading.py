@@ -5,6 +5,7 @@ What is a third party's is loaded in a process of its own.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -20,8 +21,7 @@ from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
 SAID = 10
-"""Polygons that are named on the screen, of those dropped and of those repaired; a run's run.json
-has them all."""
+"""Polygons that are named on the screen, of those dropped and of those repaired."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,11 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         for which, reason in notes[:SAID]:
             reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
         if len(notes) > SAID:
-            reporter.warn(f"{scene.name}: {verb} {len(notes) - SAID:,} more: see run.json")
+            more = Counter(reason for _, reason in notes[SAID:])
+            told = "; ".join(f"{reason} ({count:,})" for reason, count in more.most_common(3))
+            reporter.warn(
+                f"{scene.name}: {verb} {more.total():,} more: {told}; a run's run.json names them"
+            )
     return scene
 
 

@@ -154,7 +154,7 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
 def _kind_of(source: Path) -> Callable[[Path], Model]:
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
-        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}")
+        raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}: export it")
     return kind
 
 

@@ -165,14 +165,15 @@ def test_what_drew_a_part_is_first_in_no_table_and_no_sentence():
     assert decide(records).standings[0].name == "ear-clipping"
 
 
-@pytest.mark.parametrize(("covered", "advised"), [(0, False), (63, False), (64, True)])
+@pytest.mark.parametrize(("covered", "advised"), [(0, False), (1, False), (63, False), (64, True)])
 def test_too_few_pixels_say_nothing(covered, advised):
     records = [base(), made("delaunay", "faster")]
     for each in records:
         each["counters"] |= {"fragments": covered}
     sentence = advice(decide(records))
     assert ("triangulate city by delaunay" in sentence) is advised
-    told = f"nothing is advised for city: it covers {covered:,} pixels, too few to tell."
+    pixels = "1 pixel" if covered == 1 else f"{covered} pixels"
+    told = f"nothing is advised for city: it covers {pixels}, too few to tell."
     assert sentence.endswith(told) is not advised
 
 

@@ -119,8 +119,12 @@ def test_inspect_names_the_polygon_as_the_scene_does(harness, block, monkeypatch
         "harness.heatmaps.draw_heatmaps",
         lambda frame, *_: told.extend(frame.source.tolist()),
     )
-    assert harness("inspect", str(block), "--polygon", "2")[0] == 0
-    assert told == [2]
+    code, out, _ = harness("inspect", str(block), "--polygon", "2")
+    assert (code, told) == (0, [2])
+    assert "counted from 0" not in out
+    Path("two.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
+    _, out, _ = harness("inspect", "two.wkt", "--polygon", "0")
+    assert "polygon 0 is counted from 0 among the 1 left" in out
 
 
 def test_triangulate_says_that_it_is_compiling(harness, block, monkeypatch):
