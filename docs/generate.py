@@ -30,7 +30,7 @@ def on_post_build(config: Any) -> None:
     page = Path(config.site_dir) / "try.html"
     text = page.read_text(encoding="utf-8")
     link = r'<a href="\1.html">\2</a>'
-    text = re.sub(r'<span data-page="([a-z/-]+)">(.*?)</span>', link, text)
+    text = re.sub(r'<span data-page="([a-z/-]+)"(?: hidden)?>(.*?)</span>', link, text)
     page.write_text(text, encoding="utf-8")
 
 

@@ -310,7 +310,7 @@ def widest(small: bool) -> str:
             if shown and is_small == small:
                 _, low, high = time_ratio(row)
                 halves.append(high - low)
-    return two(max(halves) / 2)
+    return f"{math.ceil(500 * max(halves)) / 1000:.3f}"
 
 
 def predicted_lanes() -> list[tuple[str, float, float, float]]:
