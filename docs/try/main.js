@@ -7,7 +7,7 @@ const MATTERS = 0.01; // of the lanes that ear clipping shades: less is nothing
 const MOST_BYTES = 20e6;
 const MOST_UNDONE = 200;
 const WAYS = [["ears", "Ear clipping", "earcut, as most programs use it: what the others are compared with"], ["refined", "earcut’s refine", "flips by circles: fewer thin angles"],
-  ["flipped", "Flips", "to diagonals with less |dx| + |dy|"], ["optimal", "The optimum for H", "least width + height of all boxes"]];
+  ["flipped", "Flips", "to diagonals with less |dx| + |dy|"], ["optimal", "The optimum for H", "least width + height of all boxes: good wherever it lies"]];
 const SAID = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H" };
 const DRAWING = "Click where the corners are to be, and the first one again to close the polygon. Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up.";
 const SVG = "http://www.w3.org/2000/svg";
@@ -37,21 +37,23 @@ function measure({ rings, size, rotation }) {
     way.saved = base ? 1 - way.counts.quads / base : 0;
     way.cheapest = way.counts.quads === found.least;
   }
+  const most = Math.max(...Object.values(found.ways).map(({ counts }) => counts.quads));
+  found.matters = most - found.least >= MATTERS * base && base > 0;
   return found;
 }
 
 const both = (names) => (names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0]);
 
 /* What is found, as [text, kind] pieces of a few sentences. */
-function sentenceOf({ simple, crosses, ways, placed }, size) {
+function sentenceOf({ simple, crosses, ways, placed, matters }, size) {
   if (crosses) return [["Edges of this polygon cross or touch. Drag a corner until they do not, and its triangles can be compared."]];
   if (!simple) return [[`At ${size} px corners of this polygon fall together, and its edges touch. Draw it larger, and its triangles can be compared.`]];
   if (placed.points.length === 6) return [["A triangle has one triangulation. Add a corner, and there is something to choose."]];
   const others = Object.keys(SAID).filter((name) => ways[name]).sort((p, q) => ways[q].saved - ways[p].saved);
-  const told = ({ saved }) => (saved >= 0 ? [`${share(saved)} fewer`, "less"] : [`${share(-saved)} more`, "more"]);
+  const told = ({ saved }) => (share(Math.abs(saved)) === share(0) ? ["as many", ""] : saved >= 0 ? [`${share(saved)} fewer`, "less"] : [`${share(-saved)} more`, "more"]);
   const list = (names) => names.flatMap((name, i) => [[`${i ? "; " : ""}${SAID[name]} `], told(ways[name])]);
-  const best = ways[others[0]], worst = ways[others.at(-1)];
-  if (Math.max(best.saved, 0) - Math.min(worst.saved, 0) < MATTERS) {
+  const best = ways[others[0]];
+  if (!matters) {
     return [[`It does not matter for this polygon at ${size} px: all ways take the same number of lanes, to within 1 %.`]];
   }
   if (best.saved < MATTERS) {
@@ -60,7 +62,6 @@ function sentenceOf({ simple, crosses, ways, placed }, size) {
   const first = others.filter((name) => ways[name].cheapest), rest = others.filter((name) => !ways[name].cheapest);
   const pieces = [[`Cheapest at ${size} px: ${both(first.map((name) => SAID[name]))}, with `], told(best), [" lanes than ear clipping. "]];
   if (rest.length) pieces.push(["Then: "], ...list(rest), ["."]);
-  if (ways.optimal && !ways.optimal.cheapest) pieces.push([" (H is for all places on the screen; in this one, another way is cheaper than its optimum.)"]);
   return pieces;
 }
 
@@ -128,7 +129,7 @@ function showWays(found) {
     const way = found.ways[name], parts = panels[name];
     parts.canvas.hidden = !way;
     parts.none.hidden = Boolean(way);
-    parts.best.hidden = !way?.cheapest || Object.values(found.ways).every(({ cheapest }) => cheapest);
+    parts.best.hidden = !way?.cheapest || !found.matters;
     [parts.saved.textContent, parts.saved.className] = ["", ""];
     if (!way) {
       parts.none.textContent = whyNone(found);
@@ -146,16 +147,25 @@ function showWays(found) {
   }
 }
 
+/* Width and height in px. */
+const sidesOf = (points) => [0, 1].map((axis) => {
+  const values = points.filter((_, i) => i % 2 === axis);
+  return Math.round((Math.max(...values) - Math.min(...values)) / UNIT);
+});
+
 function showAnswer(found) {
   const pieces = state.open ? [[DRAWING]] : sentenceOf(found, state.size);
   $("answer").replaceChildren(...pieces.map(([text, kind]) => (kind ? element("b", { class: kind }, text) : text)));
+  // It grows and never shrinks: what is below must not move under somebody's finger.
+  $("answer").style.minHeight = `${$("answer").offsetHeight}px`;
   $("hint").hidden = Boolean(state.open);
   if (state.open) {
     $("corners").textContent = `${state.open.length} corners so far`;
     return;
   }
   const lost = found.placed.lost > 0 ? `, ${found.placed.lost} of which fall together at this size` : "";
-  $("corners").textContent = `${count(state.rings.flat().length)} corners${lost}`;
+  const [width, height] = sidesOf(found.placed.points);
+  $("corners").textContent = `${count(state.rings.flat().length)} corners${lost}, ${width} × ${height} px`;
   $("size-told").textContent = `${state.size} px`;
   $("rotation-told").textContent = `${state.rotation}°`;
   $("size").setAttribute("aria-valuetext", `${state.size} pixels`);
@@ -199,6 +209,7 @@ function showEditor() {
   for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!state.open && button.dataset.example === state.example));
   $("degrees-label").hidden = Boolean(state.open) || state.degrees === null;
   $("degrees").checked = Boolean(state.degrees);
+  if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
 }
 
 const link = () => toLink(state.rings, state.size, state.rotation);
@@ -223,6 +234,7 @@ function changed() {
 }
 
 function tell(text) {
+  $("copied").textContent = "";
   $("notice").textContent = text;
   $("notice").hidden = !text;
 }
@@ -237,7 +249,7 @@ function remember() {
   const { rings, example, back, text, degrees } = state;
   if (rings.length) state.past.push({ rings: structuredClone(rings), example, back, text, degrees });
   state.past.splice(0, state.past.length - MOST_UNDONE);
-  state.example = null;
+  Object.assign(state, { example: null, text: null, degrees: null });
 }
 
 function undo() {
@@ -256,6 +268,7 @@ function take(rings, { note = "", example = null, back = null, text = null, degr
 }
 
 function takeText(text, told = null) {
+  if (takeLink(text.slice(text.lastIndexOf("#") + 1).trim())) return;
   try {
     const { rings, ...known } = readPolygon(text, told);
     take(rings, { ...known, text });
@@ -338,6 +351,7 @@ function removeCorner() {
 
 function closeDrawing() {
   const ring = withoutRepeats(state.open);
+  $("editor").focus({ preventScroll: true });
   if (ring.length < 3 || isFlat(ring)) tell("A polygon has three corners or more, not all on one line.");
   else take(oriented([ring]));
 }
@@ -368,7 +382,7 @@ function pressed(event) {
   event.preventDefault();
   $("editor").focus({ preventScroll: true });
   if (state.open) {
-    if (corner === "0" && state.open.length > 2) closeDrawing();
+    if (corner === "0") closeDrawing();
     else setCorner(pointOf(event));
     return;
   }
@@ -411,11 +425,7 @@ function drawByKey(key, step) {
   } else if (key === " ") setCorner(state.cursor);
   else if (key === "Enter") closeDrawing();
   else if (key === "Delete" || key === "Backspace") removeCorner();
-  else if (key === "Escape") {
-    state.open = null;
-    tell("");
-    changed();
-  } else return false;
+  else return false;
   return true;
 }
 
@@ -452,6 +462,7 @@ async function measureDevice() {
   const frame = element("iframe", { title: "What a triangle costs on this device", srcdoc: await new Response(stream).text() });
   frame.addEventListener("load", () => {
     const { documentElement: inside } = frame.contentDocument;
+    frame.scrollIntoView();
     new ResizeObserver(() => { frame.style.height = `${inside.offsetHeight + 8}px`; }).observe(inside);
   });
   $("profile").parentElement.after(frame);
@@ -479,7 +490,14 @@ function listen() {
   for (const kind of ["pointerup", "pointercancel"]) editor.addEventListener(kind, () => { state.dragging = null; });
   editor.addEventListener("dblclick", () => { if (state.open?.length > 2) closeDrawing(); });
   editor.addEventListener("keydown", keyPressed);
+  addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || !state.open) return;
+    state.open = null;
+    tell("");
+    changed();
+  });
   $("draw").addEventListener("click", () => { if (state.open) closeDrawing(); else startDrawing(); });
+  $("notice").addEventListener("click", () => tell("")); // it lies over what is below
   $("remove").addEventListener("click", removeCorner);
   $("undo").addEventListener("click", undo);
   $("degrees").addEventListener("change", () => takeText(state.text, $("degrees").checked));
@@ -491,7 +509,7 @@ function listen() {
   $("size").addEventListener("input", () => { state.size = SIZES[$("size").value]; changed(); });
   $("rotation").addEventListener("input", () => { state.rotation = Number($("rotation").value); changed(); });
   $("copy").addEventListener("click", () => copied(`${location.href.split("#")[0]}#${link()}`, "The link"));
-  $("wkt").addEventListener("click", () => copied(toWkt(state.back ? state.rings.map((ring) => ring.map(state.back)) : state.rings), `The polygon, in ${state.back ? "its own units" : "units of this page"},`));
+  $("wkt").addEventListener("click", () => copied(toWkt(state.back ? state.rings.map((ring) => ring.map(state.back)) : state.rings, state.back?.degrees), `The polygon, in ${state.back ? "its own units" : "units of this page"},`));
   const over = (is) => document.body.classList.toggle("over", is);
   addEventListener("dragover", (event) => {
     event.preventDefault();
@@ -509,7 +527,10 @@ function listen() {
     if (event.target !== $("text")) takeText(event.clipboardData.getData("text"));
   });
   addEventListener("hashchange", takeAddress);
-  addEventListener("resize", changed);
+  addEventListener("resize", () => {
+    $("answer").style.minHeight = "";
+    changed();
+  });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
 }
 

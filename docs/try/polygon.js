@@ -47,6 +47,8 @@ const inPairs = (numbers, step = 2) => Array.from({ length: Math.floor(numbers.l
 
 /* POLYGON and MULTIPOLYGON: what is in innermost parentheses is a ring; "((" begins a polygon. */
 function readWkt(text) {
+  if (!/^(?:SRID=\d+;)?\s*(?:MULTI)?POLYGON/i.test(text)) throw new Error("This WKT is no polygon: give a POLYGON ((...)).");
+  if (text.split("(").length !== text.split(")").length) throw new Error("This WKT is not whole: a parenthesis is missing.");
   const polygons = [];
   for (const [, opening, body] of text.matchAll(/(\(*)\(([^()]*)\)/g)) {
     const ring = body.split(",").map((point) => numbersOf(point).slice(0, 2));
@@ -62,6 +64,15 @@ function readGeoJson(value) {
   if (value.type === "Polygon") return [value.coordinates];
   if (value.type === "MultiPolygon") return value.coordinates;
   return [value.geometry, ...(value.geometries ?? []), ...(value.features ?? [])].flatMap(readGeoJson);
+}
+
+const MOST_DEGREES = 5; // what is wider is seldom one polygon of a map
+
+/* Whether numbers without a reference system are longitudes and latitudes by their looks: near each other, far from 0. */
+function looksLikeDegrees(polygons) {
+  const ends = [0, 1].map((axis) => polygons.flat(2).reduce(([low, high], point) => [Math.min(low, point[axis]), Math.max(high, point[axis])], [Infinity, -Infinity]));
+  const extent = Math.max(...ends.map(([low, high]) => high - low));
+  return extent < MOST_DEGREES && Math.max(...ends.flat().map(Math.abs)) > 10 * extent;
 }
 
 const isOnGlobe = (polygons) => polygons.flat(2).every(([x, y]) => Math.abs(x) <= 180 && Math.abs(y) <= 90);
@@ -146,8 +157,8 @@ function readSvg(text) {
 const KINDS = [
   // Whether a text is of the kind, and what reads it.
   [/^[{[]/, readJson],
-  [/^(?:SRID=\d+;)?\s*(?:MULTI)?POLYGON/i, readWkt],
   [/<(?:path|polygon)\b|^M[\s\d.+-]/i, readSvg],
+  [/^(?:SRID=\d+;)?\s*[a-z]{4,}\s*(?:Z|M|ZM)?\s*(?:\(|EMPTY)/i, readWkt],
   [/^[-+\d.\s,;e]+$/i, (text) => [[inPairs(numbersOf(text))]]],
 ];
 
@@ -164,23 +175,24 @@ function readJson(text) {
 
 /* The polygon of a text, the largest one where there are several: { rings, note, back, degrees }.
 
-   degrees : whether its numbers are longitudes and latitudes, as told or else as GeoJSON and EPSG:4326 have them; null where
-     they cannot be. A polygon of degrees is drawn as wide as it is at its middle
-   back : a point of the grid in the text's own numbers
+   degrees : whether its numbers are longitudes and latitudes, as told or else as GeoJSON and EPSG:4326 have them, or as they
+     look; null where they cannot be. A polygon of degrees is drawn as wide as it is at its middle
+   back : a point of the grid in the text's own numbers; back.degrees is as degrees
    note : what else was in the text */
 function readPolygon(text, told = null) {
   const trimmed = text.trim(), [, read] = KINDS.find(([pattern]) => pattern.test(trimmed)) ?? [];
   if (!read) throw new Error("This is none of WKT (POLYGON ((...))), GeoJSON and an SVG path (M 0 0 L 9 0 ... Z).");
   const polygons = read(trimmed).filter((rings) => rings?.[0]?.length > 2);
   if (!polygons.flat(2).every((point) => Number.isFinite(point?.[0]) && Number.isFinite(point[1]))) throw new Error("A coordinate of this polygon is no number.");
-  const degrees = read === readSvg || !isOnGlobe(polygons) ? null : told ?? (trimmed.startsWith("{") || /^SRID=4326;/i.test(trimmed));
+  const degrees = read === readSvg || !isOnGlobe(polygons) ? null : told ?? (trimmed.startsWith("{") || /^SRID=4326;/i.test(trimmed) || looksLikeDegrees(polygons));
   const sized = polygons.filter(([ring]) => !isFlat(ring)).map((rings) => ({ rings, across: degrees ? narrowing(rings) : 1 }));
   if (!sized.length) throw new Error("There is no polygon with an area in this text.");
   const areaOf = ({ rings, across }) => Math.abs(doubledArea(rings[0])) * across;
   const { rings, across } = sized.reduce((best, each) => (areaOf(each) > areaOf(best) ? each : best));
-  const corners = rings.flat().length;
+  const corners = rings.flatMap(withoutRepeats).length;
   if (corners > MOST_CORNERS) throw new Error(`It has ${corners} corners; this page draws up to ${MOST_CORNERS}.`);
-  return { ...onGrid(rings, across, read === readSvg ? -1 : 1), degrees, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
+  const { back, ...laid } = onGrid(rings, across, read === readSvg ? -1 : 1);
+  return { ...laid, back: Object.assign(back, { degrees }), degrees, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
 }
 
 /* Rings of any numbers in whole ones, in the middle of 0 to GRID, which the longer side fills; and the way back. */
@@ -197,7 +209,7 @@ function onGrid(rings, across, up) {
   return { rings: oriented(whole.filter((ring) => ring.length > 2)), back };
 }
 
-const toWkt = (rings) => `POLYGON (${rings.map((ring) => `(${[...ring, ring[0]].map((point) => point.join(" ")).join(", ")})`).join(", ")})`;
+const toWkt = (rings, degrees = false) => `${degrees ? "SRID=4326;" : ""}POLYGON (${rings.map((ring) => `(${[...ring, ring[0]].map((point) => point.join(" ")).join(", ")})`).join(", ")})`;
 
 /* A link's end: size, rotation, and the steps from corner to corner, base 36, a sign in the last bit. The last slash tells that
    nothing of it is missing. */
