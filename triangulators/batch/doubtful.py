@@ -42,7 +42,17 @@ def doubtful(arrays: Ragged, known: Mapping[int, np.ndarray]) -> list[int]:
     sides = (corners * total + np.roll(corners, -1, axis=1)).ravel()
     turned = (np.roll(corners, -1, axis=1) * total + corners).ravel()
     found, first, times = np.unique(sides, return_index=True, return_counts=True)
-    matched = np.isin(sides, outline) | np.isin(turned, found)
+    matched = _are_in(np.sort(outline), sides) | _are_in(found, turned)
     doubted[np.repeat(owner, 3)[~matched]] = True
     doubted[np.repeat(owner, 3)[first[times > 1]]] = True
     return np.flatnonzero(doubted).tolist()
+
+
+def _are_in(ordered: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return which values are among (n,) ordered ones, n > 0.
+
+    `np.isin` hashes, and these numbers, multiples with little added, collide: 20 times as slow.
+    """
+    places = np.searchsorted(ordered, values)
+    found: np.ndarray = ordered[np.minimum(places, len(ordered) - 1)] == values
+    return found
