@@ -226,9 +226,7 @@ FIRST: list[Held] = [
 """The first page's."""
 
 TABLES: list[Held] = [
-    Sentence(
-        "All devices here are software, on one processor, an AMD EPYC {}/{}, {}-bit.", processor
-    ),
+    Sentence("All devices here are software, on an AMD EPYC {}/{}, {}-bit;", processor),
     Table(
         "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
         " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"

@@ -162,7 +162,7 @@ DEFINITIONS = (
     r"(?s)^.*?## Results",
     r"\b64 px\^2|\b(?:256|1024|64) px\b|R\^2|4 cycles a quad|Hypothesis \d|1:1",
     r"\| (?:0\.5|1|2|4|8) \||\| (?:Helsinki|letters|cad|stress) \| \d+ \||\| \d+:1 \|",
-    r"tiles of \d+ px|blocks of 8 px|EPYC 25/1 and a 26/2|\d+ cycles between triangles",
+    r"tiles of \d+ px|blocks of 8 px|within 10 % of\s+the larger|\d+ cycles between triangles",
 )
 """What was registered, and the names of rows and columns."""
 
