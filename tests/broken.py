@@ -102,3 +102,8 @@ def right(polygon: Polygon) -> np.ndarray:
     from triangulators import triangulate
 
     return triangulate(polygon, "ear-clipping")[:, ::-1].astype(np.uint64)
+
+
+def forgets_the_rest(polygon: Polygon) -> np.ndarray:
+    """Give the first two triangles."""
+    return right(polygon)[:2]

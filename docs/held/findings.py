@@ -110,7 +110,8 @@ TABLES: list[Held] = [
     ),
     Sentence(
         "at most {} % more quads than the best possible at 1024 px on all four scenes, and at most"
-        " {} % more at 256 px. At 1024 px the largest mean is {} % for H's choice and {} % for A's.",
+        " {} % more at 256 px. At 1024 px the largest mean is {} % for H's choice and {} % for"
+        " A's.",
         lambda: [
             percent(max(tables.quads_regret(px, who)), 2)
             for px, who in ((1024, "Q"), (256, "Q"), (1024, "H"), (1024, "A"))

@@ -1,6 +1,7 @@
-"""Triangulates a batch; a user's triangulator does it in a process of its own.
+"""Triangulates a batch; a user's triangulator does it in a process of its own, and is verified.
 
-What crashes there costs its polygon, and neither the others nor the command.
+What crashes there, or is no triangulation, costs its polygon, and neither the others nor the
+command.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ import triangulators
 from harness.measuring.serving import TaskFailed
 from harness.triangulating import recipes
 from triangulators import parse
+from triangulators.batch.doubtful import doubtful
 from triangulators.batch.ragged import polygon_at
-from triangulators.batch.triangulate_many import Ragged, Triangulations
+from triangulators.batch.triangulate_many import Ragged, Triangulations, ragged
+from triangulators.verify import verify
 
 if TYPE_CHECKING:
     from harness.measuring.worker import Worker
@@ -36,7 +39,8 @@ def triangulate_many(
 ) -> Triangulations:
     """Return what `triangulators.triangulate_many` returns; `more` is what else that takes.
 
-    A polygon under which a user's triangulator ends its process is `failed`.
+    A polygon under which a user's triangulator ends its process is `failed`, and so is one of which
+    it gives no triangulation.
 
     Raises
     ------
@@ -45,8 +49,12 @@ def triangulate_many(
     TaskFailed
         if importing it ends the process
     """
-    if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
+    if parse(name).entry.builtin:
         return triangulators.triangulate_many(polygons, name, **more)
+    arrays = polygons if isinstance(polygons, Ragged) else ragged(polygons)
+    if multiprocessing.parent_process() is not None:
+        done = triangulators.triangulate_many(polygons, name, **more)
+        return _verified(arrays, list(done), done.failed)
     worker = _worker(name)
     worker.call(recipes.parse(name).load)
     task = partial(triangulators.triangulate_many, **more)
@@ -77,6 +85,19 @@ def triangulate_many(
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
+    return _verified(arrays, pieces, failed)
+
+
+def _verified(
+    arrays: Ragged, pieces: list[NDArray[np.int32]], failed: dict[int, str]
+) -> Triangulations:
+    """Return the triangles of all polygons, but for those that are no triangulation of theirs."""
+    known = {number: piece for number, piece in enumerate(pieces) if number not in failed}
+    for number in doubtful(arrays, known):
+        result = verify(polygon_at(arrays, number), pieces[number])
+        if not result.ok:
+            failed = failed | {number: "; ".join(result.problems[:3])}
+            pieces[number] = np.empty((0, 3), np.int32)
     starts = np.r_[0, np.cumsum([len(piece) for piece in pieces])].astype(np.int64)
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
     return Triangulations(triangles, starts, failed, np.zeros(len(pieces), np.bool_))
