@@ -130,5 +130,6 @@ GATE: list[Held] = [
 
 GATE_RULES = (
     r"0 %, whatever|\(5 %\)|95 % interval|excludes 1\b|exceeds 1.015|60,000 characters|3 % of one",
+    r"lies above 1\b",
     r"at least 3 %|time=5%|quads=0%|Revels, [^)]*2016|\| \d \||makes it 0",
 )
