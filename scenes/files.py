@@ -165,6 +165,9 @@ def _stacked(tables: list[Any]) -> pd.DataFrame | None:
 
 
 _DEGREES = "OGC:CRS84"
+FEW_OFF = 0.2
+"""Share of features off the globe, up to which the others are taken for degrees."""
+
 _OFF = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
 _TORN = "crosses the 180th meridian, where a map of the whole globe ends: cut it there"
 
@@ -213,9 +216,10 @@ class Placing:
         if not self._decided and len(coordinates):
             self._decided = True
             # one bad vertex makes no plane of a file of degrees; GDAL gives EPSG:4326 to every
-            # GeoJSON without `crs`, so where most features are off the globe, it is a plane
-            most = 2 * off.sum() <= len(np.unique(owner))
-            notes += self._decide(raw, given[~off], on_globe=bool(most))
+            # GeoJSON without `crs`, so where many features are off the globe, it is a plane
+            some = len(np.unique(owner))
+            few = off.sum() <= max(1, FEW_OFF * some) and off.sum() < some
+            notes += self._decide(raw, given[~off], on_globe=bool(few))
         fresh = tuple(note for note in notes if note not in self._said)
         self._said.update(fresh)
         if self.projection is None:

@@ -9,7 +9,7 @@ const MOST_UNDONE = 200;
 const WAYS = [["ears", "Ear clipping", "earcut, as most programs use it: what the others are compared with"], ["refined", "earcut’s refine", "flips by circles: fewer thin angles"],
   ["flipped", "Flips", "to diagonals with less |dx| + |dy|"], ["optimal", "The optimum for H", "least width + height of all boxes: good wherever it lies"]];
 const SAID = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H" };
-const DRAWING = "Click where the corners are to be, and the first one again to close the polygon. Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up.";
+const DRAWING = "Click where the corners are to be, and the first one again to close the polygon. Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up. Undo takes the last corner back.";
 const SVG = "http://www.w3.org/2000/svg";
 
 /* open : the corners of a polygon that is being drawn, and cursor where its next one would be
@@ -160,7 +160,7 @@ function showAnswer(found) {
   $("answer").style.minHeight = `${$("answer").offsetHeight}px`;
   $("hint").hidden = Boolean(state.open);
   if (state.open) {
-    $("corners").textContent = `${state.open.length} corners so far`;
+    $("corners").textContent = `${state.open.length} placed so far`;
     return;
   }
   const lost = found.placed.lost > 0 ? `, ${found.placed.lost} of which fall together at this size` : "";
@@ -194,7 +194,7 @@ function showEditor() {
   }
   corners.forEach(([r, i], number) => {
     const [cx, cy] = shownAt(rings[r][i]);
-    parts.push(drawn("circle", { cx, cy, r: 2.2 * reach, class: "hold", "data-corner": number }), drawn("circle", { cx, cy, r: reach, class: `dot${number === state.chosen ? " chosen" : ""}` }));
+    parts.push(drawn("circle", { cx, cy, r: (isCoarse ? 3.6 : 2.2) * reach, class: "hold", "data-corner": number }), drawn("circle", { cx, cy, r: reach, class: `dot${number === state.chosen ? " chosen" : ""}` }));
   });
   if (state.open && state.cursor) {
     const [x, y] = shownAt(state.cursor);
@@ -205,12 +205,15 @@ function showEditor() {
   $("draw").setAttribute("aria-pressed", String(Boolean(state.open)));
   $("draw").textContent = state.open ? "Close the polygon" : "Draw your own";
   $("remove").disabled = state.open ? !state.open.length : !canRemove();
-  $("undo").disabled = Boolean(state.open) || !state.past.length;
+  $("undo").disabled = !state.open && !state.past.length;
+  $("copy").disabled = $("wkt").disabled = Boolean(state.open);
   for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!state.open && button.dataset.example === state.example));
   $("degrees-label").hidden = Boolean(state.open) || state.degrees === null;
   $("degrees").checked = Boolean(state.degrees);
   if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
 }
+
+const isCoarse = matchMedia("(pointer: coarse)").matches;
 
 const link = () => toLink(state.rings, state.size, state.rotation);
 
@@ -253,7 +256,12 @@ function remember() {
 }
 
 function undo() {
-  if (state.open || !state.past.length) return;
+  if (state.open) {
+    if (state.open.length) removeCorner();
+    else giveUp();
+    return;
+  }
+  if (!state.past.length) return;
   Object.assign(state, state.past.pop(), { chosen: 0 });
   tell("");
   changed();
@@ -356,6 +364,12 @@ function closeDrawing() {
   else take(oriented([ring]));
 }
 
+function giveUp() {
+  state.open = null;
+  tell("");
+  changed();
+}
+
 function pointOf(event) {
   const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform($("editor").getScreenCTM().inverse());
   return [x / 1000 * GRID, (1000 - y) / 1000 * GRID];
@@ -369,7 +383,7 @@ function setCorner(point) {
 }
 
 function startDrawing() {
-  Object.assign(state, { open: [], cursor: [GRID / 2, GRID / 2], chosen: 0 });
+  Object.assign(state, { open: [], cursor: null, chosen: 0 });
   tell("");
   $("editor").focus({ preventScroll: true });
   $("editor").scrollIntoView({ block: "nearest" });
@@ -382,6 +396,7 @@ function pressed(event) {
   event.preventDefault();
   $("editor").focus({ preventScroll: true });
   if (state.open) {
+    if (event.pointerType === "touch") state.cursor = null; // a finger is nowhere between two touches
     if (corner === "0") closeDrawing();
     else setCorner(pointOf(event));
     return;
@@ -398,7 +413,7 @@ function moved(event) {
     if (state.dragging === "begun") remember();
     state.dragging = "on";
     moveTo(pointOf(event));
-  } else if (state.open) {
+  } else if (state.open && event.pointerType !== "touch") {
     state.cursor = pointOf(event).map(within);
     showEditor();
   }
@@ -418,6 +433,7 @@ const stepped = (point, key, step) => point.map((value, axis) => within(value + 
 
 /* Whether a key does something to the polygon that is being drawn. */
 function drawByKey(key, step) {
+  state.cursor ??= [GRID / 2, GRID / 2];
   if (KEYS[key]) {
     state.cursor = stepped(state.cursor, key, step);
     $("corner").textContent = `Cross at ${shownAt(state.cursor).map(Math.round).join(", ")}`;
@@ -463,6 +479,7 @@ async function measureDevice() {
   frame.addEventListener("load", () => {
     const { documentElement: inside } = frame.contentDocument;
     frame.scrollIntoView();
+    frame.contentWindow.focus();
     new ResizeObserver(() => { frame.style.height = `${inside.offsetHeight + 8}px`; }).observe(inside);
   });
   $("profile").parentElement.after(frame);
@@ -490,12 +507,7 @@ function listen() {
   for (const kind of ["pointerup", "pointercancel"]) editor.addEventListener(kind, () => { state.dragging = null; });
   editor.addEventListener("dblclick", () => { if (state.open?.length > 2) closeDrawing(); });
   editor.addEventListener("keydown", keyPressed);
-  addEventListener("keydown", (event) => {
-    if (event.key !== "Escape" || !state.open) return;
-    state.open = null;
-    tell("");
-    changed();
-  });
+  addEventListener("keydown", (event) => { if (event.key === "Escape" && state.open) giveUp(); });
   $("draw").addEventListener("click", () => { if (state.open) closeDrawing(); else startDrawing(); });
   $("notice").addEventListener("click", () => tell("")); // it lies over what is below
   $("remove").addEventListener("click", removeCorner);
@@ -524,7 +536,9 @@ function listen() {
     else takeText(event.dataTransfer.getData("text"));
   });
   addEventListener("paste", (event) => {
-    if (event.target !== $("text")) takeText(event.clipboardData.getData("text"));
+    event.preventDefault(); // in the field, too: a second polygon takes the place of the first
+    $("text").value = event.clipboardData.getData("text");
+    takeText($("text").value);
   });
   addEventListener("hashchange", takeAddress);
   addEventListener("resize", () => {

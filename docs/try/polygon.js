@@ -30,12 +30,13 @@ const withoutRepeats = (ring) => ring.filter(([x, y], i) => {
 const turned = (ring, counterClockwise) => (doubledArea(ring) > 0 === counterClockwise ? ring : [...ring].reverse());
 const oriented = (rings) => rings.map((ring, i) => turned(ring, i === 0));
 
-/* Polygons as lists of rings, of loose ones: each that lies in no other is an exterior, those in it are its holes. */
+/* Polygons as lists of rings, of loose ones: each that lies in no other, or in a hole, is an exterior; those in it are its
+   holes. */
 function nested(rings) {
   const bySize = [...rings].sort((p, q) => Math.abs(doubledArea(q)) - Math.abs(doubledArea(p)));
   const polygons = [];
   for (const ring of bySize) {
-    const owner = polygons.find(([exterior]) => isInside(ring[0], exterior));
+    const owner = polygons.find(([exterior, ...holes]) => isInside(ring[0], exterior) && !holes.some((hole) => isInside(ring[0], hole)));
     if (owner) owner.push(ring);
     else polygons.push([ring]);
   }
@@ -189,6 +190,10 @@ function readPolygon(text, told = null) {
   if (!sized.length) throw new Error("There is no polygon with an area in this text.");
   const areaOf = ({ rings, across }) => Math.abs(doubledArea(rings[0])) * across;
   const { rings, across } = sized.reduce((best, each) => (areaOf(each) > areaOf(best) ? each : best));
+  const [exterior, ...holes] = rings;
+  if (holes.some(([point], i) => !isInside(point, exterior) || holes.some((other, j) => i !== j && isInside(point, other)))) {
+    throw new Error("A hole of this polygon lies outside it, or in another hole.");
+  }
   const corners = rings.flatMap(withoutRepeats).length;
   if (corners > MOST_CORNERS) throw new Error(`It has ${corners} corners; this page draws up to ${MOST_CORNERS}.`);
   const { back, ...laid } = onGrid(rings, across, read === readSvg ? -1 : 1);

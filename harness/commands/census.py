@@ -105,7 +105,7 @@ def count(
     from harness.scaling import census_report
     from harness.scaling.census import COUNTING, TILE_COUNTING, TileOptions, also_found
     from harness.scaling.dataset import Dataset
-    from harness.scaling.sums import total
+    from harness.scaling.sums import MEASURES, total
     from harness.stored.folder import clear_errors
 
     kind = TILE_COUNTING if isinstance(options, TileOptions) else COUNTING
@@ -123,6 +123,10 @@ def count(
             if missing := [name for name in asked if known]:
                 why = f"there is no layer {missing[0]!r}; it has {', '.join(known)}"
         raise NothingMeasured(f"{os.path.relpath(out)}: {why}")
+    if not sum(sums.totals[0, MEASURES.index("fragments")] for sums in groups.values()):
+        _warn(summary, reporter)
+        what = "pixels=" if isinstance(options, TileOptions) else "--units-per-pixel"
+        raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, groups, options, damaged)
     _warn(summary, reporter)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from harness.commands.options import Dask, Layer, Limit, Quiet, Where
-from harness.errors import Inconclusive, UsageError, refuse_failed
+from harness.commands.options import Dask, Layer, Limit, Quiet, Where, refuse_own_source
+from harness.errors import Inconclusive, NothingMeasured, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
@@ -92,6 +93,7 @@ def triangulate(
     for the shortest edges: the file keeps its format, every vertex, and what is seen.
     """
     source = Path(file)
+    refuse_own_source(file, out)
     if _stays_model(source, out, check):
         of_polygons = {
             "--triangulator": triangulator,
@@ -122,6 +124,10 @@ def triangulate(
         ):
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
+        if find_spec("pyarrow") is None:
+            from scenes.spec import install
+
+            raise UsageError(f"many files become GeoParquet, by pyarrow: {install('geoparquet')}")
         from harness.commands.census import triangulate_many_files
         from harness.export.export import chosen
         from harness.scaling.triangulated import Options
@@ -235,6 +241,8 @@ def _in_place(
         f"{source}: {done.triangles:,} triangles, {done.flat:,} of them in {done.faces:,} "
         f"flat faces of two or more ({share:.0%} of the area)"
     )
+    if not done.triangles:
+        raise NothingMeasured(f"{source}: there is no triangle in it")
     if not done.changed:
         typer.echo(f"{out or source}: nothing to gain: no flat face has cheaper diagonals")
         return

@@ -112,6 +112,7 @@ def inspect(
             raise UsageError(f"--{name.removeprefix('as_')} {where} --sizes")
     usual = SIDE_BY_SIDE if sizes is None else COMPARED
     recipes = parse_all(triangulator or usual, seed=seed)
+    options.refuse_own_source(scene, out)
     if out is not None and every is None:
         _require_writable(out, (".png",) if sizes is None else (".png", ".svg"))
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
@@ -193,8 +194,8 @@ def _say_if_it_matters(
     most = max(found, key=lambda size: size.left_out)
     if most.left_out:
         reporter.warn(
-            f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as not all of "
-            f"the triangulators do them: {most.left_out:,}"
+            f"polygons counted at {most.resolution} px: {most.polygons:,}; left out, as they "
+            f"vanish on the grid or not all triangulators do them: {most.left_out:,}"
         )
     answer = sizes.Sizes(scene.name, law, tuple(found))
     try:

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+from harness.errors import UsageError
 from harness.settings import MOST_S, MOST_SEED, MOST_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
 PROFILES = Path("results") / "profiles"
@@ -235,3 +236,12 @@ def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str,
 
     first = usual()
     return (first, *beside) if first == "opengl" else (first,)
+
+
+def refuse_own_source(source: str, out: Path | None) -> None:
+    """Raise UsageError where what is written would take the place of what is read."""
+    from scenes.registry import split
+
+    place = Path(split(source)[0])
+    if out is not None and out.is_file() and place.is_file() and out.samefile(place):
+        raise UsageError(f"{out} is the file that is read: give another name")

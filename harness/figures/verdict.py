@@ -435,7 +435,8 @@ def _counted(decision: Decision) -> str:
     own = choice.record["counters"][measure]
     words = f"{own:,} {find(measure).label}"
     usual = (base.record.get("counters") or {}).get(measure)
-    if base is choice or not usual:
+    drawn = {each.record["polygons"] for each in (choice, base)}
+    if base is choice or not usual or len(drawn) > 1:
         return words
     return f"{words}, {_share(1 - own / usual)} fewer than {base.name}"
 

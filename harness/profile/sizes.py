@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
-from harness.figures.verdict import listed
+from harness.figures.verdict import LEAST_PIXELS, listed
 from harness.frame import SUBPIXEL, Frame, View, frame_of
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
@@ -84,7 +84,7 @@ class Size:
 
     resolution : side of the viewport in px, which the scene fills
     polygons : counted: those that the grid leaves and that all triangulators do
-    left_out : polygons that some triangulator does not do
+    left_out : polygons that the grid does not leave, or that some triangulator does not do
     polygon_px : median of the longer sides of their bounding boxes
     costs : by triangulator, the base first
     """
@@ -99,6 +99,11 @@ class Size:
     def base(self) -> Cost:
         """The first triangulator's cost."""
         return next(iter(self.costs.values()))
+
+    @property
+    def tells(self) -> bool:
+        """Whether so many pixels are covered that a share of them says something."""
+        return self.base.fragments >= LEAST_PIXELS
 
     @property
     def best(self) -> str:
@@ -131,8 +136,8 @@ class Sizes:
 
     @property
     def mattering(self) -> list[Size]:
-        """The sizes at which something is saved."""
-        return [size for size in self.sizes if size.saved >= MATTERS]
+        """The sizes at which something is saved, of enough pixels to tell."""
+        return [size for size in self.sizes if size.saved >= MATTERS and size.tells]
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
@@ -199,7 +204,8 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
         costs[name] = _cost(frame, frame.join(parts), taken, law)
     middle = float(np.median(boxes.max(axis=1)[done])) / SUBPIXEL
-    return Size(view.resolution, int(done.sum()), int((~done).sum()), middle, costs)
+    counted = int(done.sum())
+    return Size(view.resolution, counted, len(scene.polygons) - counted, middle, costs)
 
 
 def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
@@ -218,6 +224,9 @@ def sentence(found: Sizes) -> str:
     """Return whether it matters, at which size most, and below which not."""
     base = next(iter(found.sizes[0].costs))
     first, last = found.sizes[0].resolution, found.sizes[-1].resolution
+    if not any(size.tells for size in found.sizes):
+        covered = max(size.base.fragments for size in found.sizes)
+        return f"It cannot be told: {covered:,} pixels or fewer are covered. Give a larger size."
     if not found.mattering:
         across = f"from {first} to {last} px" if last > first else f"at {first} px"
         return (

@@ -76,6 +76,10 @@ class Cut:
         return sum(sizes) if all(sizes) else 0
 
 
+BESIDE = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
+"""Parts of a Shapefile, which is read by its .shp."""
+
+
 def files(pattern: str) -> list[Path]:
     """Return the files that a name, a folder or a pattern such as 'parts/*.parquet' stands for.
 
@@ -87,6 +91,10 @@ def files(pattern: str) -> list[Path]:
     place = Path(pattern)
     if place.is_dir() and not place.suffix:
         found = sorted(each for each in place.iterdir() if not each.name.startswith("."))
+        shapes = {each.stem for each in found if each.suffix.lower() == ".shp"}
+        found = [
+            each for each in found if each.suffix.lower() not in BESIDE or each.stem not in shapes
+        ]
     elif place.exists():
         found = [place]
     else:

@@ -186,6 +186,10 @@ def l_shape() -> Polygon:
             "M0 0H9V9H0ZM3 3V6H6Z",
             Polygon([(0, 0), (9, 0), (9, -9), (0, -9)], [[(3, -3), (3, -6), (6, -6)]]),
         ),
+        (
+            "M0 0H9V9H0ZM2 2V7H7V2ZM4 4H5V5H4Z",  # what lies in the hole is another polygon
+            Polygon([(0, 0), (9, 0), (9, -9), (0, -9)], [[(2, -2), (2, -7), (7, -7), (7, -2)]]),
+        ),
     ],
 )
 def test_texts_are_read(text, expected):
@@ -278,6 +282,8 @@ def test_curves_and_arcs_are_followed():
         ("POLYGON ((0, 1 1, 2 2))", "fewer than two coordinates"),
         ("POLYGON ((0 0, 10 1, 12 7, 9", "not whole"),
         ("POINT (3 4)", "no polygon"),
+        ("POLYGON((0 0,9 0,9 9,0 9,0 0),(20 20,22 20,22 22,20 20))", "A hole of this polygon"),
+        ("POLYGON((0 0,9 0,9 9,0 0),(4 1,8 1,8 5,4 1),(6 2,7 2,7 3,6 2))", "in another hole"),
         (",".join(f"{x} {x * x}" for x in range(3000)), "draws up to 2000"),
     ],
 )

@@ -11,7 +11,9 @@ import shapely
 from pyarrow import parquet
 
 from scenes.cleaning.projection import system
-from tests.harness.test_cli import MOCK
+from tests.conftest import write_geojson
+from tests.harness.test_cli import MOCK, assert_one_line
+from tests.models.various import MODELS
 from tests.scenes.test_files import without_utf8, write
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -144,3 +146,60 @@ def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the
         name, reason = line.partition("dropped ")[2].split(": ")
         assert dropped.pop(name) == reason
     assert "dropped 2 more: is a Point, not a polygon (2); a run's run.json names them" in err
+
+
+def test_what_is_read_is_never_written_over(harness):
+    """Triangles, a chart and a model's other diagonals need a name of their own."""
+    write_geojson(Path("own.geojson"), [shapely.box(0, 0, 9, 9)])
+    Path("own.svg").write_text('<svg><path d="M0 0H9V9H0Z"/></svg>')
+    MODELS["plain.glb"](Path("own.glb"))
+    for command in (
+        ("triangulate", "own.geojson", "-o", "own.geojson"),
+        ("triangulate", "own.glb", "-o", "./own.glb"),
+        ("inspect", "own.svg", "--sizes", "16", "--out", "own.svg"),
+    ):
+        before = Path(command[1]).read_bytes()
+        code, _, err = harness(*command)
+        assert code == 2
+        assert_one_line(err, "is the file that is read: give another name")
+        assert Path(command[1]).read_bytes() == before
+
+
+def test_many_features_off_the_globe_are_no_degrees(harness):
+    """Metres without a reference system; one bad feature among ten leaves the others degrees."""
+    metres = [shapely.box(40 * n, 40 * n, 40 * n + 9, 40 * n + 9) for n in range(6)]
+    Path("metres.geojson").write_text(plain_geojson(metres))
+    err = harness("inspect", "metres.geojson", "--out", "a.png")[2]
+    assert "coordinates are not degrees as in WGS 84, used as they are" in " ".join(err.split())
+    degrees = [shapely.box(n, 50, n + 0.5, 50.5) for n in range(9)]
+    Path("degrees.geojson").write_text(plain_geojson([*degrees, shapely.box(3, 90, 4, 91)]))
+    err = harness("inspect", "degrees.geojson", "--out", "b.png")[2]
+    assert "dropped feature 9: has a vertex off the globe" in " ".join(err.split())
+
+
+def plain_geojson(polygons: list[shapely.Polygon]) -> str:
+    """Features without a reference system, which GeoJSON takes for longitude and latitude."""
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(each)}
+        for each in polygons
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+def test_a_folder_with_a_shapefile_has_its_polygons_once(harness):
+    Path("folder").mkdir()
+    write(Path("folder/houses.shp"), HOUSES, "houses")
+    two = ("--triangulators", "ear-clipping,delaunay")
+    code, out, err = harness("census", "folder", "-o", "census", *two)
+    assert code == 0, err
+    assert "4 footprints" in out
+    code, _, err = harness("census", "folder", "-o", "nothing", *two, "--units-per-pixel", "1000")
+    assert code == 4
+    assert "no pixel is covered: choose another --units-per-pixel" in " ".join(err.split())
+
+
+def test_a_model_without_triangles_is_not_judged(harness):
+    Path("lines.obj").write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
+    code, _, err = harness("triangulate", "lines.obj", "--check")
+    assert code == 4
+    assert_one_line(err, "there is no triangle in it")

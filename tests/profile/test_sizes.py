@@ -93,7 +93,7 @@ def test_the_sentence_names_where_it_begins_and_ends_to_matter():
     """Sizes with shares saved of 0, 5, 20 and 0.5 %, and two triangulators that save alike."""
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
-        return sizes.Cost(1, lanes // 4, 1, 1, cut, draw)
+        return sizes.Cost(sizes.LEAST_PIXELS, lanes // 4, 1, 1, cut, draw)
 
     def size(px: int, lanes: int) -> sizes.Size:
         return sizes.Size(
@@ -121,9 +121,8 @@ def test_what_a_triangulator_cannot_do_is_named(harness):
     given = ("inspect", "two.geojson", "--sizes", "64", "--triangulator", "ear-clipping,fan")
     code, _, err = harness(*given)
     assert code == 0
-    assert (
-        "polygons counted at 64 px: 1; left out, as not all of the triangulators do them: 1" in err
-    )
+    assert "polygons counted at 64 px: 1; left out, as they vanish on the grid or not" in err
+    assert "not all triangulators do them: 1" in err
     told = json.loads(harness(*given, "--json")[1])
     assert told["sizes"][0]["polygons"] == told["sizes"][0]["left_out"] == 1
 
@@ -163,3 +162,15 @@ def test_what_cannot_be_meant_is_one_line(harness, arguments, parts):
     code, _, err = harness("inspect", "l.geojson", *arguments)
     assert code == 2
     assert_one_line(err, *parts)
+
+
+def test_too_few_pixels_and_polygons_that_vanish_are_told(harness):
+    """Seven squares of eight are smaller than the grid, and few pixels are covered."""
+    squares = [box(0, 0, 1, 1), *(box(n, 0, n + 1e-4, 1e-4) for n in range(2, 9))]
+    write_geojson(Path("few.geojson"), squares)
+    given = ("inspect", "few.geojson", "--sizes", "16", "--out", "chart.svg")
+    code, out, err = harness(*given)
+    assert code == 0
+    assert "It cannot be told: 4 pixels or fewer are covered" in " ".join(out.split())
+    assert "counted at 16 px: 1; left out, as they vanish on the grid" in err
+    assert json.loads(harness(*given, "--json")[1])["sizes"][0]["left_out"] == 7
