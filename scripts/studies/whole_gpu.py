@@ -110,7 +110,10 @@ def ratios(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def ranks(rows: pd.DataFrame) -> pd.DataFrame:
-    """Spearman's coefficient within polygons of cycles, orders averaged, with each predictor."""
+    """Spearman's coefficient within polygons of cycles, of which orders have the geometric mean, with
+    each predictor.
+    """
+    rows = rows.assign(cycles=np.log(rows["cycles"]))
     mean = rows.groupby(["scene", "bound", "polygon", "triangulator"]).mean(numeric_only=True)
     found = []
     for (scene, bound), part in mean.groupby(["scene", "bound"]):
