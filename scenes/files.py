@@ -245,7 +245,8 @@ class Placing:
             name = known.name if geographic and known is not None else "taken as WGS 84"
             return [f"longitude and latitude ({name}) projected to metres, {self.projection}"]
         if raw.crs is None:
-            return []
+            can_have_one = Path(self._name).suffix.lower() in (".shp", ".gpkg", ".fgb")
+            return ["no reference system, coordinates used as they are"] if can_have_one else []
         if known is None:
             shown = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
             return [f"the reference system {shown} is not known, coordinates used as they are"]

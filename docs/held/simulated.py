@@ -238,7 +238,8 @@ IN_WHOLE = [
     ),
     Sentence("as shipped they reach from {} to {}.", lambda: [two(end) for end in _reach()]),
     Sentence(
-        "shuffled list of the same triangles takes, as a mean over a scene, {} to {} times the cycles",
+        "shuffled list of the same triangles takes, as a mean over a scene, {} to {} times the"
+        " cycles",
         lambda: [two(end) for end in _shuffled()],
     ),
 ]

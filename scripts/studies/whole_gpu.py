@@ -110,7 +110,7 @@ def ratios(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def ranks(rows: pd.DataFrame) -> pd.DataFrame:
-    """Spearman's coefficient within polygons of cycles, over orders' geometric means, by predictor."""
+    """Spearman's coefficient within polygons of cycles (orders' geometric mean), by predictor."""
     rows = rows.assign(cycles=np.log(rows["cycles"]))
     mean = rows.groupby(["scene", "bound", "polygon", "triangulator"]).mean(numeric_only=True)
     found = []

@@ -175,6 +175,9 @@ def test_many_features_off_the_globe_are_no_degrees(harness):
     Path("degrees.geojson").write_text(plain_geojson([*degrees, shapely.box(3, 90, 4, 91)]))
     err = harness("inspect", "degrees.geojson", "--out", "b.png")[2]
     assert "dropped feature 9: has a vertex off the globe" in " ".join(err.split())
+    write(Path("bare.gpkg"), degrees, "bare", crs=None)
+    err = harness("inspect", "bare.gpkg", "--out", "c.png")[2]
+    assert "no reference system, coordinates used as they are" in " ".join(err.split())
 
 
 def plain_geojson(polygons: list[shapely.Polygon]) -> str:

@@ -43,8 +43,8 @@ def certify(
     bound is the table over all sub-polygons. Otherwise it is a linear program's over all empty
     triangles. `checker` checks either in whole numbers; costs that are no whole numbers are rounded
     down after the tenth digit of the total first (see `checking.units` and `Certificate`). A
-    polygon with more than eight million empty triangles gets no bound. seconds: for each linear
-    program; where they do not suffice the bound is lower than it could be and nothing is proven.
+    polygon with more than eight million triples that see each other gets no bound. seconds: for
+    each linear program; where they do not suffice the bound is lower than it could be and nothing is proven.
     evidence: if False, a table whose sums are exact in doubles is taken at its word, without
     evidence, in a fraction of the time.
 
