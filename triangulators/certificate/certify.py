@@ -45,8 +45,8 @@ def certify(
     down after the tenth digit of the total first (see `checking.units` and `Certificate`). A
     polygon with more than eight million triples that see each other gets no bound. seconds: for
     each linear program; where they do not suffice the bound is lower than it could be and nothing
-    is proven. evidence: if False, a table whose sums are exact in doubles is taken at its word, without
-    evidence, in a fraction of the time.
+    is proven. evidence: if False, a table whose sums are exact in doubles is taken at its word,
+    without evidence, in a fraction of the time.
 
     Raises `TriangulationError` if the triangles are no conforming triangulation of the polygon,
     or the criterion is no number for a triangle; `InvalidPolygon`, `UnknownName`.
