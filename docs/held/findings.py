@@ -37,7 +37,7 @@ FIRST: list[Held] = [
         lambda: [tables.error_of_prediction(1), tables.error_of_prediction(2)],
     ),
     Sentence(
-        "by helper lanes with a correlation of {}, H with {} and the paper's A with {}",
+        "by helper lanes with a median correlation of {}, H with {} and the paper's A with {}",
         lambda: [
             three(tables.correlation(c, "helper_lanes")["value"])
             for c in ("expected_quads", "half_perimeter", "overdraw")

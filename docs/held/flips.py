@@ -250,8 +250,8 @@ HELD: list[Held] = [
         lambda: [*_beyond_l1(EUCLIDEAN), *_beyond_l1("delaunay")],
     ),
     Sentence(
-        "Trusting E costs {} % more lanes than the fewest in the city at 1024 px, and H {} %; on"
-        " counties {} % and {} %.",
+        "Trusting E costs a mean of {} % more helper lanes than the fewest on 96 city polygons at"
+        " 1024 px, and H {} %; on eight counties {} % and {} %.",
         _trusted,
     ),
     Sentence(
@@ -285,7 +285,7 @@ HELD: list[Held] = [
 DEFINITIONS = (
     # Computed by tests/triangulators/test_slivers.py.
     r"(?s)## Slivers.*?(?=\*\*Blender's Beauty)",
-    r"mapbox_earcut 2\.1\.0|Blender 5\.0\.1|in the city at 1024 px",
+    r"mapbox_earcut 2\.1\.0|Blender 5\.0\.1|on 96 city polygons at\s+1024 px",
     r"(?s)^.*?## What it is worth",
     r"\b[Aa]t (64|1024) px",
     r"(?s)## What a pass must do.*$",
