@@ -153,8 +153,8 @@ TABLES: list[Held] = [
         tables.orders,
     ),
     Sentence(
-        "its own order costs it {} % on the city, {} % on Helsinki, {} % on letters and {} % on"
-        " counties",
+        "in its own order its ratio is {} % above that of a walk on the city, {} % on Helsinki,"
+        " {} % on letters and {} % on counties",
         tables.own_order_costs,
     ),
     Sentence(
@@ -186,7 +186,7 @@ TABLES: list[Held] = [
         tables.on_the_device,
     ),
     Sentence(
-        "its helper lanes rise from {} of ear clipping's to {}.",
+        "they rise from {} of ear clipping's to {}.",
         lambda: [
             two(end(tables.rotated("optimal:overdraw@0", "helper_lanes")))
             for end in (operator.itemgetter(0), max)

@@ -54,5 +54,5 @@ HELD: list[Held] = [
 DEFINITIONS = (
     r"\b2x2\b|\b95 %|Python 3.11 to 3.13|\b1024 px|at 256 px|\b500 footprints|2-core machine",
     r"up to 2,000 vertices|than 500 vertices|512 px",
-    r"Its packages take(?s:.*?)fonts 24|array \(m, 3\)",
+    r"Its packages take some 720 MB|array \(m, 3\)",
 )
