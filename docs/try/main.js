@@ -9,7 +9,9 @@ const MOST_UNDONE = 200;
 const WAYS = [["ears", "Ear clipping", "earcut, as most programs use it: what the others are compared with"], ["refined", "earcut’s refine", "flips by circles: fewer thin angles"],
   ["flipped", "Flips", "to diagonals with less |dx| + |dy|"], ["optimal", "The optimum for H", "least width + height of all boxes: good wherever it lies"]];
 const SAID = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H" };
-const DRAWING = "Click where the corners are to be, and the first one again to close the polygon. Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up. Undo takes the last corner back.";
+const isCoarse = matchMedia("(pointer: coarse)").matches;
+const DRAWING = `${isCoarse ? "Touch" : "Click"} where the corners are to be, and the first one again to close the polygon. ${isCoarse ? ""
+  : "Keys: arrows move the cross, Space sets a corner, Enter closes, Escape gives up. "}Undo takes the last corner back.`;
 const SVG = "http://www.w3.org/2000/svg";
 
 /* open : the corners of a polygon that is being drawn, and cursor where its next one would be
@@ -212,8 +214,6 @@ function showEditor() {
   $("degrees").checked = Boolean(state.degrees);
   if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
 }
-
-const isCoarse = matchMedia("(pointer: coarse)").matches;
 
 const link = () => toLink(state.rings, state.size, state.rotation);
 
