@@ -193,7 +193,14 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     made = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
     done = np.all([[part is not None for part in each.parts] for each in made.values()], axis=0)
     if not done.any():
-        raise UsageError(f"{scene.name}: at {view.resolution} px no polygon can be triangulated")
+        told = [
+            *frame.dropped,
+            *(n for each in made.values() for n in (*each.failed, *each.skipped)),
+        ]
+        raise UsageError(
+            f"{scene.name}: at {view.resolution} px no polygon can be triangulated"
+            f"{f': {told[0][1]}' if told else ''}; give a larger size, or fewer polygons"
+        )
     starts, points = frame.offsets[:-1], frame.points
     boxes = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
     seconds = [each.seconds for each in made.values()]
