@@ -230,7 +230,7 @@ def leaderboard() -> str:
             for name, found in seen["triangulators"].items():
                 time = [str(value) for value in found["time"] or ("", "", "")]
                 where = f"{told['device']} ({told['rasteriser']}), {told['cpu']}".rstrip(", ")
-                rows.append((scene, where, name, "", "", _time(time), "", f"`{file.stem}`"))
+                rows.append((scene, where, name, "", "", _time(time), "", f"`{file.name}`"))
     rows.sort(key=lambda row: (row[0], row[1], row[5] or "9", row[3] or "9"))
     headings = ("scene", "device", "triangulator", "helper lanes", "partial quads", "draw time")
     return _table((*headings, "triangulating, ms", "run"), rows, plain_cell)

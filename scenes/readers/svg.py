@@ -27,6 +27,7 @@ _UNREAD = {
     "text": "is text, which is not read: convert it to paths",
     "image": "is an image, which is not read",
     "foreignObject": "is not SVG, and not read",
+    "line": "is a line, which has no area",
 }
 _STYLED = (
     "rules of <style> are not read: shapes that they hide or leave unfilled are taken as filled"

@@ -62,7 +62,7 @@ def test_the_leaderboard_has_a_row_for_each_result(site):
     page = (site / "leaderboard.html").read_text()
     assert "javascripts/sort.js" in page
     for file in (ROOT / "results" / "devices").glob("*.json"):
-        assert f"<code>{file.stem}</code>" in page
+        assert f"<code>{file.name}</code>" in page
     cells = r"<td>city</td>\n<td>llvmpipe \(opengl\)</td>\n<td>{}</td>\n<td>(.*?)<"
     best = re.search(cells.format("optimal:half-perimeter"), page)
     clipped = set(re.findall(cells.format("ear-clipping"), page))

@@ -185,7 +185,7 @@ class TestDrawings:
                 f'<g display="none">{inline}</g>',
                 f'<g visibility="hidden">{shape % ("unseen", "")}</g>',
                 '<use id="copy" href="#plain"/><text id="words">A<tspan>b</tspan></text>',
-                '<image id="photo" href="a.png"/>',
+                '<image id="photo" href="a.png"/><line id="edge" x2="9"/>',
             ]
         )
         path = tmp_path / "a.svg"
@@ -193,6 +193,7 @@ class TestDrawings:
         scene = load(path)
         assert list(scene.attributes["id"]) == ["plain", "own"]
         assert {which.split()[1]: why.split(",")[0] for which, why in scene.dropped} == {
+            "edge": "is a line",
             "hollow": "has no fill",
             "styled": "has no fill",
             "inherits": "has no fill",
