@@ -221,7 +221,8 @@ DEFINITIONS = (
     r"0 to 90 degrees in steps of 5|at 0 degrees",
     r"A = \d+|All 47",
     r"triangles of 8 px\^2|\b16:1|request 82887",
-    r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|from 11 to 16 px|16 px|, 24 of each scene",
+    r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|16 px|, 24 of each scene",
+    r"from 11 to 16 px",
     r"by 8 to 28 %(?s:.*?)group of draws",  # of laws.py
     r"the truth is known, 2,000|of laws 400 devices|in 93 %",  # of interval_coverage.py
     r"costs at most 1 %\s+more quads|correlation of 0\.95 or more",
