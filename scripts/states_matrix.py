@@ -20,6 +20,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -189,6 +190,7 @@ def compared(base: Path, head: Path) -> int:
     return subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
 
 
+@cache
 def shown(folder: Path) -> tuple[str, float, float] | None:
     """Return the triangulator that a run's first sentence shows to save, and the interval, in %."""
     for members in groups(read_run(folder).records):

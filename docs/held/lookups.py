@@ -13,6 +13,8 @@ from docs.held import ROOT
 
 REFERENCE = ROOT / "results" / "reference"
 
+BEST_FOR_H = "optimal:half-perimeter"
+
 Row = dict[str, str]
 K, C = TypeVar("K"), TypeVar("C")
 

@@ -6,7 +6,7 @@ from itertools import combinations
 from math import hypot, log
 
 from docs.held import Held, Sentence
-from docs.held.lookups import Row, one, percent, some, table_row
+from docs.held.lookups import BEST_FOR_H, Row, one, percent, some, table_row
 
 
 def alarms() -> list[str]:
@@ -39,7 +39,7 @@ def states() -> list[str]:
         calls = [run["told"] for run in runs]
         told = [str(calls.count(name)) for name in ("quiet", "disturbed", "not to be trusted")]
         draws = [float(run["reference_ms"]) for run in runs if run["scene"] == "city"]
-        best = some("states/ratios.csv", state=state, scene="city", triangulator=BEST)
+        best = some("states/ratios.csv", state=state, scene="city", triangulator=BEST_FOR_H)
         ratios = [float(row["ratio"]) for row in best]
         planted = some("states/planted.csv", state=state)
         said = (
@@ -50,9 +50,6 @@ def states() -> list[str]:
         ends = [f"{min(draws):.2f} to {max(draws):.2f}", f"{min(ratios):.3f} to {max(ratios):.3f}"]
         lines.append(table_row(what, str(len(runs)), *told, *ends, *map(str, said)))
     return lines
-
-
-BEST = "optimal:half-perimeter"
 
 
 def apart() -> list[str]:

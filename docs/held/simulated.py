@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 from docs.held import Held, Sentence, Table
-from docs.held.lookups import one, percent, some, table_row, two, whole
+from docs.held.lookups import BEST_FOR_H, one, percent, some, table_row, two, whole
 
 SCENES = {"helsinki": "Helsinki", "glyphs": "letters", "cad": "cad", "stress": "stress"}
 PX = 256
-BEST_FOR_H = "optimal:half-perimeter"
 LABELS = {
     "delaunay": "Delaunay",
     "earcut-refine": "`earcut-refine`",

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from docs.held.lookups import (
+    BEST_FOR_H,
     Row,
     grid,
     matched,
@@ -260,7 +261,6 @@ def of(file: str, name: str, px: int = 1024) -> Row:
     return one(f"llvmpipe/{file}/summary.csv", triangulator=name, resolution=px)
 
 
-BEST_FOR_H = "optimal:half-perimeter"
 REFINED = "refined:half-perimeter"
 CALIBRATED = "optimal:calibrated"
 

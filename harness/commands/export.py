@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -124,14 +123,12 @@ def triangulate(
         ):
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
-        if find_spec("pyarrow") is None:
-            from scenes.spec import install
-
-            raise UsageError(f"many files become GeoParquet, by pyarrow: {install('geoparquet')}")
         from harness.commands.census import triangulate_many_files
         from harness.export.export import chosen
+        from harness.export.geo import parquet_module
         from harness.scaling.triangulated import Options
 
+        parquet_module()
         name = chosen(triangulator, criterion)
         triangulate_many_files(
             file, out, Options(name, height, layer, where, certify), dask, reporter

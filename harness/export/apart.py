@@ -19,11 +19,11 @@ from shapely import Polygon
 import triangulators
 from harness.measuring.serving import TaskFailed
 from harness.triangulating import recipes
+from harness.triangulating.frames import check
 from triangulators import parse
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.ragged import polygon_at
 from triangulators.batch.triangulate_many import Ragged, Triangulations, ragged
-from triangulators.verify import verify
 
 if TYPE_CHECKING:
     from harness.measuring.worker import Worker
@@ -94,9 +94,9 @@ def _verified(
     """Return the triangles of all polygons, but for those that are no triangulation of theirs."""
     known = {number: piece for number, piece in enumerate(pieces) if number not in failed}
     for number in doubtful(arrays, known):
-        result = verify(polygon_at(arrays, number), pieces[number])
-        if not result.ok:
-            failed = failed | {number: "; ".join(result.problems[:3])}
+        _, _, problem = check(polygon_at(arrays, number), pieces[number])
+        if problem:
+            failed = failed | {number: problem}
             pieces[number] = np.empty((0, 3), np.int32)
     starts = np.r_[0, np.cumsum([len(piece) for piece in pieces])].astype(np.int64)
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])

@@ -67,6 +67,15 @@ class GeoJsonWriter:
         self._stream.write("\n]}\n")
 
 
+def parquet_module() -> Any:
+    """Return pyarrow's module for Parquet; raises `UsageError` where it is not installed."""
+    try:
+        from pyarrow import parquet
+    except ImportError as error:
+        raise UsageError(f"GeoParquet needs pyarrow: {install('geoparquet')}") from error
+    return parquet
+
+
 class GeoParquetWriter:
     """GeoParquet 1.1, WKB in column `geometry`, a row group for each batch.
 
@@ -75,11 +84,7 @@ class GeoParquetWriter:
     """
 
     def __init__(self, output: Output, about: About) -> None:
-        try:
-            from pyarrow import parquet
-        except ImportError as error:
-            raise UsageError(f"GeoParquet needs pyarrow: {install('geoparquet')}") from error
-        self._parquet = parquet
+        self._parquet = parquet_module()
         self._path = output.path()
         self._about = about
         self._writer: Any = None

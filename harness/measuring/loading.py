@@ -5,7 +5,6 @@ What is a third party's is loaded in a process of its own.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from harness.measuring.worker import Limits, OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
 from harness.triangulating.recipes import Recipe
 from scenes import Scene, SceneError, load, registry
+from scenes.cleaning.clean import counted_notes
 from scenes.spec import is_function
 
 SAID = 10
@@ -47,8 +47,8 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         for which, reason in notes[:SAID]:
             reporter.warn(f"{scene.name}: {verb} {which}: {reason}")
         if len(notes) > SAID:
-            more = Counter(reason for _, reason in notes[SAID:])
-            told = "; ".join(f"{reason} ({count:,})" for reason, count in more.most_common(3))
+            more = counted_notes(verb, notes[SAID:])
+            told = "; ".join(f"{reason} ({count:,})" for (_, reason), count in more.most_common(3))
             reporter.warn(
                 f"{scene.name}: {verb} {more.total():,} more: {told}; a run's run.json names them"
             )

@@ -49,9 +49,6 @@ SILENT_S = 10.0
 PATIENCE_S = 60.0
 """Seconds by the wall clock after which a silent program is killed."""
 
-AT_ONCE = 2
-"""Inputs that are given at the same time."""
-
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 
 
@@ -144,8 +141,8 @@ def problem_of(ended: Ended) -> str:
     return ""
 
 
-def each(count: int, one, tell, tmp_path: Path) -> Counter[int]:
-    """Do `one` for each number, several at a time, and require that none has a problem.
+def each(count: int, one, tell, tmp_path: Path, at_once: int = 2) -> Counter[int]:
+    """Do `one` for each number, so many `at_once`, and require that none has a problem.
 
     one : (number, folder) -> (how it ended, problem)
 
@@ -160,7 +157,7 @@ def each(count: int, one, tell, tmp_path: Path) -> Counter[int]:
             shutil.rmtree(folder, ignore_errors=True)
         return number, ended.code, problem
 
-    with ThreadPoolExecutor(AT_ONCE) as pool:
+    with ThreadPoolExecutor(at_once) as pool:
         found = list(pool.map(apart, range(count)))
     codes = Counter(code for _, code, _ in found)
     problems = [f"{number}: {problem}" for number, _, problem in found if problem]
@@ -443,9 +440,7 @@ def test_two_writers_at_once(times, tell, tmp_path):
             problem = problem or f"ended with {codes} and left {left}"
         return ends[-1], problem and f"{place}: {problem}"
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sys.modules[__name__], "AT_ONCE", 1)  # the first of each is alone
-        each(times(60), one, tell, tmp_path)
+    each(times(60), one, tell, tmp_path, at_once=1)  # the first of each is alone
 
 
 def what_is_in(place: Path) -> bytes:

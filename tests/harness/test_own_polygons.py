@@ -127,11 +127,8 @@ def test_geoparquet_of_nowhere_has_no_reference_system(harness, tmp_path):
 
 
 def test_what_is_left_out_is_named_each_with_its_reason_ten_on_screen_all_in_the_run(harness):
-    square = shapely.geometry.mapping(shapely.box(0, 0, 1, 1))
-    shapes = [square, *[{"type": "Point", "coordinates": [0, 0]}] * 6, *[None] * 6]
-    features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
-    collection = {"type": "FeatureCollection", "features": features}
-    Path("own.geojson").write_text(json.dumps(collection))
+    shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6]
+    Path("own.geojson").write_text(plain_geojson(shapes))
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
     code, _, err = harness("run", *arguments)
     assert code == 0, err
@@ -180,11 +177,11 @@ def test_many_features_off_the_globe_are_no_degrees(harness):
     assert "no reference system, coordinates used as they are" in " ".join(err.split())
 
 
-def plain_geojson(polygons: list[shapely.Polygon]) -> str:
+def plain_geojson(shapes: list[shapely.Geometry | None]) -> str:
     """Features without a reference system, which GeoJSON takes for longitude and latitude."""
     features = [
-        {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(each)}
-        for each in polygons
+        {"type": "Feature", "properties": {}, "geometry": each and shapely.geometry.mapping(each)}
+        for each in shapes
     ]
     return json.dumps({"type": "FeatureCollection", "features": features})
 
