@@ -15,7 +15,7 @@ const DRAWING = `${isCoarse ? "Touch" : "Click"} where the corners are to be, an
 const SVG = "http://www.w3.org/2000/svg";
 
 /* open : the corners of a polygon that is being drawn, and cursor where its next one would be
-   back : a point in the numbers of the text it came from; text : that text
+   back : a point in the numbers of the text it came from, which are degrees or not; text : that text, until it is changed
    past : what Undo goes back to */
 const state = { rings: [], size: 64, rotation: 0, chosen: 0, example: null, back: null, text: null, degrees: null, open: null, cursor: null, found: null, past: [] };
 const count = (value) => value.toLocaleString("en-GB");
@@ -210,7 +210,7 @@ function showEditor() {
   $("undo").disabled = !state.open && !state.past.length;
   $("copy").disabled = $("wkt").disabled = Boolean(state.open);
   for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!state.open && button.dataset.example === state.example));
-  $("degrees-label").hidden = Boolean(state.open) || state.degrees === null;
+  $("degrees-label").hidden = Boolean(state.open) || state.text === null || state.degrees === null;
   $("degrees").checked = Boolean(state.degrees);
   if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
 }
@@ -252,7 +252,7 @@ function remember() {
   const { rings, example, back, text, degrees } = state;
   if (rings.length) state.past.push({ rings: structuredClone(rings), example, back, text, degrees });
   state.past.splice(0, state.past.length - MOST_UNDONE);
-  Object.assign(state, { example: null, text: null, degrees: null });
+  Object.assign(state, { example: null, text: null });
 }
 
 function undo() {
@@ -521,7 +521,7 @@ function listen() {
   $("size").addEventListener("input", () => { state.size = SIZES[$("size").value]; changed(); });
   $("rotation").addEventListener("input", () => { state.rotation = Number($("rotation").value); changed(); });
   $("copy").addEventListener("click", () => copied(`${location.href.split("#")[0]}#${link()}`, "The link"));
-  $("wkt").addEventListener("click", () => copied(toWkt(state.back ? state.rings.map((ring) => ring.map(state.back)) : state.rings, state.back?.degrees), `The polygon, in ${state.back ? "its own units" : "units of this page"},`));
+  $("wkt").addEventListener("click", () => copied(toWkt(state.back ? state.rings.map((ring) => ring.map(state.back)) : state.rings, state.degrees), `The polygon, in ${state.back ? "its own units" : "units of this page"},`));
   const over = (is) => document.body.classList.toggle("over", is);
   addEventListener("dragover", (event) => {
     event.preventDefault();

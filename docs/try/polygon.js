@@ -178,7 +178,7 @@ function readJson(text) {
 
    degrees : whether its numbers are longitudes and latitudes, as told or else as GeoJSON and EPSG:4326 have them, or as they
      look; null where they cannot be. A polygon of degrees is drawn as wide as it is at its middle
-   back : a point of the grid in the text's own numbers; back.degrees is as degrees
+   back : a point of the grid in the text's own numbers
    note : what else was in the text */
 function readPolygon(text, told = null) {
   const trimmed = text.trim(), [, read] = KINDS.find(([pattern]) => pattern.test(trimmed)) ?? [];
@@ -196,8 +196,7 @@ function readPolygon(text, told = null) {
   }
   const corners = rings.flatMap(withoutRepeats).length;
   if (corners > MOST_CORNERS) throw new Error(`It has ${corners} corners; this page draws up to ${MOST_CORNERS}.`);
-  const { back, ...laid } = onGrid(rings, across, read === readSvg ? -1 : 1);
-  return { ...laid, back: Object.assign(back, { degrees }), degrees, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
+  return { ...onGrid(rings, across, read === readSvg ? -1 : 1), degrees, note: sized.length > 1 ? `The largest of ${sized.length} polygons.` : "" };
 }
 
 /* Rings of any numbers in whole ones, in the middle of 0 to GRID, which the longer side fills; and the way back. */
