@@ -35,7 +35,7 @@ MARGIN_STEP_PX = 64
 OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
 """Fits of scenes that bring their view along, and what these are of."""
 
-ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --resolution, --rotation, --fit out"
+ITS_OWN_VIEW = "pixels= is the resolution of {}: leave --sizes, --resolution, --rotation, --fit out"
 
 WHOLE = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
 """The window of a frame that nothing cuts."""
@@ -198,8 +198,10 @@ def frame_of(scene: Scene, view: View) -> Frame:
         if the view is not the scene's: tiles and models have their own, other scenes any other
     """
     own = view_of(scene).fit
-    if view.fit != own and (view.fit in OWN_VIEWS or own in OWN_VIEWS):
-        raise UsageError(f"{scene.name}: view {view.fit} is not for {own} scenes")
+    if view.fit != own and own in OWN_VIEWS:
+        raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[own])}")
+    if view.fit != own and view.fit in OWN_VIEWS:
+        raise UsageError(f"{scene.name}: the view of {OWN_VIEWS[view.fit]} is not for polygons")
     if scene.tiling is not None:
         return _tiled(scene, scene.tiling, view)
     if scene.viewing is not None:

@@ -34,7 +34,7 @@ class Chunk:
     `crs` is the file's reference system. If the polygons were projected from longitude and
     latitude, `projection` is their map, which also leads back. `notes` say what was done to the
     file as a whole; each is in the first chunk that it is true of. `credit` names whose data they
-    are, where that has to be told.
+    are, where that has to be told. `labels` name the feature that each polygon is of, where known.
     """
 
     cleaned: Cleaned
@@ -44,6 +44,7 @@ class Chunk:
     projection: Projection | None = None
     notes: tuple[str, ...] = ()
     credit: str = ""
+    labels: tuple[str, ...] = ()
 
 
 def read(
@@ -130,7 +131,10 @@ def read_chunks(
         table = placed.attributes
         if table is not None:
             table = table.iloc[cleaned.source].reset_index(drop=True)
-        yield Chunk(cleaned, table, placing.units, placing.crs, placing.projection, notes)
+        labels = tuple(placed.labels[number] for number in cleaned.source)
+        yield Chunk(
+            cleaned, table, placing.units, placing.crs, placing.projection, notes, labels=labels
+        )
 
 
 def _raws(source: Source, size: int) -> Iterator[Raw]:

@@ -6,6 +6,7 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 from scenes.cleaning.clean import clean
 from scenes.readers.guard import debugging, reason
+from scenes.readers.reader import is_model
 from scenes.scene import Scene, SceneError, UnknownScene
 from scenes.spec import (
     arguments_for,
@@ -30,6 +32,7 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
+VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
 """Parameters of a file that make it map tiles, each a view of its own: see `scenes.tiles.read`."""
 
 
@@ -240,7 +243,9 @@ def is_seen(text: str) -> bool:
     (False, True, False)
     """
     name, given = parsed(text)
-    return is_path(name) and "views" in given
+    # with one that is misspelt, too, so that the error names these
+    own = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in given)
+    return is_path(name) and ("views" in given or own)
 
 
 def _reader(parameters: dict[str, Any]) -> Callable[..., Scene]:

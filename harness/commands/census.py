@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 SAID_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
+
+SHOWN = 3
+"""Polygons left out for one reason that are named on the screen."""
 
 NAMED = 10
 """Parts set aside that are named one by one."""
@@ -71,7 +74,7 @@ def triangulate_many_files(
     if out.suffix.lower() in FORMATS and not out.is_dir():
         raise UsageError(f"-o {out}: give a folder, for a file of each part")
     summary = _complete(Dataset(pattern, out, options, TRIANGLES), out, where, reporter)
-    _warn(summary, reporter)
+    _warn(summary, out, reporter)
     rate = f" ({summary.worker_rate:,.0f} a second and worker)" if summary.worker_rate else ""
     typer.echo(
         f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
@@ -96,17 +99,18 @@ def count(
     Raises
     ------
     UsageError
-        if there is no file, or the folder is not for that
+        if there is no file, or none with a polygon, or the folder is not for that
     NothingMeasured
-        if there is no polygon that all could do
+        if there are polygons, but none that all could do
     Inconclusive
         if parts were set aside
     """
     from harness.scaling import census_report
-    from harness.scaling.census import COUNTING, TILE_COUNTING, TileOptions, also_found
+    from harness.scaling.census import COUNTING, THIN, TILE_COUNTING, TileOptions, also_found
     from harness.scaling.dataset import Dataset
     from harness.scaling.sums import MEASURES, total
     from harness.stored.folder import clear_errors
+    from scenes.spec import suggestion
 
     kind = TILE_COUNTING if isinstance(options, TileOptions) else COUNTING
     dataset = Dataset(pattern, out / "parts", options, kind)
@@ -116,20 +120,28 @@ def count(
     noun = census_report.noun(options)
     counted = sum(sums.footprints for sums in groups.values())
     if not counted:
-        _warn(summary, reporter)
-        why = f"no {noun[:-1]} was done by all triangulators"
-        if isinstance(options, TileOptions):
-            asked = options.chosen.layers or ()
-            if missing := [name for name in asked if known]:
-                why = f"there is no layer {missing[0]!r}; it has {', '.join(known)}"
-        raise NothingMeasured(f"{os.path.relpath(out)}: {why}")
+        if summary.set_aside and not summary.parts_done and where is None:
+            first, *rest = summary.set_aside.values()
+            raise UsageError(first + (f" (and {len(rest):,} more)" if rest else ""))
+        _warn(summary, dataset.out, reporter)
+        asked = (isinstance(options, TileOptions) and options.chosen.layers) or ()
+        if missing := [name for name in asked if known and name not in known]:
+            hint = suggestion(missing[0], known, "it has")
+            raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
+        if not any(kind == "failed" or why == THIN for kind, why in summary.counts):
+            condition = getattr(options, "where", None)
+            filtered = f" for where={condition}: widen the filter" if condition else ""
+            raise UsageError(f"{pattern} holds no usable polygon{filtered}")
+        raise NothingMeasured(
+            f"{os.path.relpath(out)}: no {noun[:-1]} was done by all triangulators"
+        )
     if not sum(sums.totals[0, MEASURES.index("fragments")] for sums in groups.values()):
-        _warn(summary, reporter)
+        _warn(summary, dataset.out, reporter)
         what = "pixels=" if isinstance(options, TileOptions) else "--units-per-pixel"
         raise NothingMeasured(f"{os.path.relpath(out)}: no pixel is covered: choose another {what}")
     with clear_errors(out, "give the same command again"), reporter.stage("drawing", 1):
         written = census_report.write(out, groups, options, damaged)
-    _warn(summary, reporter)
+    _warn(summary, dataset.out, reporter)
     for name, why in damaged[:NAMED]:
         reporter.warn(f"tile {name} {why}")
     console = Screen(highlight=False)
@@ -164,6 +176,13 @@ def _complete(dataset: Dataset, out: Path, where: str | None, reporter: Reporter
         raise typer.Exit(INTERRUPTED) from None
 
 
+def left_out_line(kind: str, reason: str, count: int, named: Sequence[str]) -> str:
+    """How many polygons or features were left out or changed, why, and the first of them."""
+    more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
+    first = f" ({', '.join(named[:SHOWN])}{more})" if named else ""
+    return f"{kind} {count:,}: {reason}{first}"
+
+
 def _refuse_set_aside(out: Path, summary: Summary) -> None:
     """Raise Inconclusive if parts were set aside."""
     if summary.set_aside:
@@ -174,10 +193,20 @@ def _refuse_set_aside(out: Path, summary: Summary) -> None:
         )
 
 
-def _warn(summary: Summary, reporter: Reporter) -> None:
+def _warn(summary: Summary, folder: Path, reporter: Reporter) -> None:
     """Say what was left out, and why."""
+    from harness.scaling.dataset import LEFT_OUT
+    from scenes.cleaning.clean import usual_reason
+
     for (kind, reason), count in sorted(summary.counts.items()):
-        reporter.warn(f"{kind} {count:,}: {reason}")
+        named = [
+            which if summary.parts == 1 else f"{which} of {file}"
+            for file, *what, which, why in summary.left_out
+            if what == [kind] and usual_reason(why) == reason
+        ]
+        reporter.warn(left_out_line(kind, reason, count, named))
+    if len(summary.left_out) > SHOWN:
+        reporter.say(f"each that was left out: {os.path.relpath(folder / LEFT_OUT)}")
     if summary.pruned:
         reporter.say(f"left out {summary.pruned:,} rows unread: their row groups exclude --where")
     for number, (which, reason) in enumerate(summary.set_aside.items()):

@@ -8,14 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from harness.commands.census import left_out_line, triangulate_many_files
 from harness.commands.options import Dask, Layer, Limit, Quiet, Where, refuse_own_source
 from harness.errors import Inconclusive, NothingMeasured, UsageError, refuse_failed
 from harness.progress import Reporter
 
 SAID_AFTER_S = 3.0
-NAMED = 3
-"""Polygons that a line about a reason names."""
-
 COMPILING = "still busy at the first; a first run also compiles what it needs ..."
 
 
@@ -123,7 +121,6 @@ def triangulate(
         ):
             if given is not None:
                 raise UsageError(f"{option} is for one file; {instead}")
-        from harness.commands.census import triangulate_many_files
         from harness.export.export import chosen
         from harness.export.geo import parquet_module
         from harness.scaling.triangulated import Options
@@ -162,8 +159,7 @@ def triangulate(
         reporter.say(f"{file}: {'; '.join(report.notes)}")
     for (kind, reason), count in sorted(report.counts.items()):
         named = [which for which, why in getattr(report, kind) if usual_reason(why) == reason]
-        more = f" and {count - NAMED:,} more" if count > NAMED else ""
-        reporter.warn(f"{kind} {count:,}: {reason} ({', '.join(named[:NAMED])}{more})")
+        reporter.warn(left_out_line(kind, reason, count, named))
     if report.flat:
         reporter.warn(f"left flat {report.flat:,}: no usable height in {extrude}")
     typer.echo(

@@ -240,8 +240,8 @@ def named_rasterisers(names: tuple[str, ...] | None, *beside: str) -> tuple[str,
 
 def refuse_own_source(source: str, out: Path | None) -> None:
     """Raise UsageError where what is written would take the place of what is read."""
-    from scenes.registry import split
+    from scenes.spec import parsed
 
-    place = Path(split(source)[0])
+    place = Path(parsed(source)[0])
     if out is not None and out.is_file() and place.is_file() and out.samefile(place):
         raise UsageError(f"{out} is the file that is read: give another name")

@@ -37,6 +37,8 @@ def report(
     from harness.webpages import is_stream
 
     found = latest(read_run(run))
+    for problem in found.problems:
+        typer.echo(f"warning: {problem}", err=True)
     file = write_report(with_base(found, base) if base else found, out)
     if out is None and "plan" in found.facts and not (found.path / "plots").exists():
         from harness.report.plots import plot_run

@@ -35,6 +35,7 @@ from harness.compare.model import (
     Verdict,
     require_known,
 )
+from harness.errors import UsageError
 from harness.figures import groups
 from harness.figures.registry import METRICS, PREDICTED, find, in_order, predictions
 from harness.figures.run_state import state_of
@@ -48,10 +49,13 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     Raises
     ------
     UsageError
-        if the runs are of different devices and `settings` do not ask for that, or a threshold
-        is of a figure that neither run has
+        if records of a run are lost, the runs are of different devices and `settings` do not ask
+        for that, or a threshold is of a figure that neither run has
     """
     settings = settings or Settings()
+    for run in (base, head):
+        if run.cut_off:
+            raise UsageError(f"{run.cut_off}: measure again, or run --resume {run.path}")
     base, head = latest(base), latest(head)
     records = (*base.records, *head.records)
     require_known(settings.thresholds, {name for r in records for name in exact_figures(r)})

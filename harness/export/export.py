@@ -23,7 +23,7 @@ from harness.export.mesh import Batch
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writer
 from harness.stored.atomic import Output
 from scenes import load
-from scenes.cleaning.clean import Cleaned, counted_notes
+from scenes.cleaning.clean import NOTES_KEPT, Cleaned, counted_notes
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
@@ -36,7 +36,6 @@ from triangulators.methods.optimal import LIMIT
 CHUNK = 20_000
 """Polygons that are in memory at a time."""
 
-_NOTES_KEPT = 1000
 
 FORMATS: dict[str, Callable[[Output, About], Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
@@ -88,7 +87,7 @@ class Report:
     def note(self, kind: str, notes: list[tuple[str, str]]) -> None:
         """Count notes of a kind ("dropped", "repaired", "failed"), and keep the first of them."""
         kept: list[tuple[str, str]] = getattr(self, kind)
-        kept.extend(notes[: _NOTES_KEPT - len(kept)])
+        kept.extend(notes[: NOTES_KEPT - len(kept)])
         self.counts += counted_notes(kind, notes)
 
 

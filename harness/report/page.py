@@ -45,7 +45,10 @@ def write_report(run: Run, file: Path | None = None) -> Path:
     """
     content = content_of(run)
     if not content["cases"] and not content["matrices"]:
-        raise UsageError(f"{run.path} holds no case and no study yet; run or --resume it first")
+        why = f" ({run.problems[0]})" if run.problems else ""
+        raise UsageError(
+            f"{run.path} holds no case and no study yet{why}; run or --resume it first"
+        )
     folder = run.path if run.path.is_dir() else run.path.parent
     target = file or folder / FILE
     write_whole(target, render(content, run.facts))

@@ -34,14 +34,17 @@ from harness.scaling.sums import (
     save,
     whole,
 )
-from scenes.cleaning.clean import counted_notes
+from scenes.cleaning.clean import NOTES_KEPT, counted_notes
 from scenes.files import Chunk, read_chunks
+from scenes.scene import Note
 from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
 from scenes.tiles.tile import rounding
 from triangulators.batch.ragged import Ragged, ragged
 
 PERIOD_PX = 4
 """Moving a polygon by so many pixels changes no counter: blocks of 2x2 and 4x4 stay the same."""
+
+THIN = "thinner than the grid of 1/256 px"
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class _Some(NamedTuple):
 
     group: Group
     polygons: NDArray[np.object_]
+    labels: Sequence[str]
     times: int = 1
 
 
@@ -88,6 +92,7 @@ class _Found:
     threads: int | None
     groups: dict[Group, Sums] = field(default_factory=dict)
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    left_out: list[tuple[str, str, str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     damaged: list[tuple[str, str]] = field(default_factory=list)
     known: set[str] = field(default_factory=set)
@@ -97,15 +102,23 @@ class _Found:
         """Return the sums of a group, which may be there already."""
         return self.groups.setdefault(group, Sums.empty(len(self.options.triangulators)))
 
+    def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
+        """Count notes of a kind ("dropped", "repaired", "failed"), each of `times` polygons."""
+        for which, count in counted_notes(kind, notes).items():
+            self.counts[which] += times * count
+        if kind != "repaired":
+            kept = notes[: NOTES_KEPT - len(self.left_out)]
+            self.left_out += [(kind, which, why) for which, why in kept]
+
     def add_chunk(self, chunk: Chunk, options: Options) -> None:
         """Count the footprints of a chunk, and add them up by cells of the source's coordinates."""
-        self.counts += counted_notes("dropped", chunk.cleaned.dropped)
-        self.counts += counted_notes("repaired", chunk.cleaned.repaired)
+        self.note("dropped", chunk.cleaned.dropped)
+        self.note("repaired", chunk.cleaned.repaired)
         self.notes += chunk.notes
         given = chunk.cleaned.polygons
         if not len(given):
             return
-        kept, table = self.count([_Some(FOOTPRINTS, given)], options.units_per_pixel)
+        kept, table = self.count([_Some(FOOTPRINTS, given, chunk.labels)], options.units_per_pixel)
         middle = shapely.get_coordinates(shapely.centroid(given[kept]))
         if chunk.projection is not None:
             middle = chunk.projection.inverse(middle)
@@ -132,11 +145,13 @@ class _Found:
             sums.tiles += tile.times if len(own.polygons) else 0
             sums.dropped += tile.times * len(own.dropped)
             sums.repaired += tile.times * len(own.repaired)
+            place = f"{tile.name} {name}"
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
-                for reason, count in counted_notes(kind, notes).items():
-                    self.counts[reason] += tile.times * count
+                placed = [(f"{place} {which}", why) for which, why in notes]
+                self.note(kind, placed, tile.times)
             extents.add(extent)
-            self.waiting.append(_Some(group, own.polygons, tile.times))
+            labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
+            self.waiting.append(_Some(group, own.polygons, labels, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:
             self.count_waiting(options.chosen.pixels)
 
@@ -170,12 +185,18 @@ class _Found:
             *(_measured(arrays, owners, len(given), name, window, self.threads) for name in names),
             strict=True,
         )
-        table, failed = np.stack(tables), np.stack(failures)
+        table = np.stack(tables)
+        labels = [label for some in batch for label in some.labels]
         drawn = np.isin(np.arange(len(given)), owners)
-        kept: NDArray[np.bool_] = ~failed.any(axis=0) & drawn
-        self.counts["dropped", "thinner than the grid of 1/256 px"] += int(times[~drawn].sum())
-        for name, bad in zip(names, failed, strict=True):
-            self.counts["failed", name] += int(times[bad].sum())
+        kept = drawn.copy()
+        for k in np.flatnonzero(~drawn):
+            self.note("dropped", [(labels[k], THIN)], int(times[k]))
+        for name, failed in zip(names, failures, strict=True):
+            for k, why in sorted(failed.items()):
+                # what it says of itself begins with its name already
+                reason = why if why.startswith(f"{name}: ") else f"{name}: {why}"
+                self.note("failed", [(labels[k], reason)], int(times[k]))
+                kept[k] = False
         of = np.repeat(np.arange(len(batch)), sizes)
         for group in dict.fromkeys(some.group for some in batch):
             among = np.isin(of, [k for k, some in enumerate(batch) if some.group == group])
@@ -223,6 +244,7 @@ def _write(
         certified=None,
         about=about(part, json.loads(json.dumps(asdict(options))), code),
         notes=found.notes,
+        left_out=[list(each) for each in found.left_out],
     )
     save(place, done, found.groups, {"damaged": found.damaged, "known": sorted(found.known)})
     return done
@@ -327,13 +349,13 @@ def _measured(
     name: str,
     window: NDArray[np.int64],
     threads: int | None,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.float64], dict[int, str]]:
     """Triangulate polygons by one triangulator, and count them.
 
     arrays, owners : p polygons on the grid of pixels, and which of `count` ones each is of
     window : what is drawn, as `Frame.window` is
 
-    Returns (count, len(MEASURES)) sums, and (count,) which could not be done.
+    Returns (count, len(MEASURES)) sums, and why which of them could not be done.
     """
     found = triangulate_many(arrays, name, check=False, threads=threads)
     rings = np.r_[0, arrays.ring_ends].astype(np.int64)
@@ -352,6 +374,4 @@ def _measured(
     table = np.column_stack(
         [np.bincount(owner, weights=columns[measure], minlength=count) for measure in MEASURES]
     ).astype(np.float64)
-    failed = np.zeros(count, dtype=bool)
-    failed[owners[list(found.failed)]] = True
-    return table, failed
+    return table, {int(owners[piece]): why for piece, why in found.failed.items()}

@@ -6,6 +6,8 @@ disk. `manifest.json` is made of the files, and can be thrown away.
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import shutil
 import time
@@ -26,6 +28,7 @@ from harness.stored.folder import clear_errors
 from scenes.slices import Slices
 
 MANIFEST = "manifest.json"
+LEFT_OUT = "left_out.csv"
 VERSION = 1
 TIMES = ("seconds", "cpu_seconds")
 
@@ -42,6 +45,7 @@ class Summary:
     seconds : wall time of this command; worker_seconds : of the parts whose time is known
     timed, timed_polygons : how many these are, and what they hold
     peak_bytes : the most memory that a process had which made a part now
+    left_out : (file, kind, which, reason) of what was dropped or failed, the first of each part
     """
 
     parts: int = 0
@@ -61,6 +65,7 @@ class Summary:
     peak_bytes: int = 0
     certified: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    left_out: list[tuple[str, ...]] = field(default_factory=list)
 
     def add(self, done: Done) -> None:
         """Add a part that is there."""
@@ -68,6 +73,7 @@ class Summary:
         for name in ("polygons", "vertices", "triangles", "proven"):
             setattr(self, name, getattr(self, name) + getattr(done, name))
         self.counts += done.counted()
+        self.left_out += [(done.about["source"], *each) for each in done.left_out]
         self.peak_bytes = max(self.peak_bytes, done.peak_bytes or 0)
         if done.seconds is not None:
             self.worker_seconds += done.seconds
@@ -83,7 +89,7 @@ class Summary:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON-ready values, without what only this command knows."""
-        left_out = ("seconds", "peak_bytes", "fresh", "certified", "notes")
+        left_out = ("seconds", "peak_bytes", "fresh", "certified", "notes", "left_out")
         values = {name: value for name, value in asdict(self).items() if name not in left_out}
         values["counts"] = [[*which, count] for which, count in sorted(self.counts.items())]
         return values
@@ -257,6 +263,12 @@ class Dataset:
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         with clear_errors(self.out, "give the same command again"):
             atomic.write(self.out / MANIFEST, text.encode(), forced=True)
+            if summary.left_out:
+                rows = io.StringIO(newline="")
+                csv.writer(rows, lineterminator="\n").writerows(
+                    [("file", "kind", "which", "reason"), *summary.left_out]
+                )
+                atomic.write(self.out / LEFT_OUT, rows.getvalue().encode(), forced=True)
 
     def _told(self) -> Iterable[dict[str, Any]]:
         for part in self.cut.parts:

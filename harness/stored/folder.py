@@ -62,6 +62,7 @@ class Run:
     records : in the order written
     problems : one line for each thing that could not be read
     changed : names of files of arrays that something else than the run has written
+    cut_off : what says that records of a run that was done are lost; "" where none are
     """
 
     path: Path
@@ -69,6 +70,7 @@ class Run:
     records: list[Record]
     problems: list[str] = field(default_factory=list)
     changed: frozenset[str] = frozenset()
+    cut_off: str = ""
 
 
 class _Lines:
@@ -291,7 +293,12 @@ def read_run(path: Path) -> Run:
             f"({SCHEMA_VERSION}); update raster-harness"
         )
     records = _parse_lines(content, cases, problems)
-    if (written := facts.get(WRITTEN)) and not _is_as_written(content, written):
+    written, cut_off = facts.get(WRITTEN) or {}, ""
+    size = written.get("bytes")
+    if isinstance(size, int) and len(content) < size:
+        cut_off = f"{cases} was cut off: it has {len(content):,} of {size:,} bytes"
+        problems.append(cut_off)
+    elif written and not _is_as_written(content, written):
         problems.append(
             f"{cases} is not as the run left it: something else, such as a plugin's process, has "
             "written there; trust none of its records that you did not measure again"
@@ -308,7 +315,7 @@ def read_run(path: Path) -> Run:
         records = [{**record, "base": facts["base"]} for record in records]
     if (state := (facts.get("state") or {}).get("state")) is not None:
         records = [{**record, "state": state} for record in records]
-    return Run(path, facts, records, problems, changed)
+    return Run(path, facts, records, problems, changed, cut_off)
 
 
 def _digests(facts: Mapping[str, Any]) -> dict[str, str]:

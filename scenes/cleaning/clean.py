@@ -30,6 +30,10 @@ _REASONS = {
 }
 
 
+NOTES_KEPT = 1000
+"""Notes of a kind that are kept with their names; all are counted by their reasons."""
+
+
 @dataclass(frozen=True)
 class Cleaned:
     """Valid, oriented, two-dimensional polygons, and for each the index of its geometry."""

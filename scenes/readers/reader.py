@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.readers import guard
-from scenes.scene import Note
+from scenes.scene import Note, SceneError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,12 +74,14 @@ class Reader:
     kind : the format's name in messages
     whole : whether the whole file is held in memory
     explain : the name of a function in the module that has better messages for some errors
+    layered : whether a layer can be asked for
     """
 
     function: str
     kind: str
     whole: bool = True
     explain: str | None = None
+    layered: bool = False
 
     @property
     def module(self) -> Any:
@@ -89,6 +91,8 @@ class Reader:
     def __call__(self, source: Source, size: int) -> Iterator[Raw]:
         """Yield the file's chunks; raises SceneError, in one line, for anything that goes wrong."""
         path = str(source.path)
+        if source.layer is not None and not self.layered:
+            raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
         explain: Callable[..., str | None] | None = None
         if self.explain is not None:
             explain = getattr(self.module, self.explain)
@@ -101,10 +105,16 @@ class Reader:
             yield from getattr(self.module, self.function.partition(":")[2])(source, size)
 
 
-GDAL = Reader("scenes.readers.vector:read", "a file of geometries", whole=False, explain="explain")
-_PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False)
-_CITY = Reader("scenes.readers.cityjson:read", "CityJSON")
-_SEQUENCE = Reader("scenes.readers.cityjson:read_sequence", "a CityJSON sequence", whole=False)
+GDAL = Reader(
+    "scenes.readers.vector:read",
+    "a file of geometries",
+    whole=False,
+    explain="explain",
+    layered=True,
+)
+_PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", whole=False, layered=True)
+_CITY = Reader("scenes.readers.cityjson:read", "CityJSON", layered=True)
+_SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", whole=False)
 _MESH = Reader("scenes.readers.meshes:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),

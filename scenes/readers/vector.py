@@ -207,7 +207,15 @@ def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
     layer = source.layer or _first_with_polygons(layers)
     others = [name for name in known if name != layer]
-    return layer, (f"layer {layer} (others: {', '.join(others)})",) if others else ()
+    notes = [f"layer {layer} (others: {', '.join(others)})"] if others else []
+    if source.path.is_dir() and source.path.suffix.lower() != ".gdb":
+        # GDAL takes a folder for its Shapefiles
+        stems = set(known)
+        unread = sorted(each.name for each in source.path.iterdir() if each.stem not in stems)
+        if unread:
+            more = f" and {len(unread) - 1} more are" if len(unread) > 1 else " is"
+            notes.append(f"of the folder's files, {unread[0]}{more} not read: name a file")
+    return layer, tuple(notes)
 
 
 def _first_with_polygons(layers: NDArray[Any]) -> str:
@@ -264,8 +272,17 @@ def explain(source: Source, error: Exception) -> str | None:
             f"{source.path} has text that is not UTF-8: write it as UTF-8, or let pyarrow read it: "
             + install("geoparquet")
         )
-    if source.where is not None and any(word in text for word in ("SQL", "such column", "syntax")):
-        return f"{source.path}: condition {source.where!r} is not valid: {text}"
+    if source.where is not None and any(
+        word in text for word in ("SQL", "such column", "syntax", "token")
+    ):
+        # of SQLite's and OGR's texts, which repeat the whole query, only what is wrong with it
+        wrong = re.search(r"no such column: .*|\S+ not recognised as an available field", text)
+        detail = f": {wrong[0]}" if wrong else ""
+        known = pyogrio.read_info(source.path, layer=layer_of(source)[0])["fields"].tolist()
+        has = f"its attributes are {', '.join(known)}" if known else "it has no attributes"
+        if source.path.suffix.lower() == ".shp" and not known:
+            has += " (they are in a .dbf beside it)"
+        return f"{source.path}: condition {source.where!r} is not valid{detail}; {has}"
     if "not recognized as being in a supported file format" in text:
         if source.path.is_dir():
             return f"{source.path} is a folder: give a file in it"

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from harness.errors import UsageError
-from harness.frame import View, frame_of, view_of
+from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
 from harness.measuring.lower_limits import fewest
 from harness.measuring.plan import Plan
 from harness.page.page_data import content_of
@@ -87,9 +87,7 @@ def test_fewest_quads_are_told_of_polygons_that_no_edge_cuts(scene):
 def test_a_view_beside_pixels_is_refused(harness, option):
     code, _, told = harness("run", "--scene", TILES, option, "--quick")
     assert code == 2
-    assert told.strip() == (
-        "error: pixels= is the resolution of map tiles: leave --resolution, --rotation, --fit out"
-    )
+    assert told.strip() == f"error: {ITS_OWN_VIEW.format('map tiles')}"
 
 
 def test_a_tile_is_upright_and_of_even_pixels():

@@ -141,7 +141,20 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     for option in ("--resolution=1024", "--rotation=30", "--fit=circle"):
         code, _, told = harness("run", "--scene", f"{model}:views=4", option, "--quick")
         assert code == 2
-        assert "pixels= is the resolution of a model's views: leave --resolution" in told
+        assert "pixels= is the resolution of a model's views: leave --sizes, --resolution" in told
+
+
+def test_an_option_that_is_misspelt_is_told_with_those_of_views(model, tmp_path, harness):
+    for wrong, meant in (("view=4", "views"), ("pixel=64", "pixels"), ("dept=file", "depth")):
+        code, _, told = harness("run", "--scene", f"{model}:{wrong}", "--quick")
+        assert code == 2
+        assert f"no parameter {wrong.partition('=')[0]!r}; did you mean {meant}?" in told
+    code, _, told = harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png")
+    assert code == 2
+    assert "pixels= is the resolution of a model's views: leave --sizes" in told
+    code, out, _ = harness("inspect", f"{model}:views=4", "--out", "a.png")
+    assert code == 0
+    assert "picture: a.png" in out
 
 
 def test_where_there_is_nothing_to_choose_that_is_said(tmp_path):

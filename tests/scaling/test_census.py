@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -159,3 +160,46 @@ def test_where_no_footprint_is_done_by_all_there_is_no_census(harness, parts, no
     code, _, error = harness("census", f"{parts}", "-o", "out", "--triangulators", names)
     assert code == 4
     assert "error: out: no footprint was done by all triangulators" in error
+
+
+SQUARE = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
+POINT = {"type": "Point", "coordinates": [5, 5]}
+
+
+def features(*geometries: dict) -> str:
+    members = [{"type": "Feature", "properties": {"n": 1}, "geometry": each} for each in geometries]
+    return json.dumps({"type": "FeatureCollection", "features": members})
+
+
+def test_what_is_left_out_is_named_with_its_reason(harness, tmp_path, no_plots):
+    bent = [[0, 0], [9, 0], [9, 3], [3, 3], [3, 9], [9, 9], [9, 12], [0, 12], [0, 0]]
+    shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in (SQUARE, bent)]
+    (tmp_path / "a.geojson").write_text(features(shapes[0], POINT, shapes[1]))
+    code, _, error = harness("census", "a.geojson", "--triangulators", "fan,strip", "-o", "out")
+    assert code == 0
+    assert "dropped 1: is a Point, not a polygon (feature 1)" in error
+    assert "failed 1: fan: no vertex sees the whole polygon (feature 2)" in error
+    with (tmp_path / "out" / "parts" / "left_out.csv").open() as file:
+        rows = [tuple(row.values()) for row in csv.DictReader(file)]
+    assert rows[:2] == [
+        ("a.geojson", "dropped", "feature 1", "is a Point, not a polygon"),
+        ("a.geojson", "failed", "feature 2", "fan: no vertex sees the whole polygon"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (features(POINT, POINT), "a.geojson holds no usable polygon"),
+        (features(POINT)[:60], "a.geojson cannot be read as a file of geometries"),
+        (features(), "a.geojson holds no usable polygon"),
+        (features({"type": "Polygon", "coordinates": [SQUARE]}), "for where=n > 7: widen"),
+    ],
+    ids=["points", "cut", "empty", "filtered"],
+)
+def test_a_file_without_a_polygon_is_bad_input(harness, tmp_path, no_plots, text, message):
+    (tmp_path / "a.geojson").write_text(text)
+    where = ["--where", "n > 7"] if "widen" in message else []
+    code, _, error = harness("census", "a.geojson", "-o", "out", *where)
+    assert code == 2, error
+    assert message in error

@@ -317,7 +317,7 @@ def test_after_a_kill_the_same_command_does_the_rest(harness, tmp_path):
         (["FILE:zoom=x"], 2, "zoom=x is no zoom nor a range"),
         (["FILE:pixels=7"], 2, "pixels=7 is no even number"),
         (["FILE:layer=a"], 2, "has no parameter 'layer'; did you mean layers?"),
-        (["FILE:zoom=12,layers=wood"], 4, "no layer 'wood'; it has area, building"),
+        (["FILE:zoom=12,layers=wood"], 2, "no layer 'wood'; it has: area, building"),
         (["FILE", "--cell", "5"], 2, "is map tiles: --units-per-pixel, --cell, --layer and"),
         (["FILE", "--triangulators", "fan"], 2, "give two or more to compare"),
         (["no.pmtiles"], 2, "there is no file no.pmtiles"),

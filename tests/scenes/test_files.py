@@ -141,6 +141,43 @@ def test_layers_and_conditions(tmp_path):
         load(path, where="height > 99")
 
 
+@pytest.mark.parametrize("suffix", [".gpkg", ".geojson", ".shp", ".fgb"])
+@pytest.mark.parametrize("condition", ["nam = 'x'", "name == 3 3", "name = 'x"])
+def test_a_condition_that_is_not_valid_is_told_with_the_attributes(tmp_path, suffix, condition):
+    path = write(tmp_path / f"town{suffix}")
+    with pytest.raises(SceneError) as error:
+        load(path, where=condition)
+    told = str(error.value)
+    assert told.startswith(f"{path}: condition {condition!r} is not valid")
+    assert told.endswith("its attributes are name, height")
+    assert "SELECT" not in told
+
+
+def test_a_shapefile_without_its_attributes_says_so(tmp_path):
+    path = write(tmp_path / "town.shp")
+    (tmp_path / "town.dbf").unlink()
+    with pytest.raises(SceneError, match=r"it has no attributes \(they are in a .dbf beside it\)"):
+        load(path, where="name = 'x'")
+
+
+def test_a_folder_of_shapefiles_says_what_is_not_read(tmp_path):
+    write(tmp_path / "town.shp")
+    write(tmp_path / "park.gpkg")
+    (note, *_) = load(tmp_path).notes
+    assert note == "of the folder's files, park.gpkg is not read: name a file"
+    (tmp_path / "readme.txt").write_text("x")
+    write(tmp_path / "wood.shp")
+    notes = load(tmp_path).notes
+    assert notes[1] == "of the folder's files, park.gpkg and 1 more are not read: name a file"
+
+
+@pytest.mark.parametrize("name", ["a.svg", "a.wkt", "a.off", "a.obj"])
+def test_a_layer_of_a_file_without_layers_is_refused(tmp_path, name):
+    (tmp_path / name).write_text("x")
+    with pytest.raises(SceneError, match=", without layers: leave layer out"):
+        load(tmp_path / name, layer="x")
+
+
 def test_first_layer_that_can_hold_polygons_is_taken(tmp_path):
     path = tmp_path / "mixed.gpkg"
     write(path, [shapely.Point(0, 0)], "trees", geometry_type="Point")

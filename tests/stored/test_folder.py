@@ -8,7 +8,9 @@ import os
 import numpy as np
 import pytest
 
+from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
+from harness.report.page import write_report
 from harness.stored.folder import (
     SCHEMA_VERSION,
     Store,
@@ -108,6 +110,29 @@ def test_digests_that_are_none_are_no_problem(tmp_path, arrays):
     facts["written"]["arrays"] = arrays
     (tmp_path / "run.json").write_text(json.dumps(facts))
     assert read_run(tmp_path).problems == []
+
+
+def test_records_that_are_lost_are_no_regression_and_no_report(tmp_path):
+    for name in ("base", "head"):
+        with Store.create(tmp_path / name) as store:
+            store.append(record("a"))
+            store.append(record("b"))
+            store.write_facts({"interrupted": False})
+    base = read_run(tmp_path / "base")
+    cases = tmp_path / "head" / "cases.jsonl"
+    whole = cases.read_bytes()
+    for kept in (whole[: len(whole) // 2 + 9], whole[:7], b""):
+        cases.write_bytes(kept)
+        head = read_run(tmp_path / "head")
+        told = f"{cases} was cut off: it has {len(kept):,} of {len(whole):,} bytes"
+        assert head.problems == [told]
+        for pair in ((base, head), (head, base)):
+            with pytest.raises(UsageError, match=r"was cut off.*measure again"):
+                compare_runs(*pair)
+    with pytest.raises(UsageError, match=r"holds no case and no study yet .*was cut off"):
+        write_report(head)
+    cases.write_bytes(whole)
+    assert read_run(tmp_path / "head").cut_off == ""
 
 
 def test_a_torn_last_line_is_ignored_and_cut_off_on_resume(tmp_path):
