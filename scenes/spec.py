@@ -50,10 +50,13 @@ def install(extra: str) -> str:
     with suppress(ValueError):
         python = python.relative_to(Path.cwd())
     pip = f"{python} -m pip install"
-    try:
-        about = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
-    except metadata.PackageNotFoundError:
-        about = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    # a checkout from which it was built holds an egg-info, too, which does not say how
+    found = [
+        each.read_text("direct_url.json") for each in metadata.distributions(name=DISTRIBUTION)
+    ]
+    about = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    if found:
+        about = json.loads(next(filter(None, found), "{}"))
     url = about.get("url")
     if url is None:
         return f'{pip} "{DISTRIBUTION}[{extra}]"'
