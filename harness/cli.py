@@ -79,9 +79,9 @@ def main() -> None:
     1 means a regression, so nothing but `compare` may end with it, on purpose.
     """
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
-        from harness.measuring import server
+        from harness.measuring import serving
 
-        server.start()  # it loads what takes long while this process does, too
+        serving.start()  # it loads what takes long while this process does, too
     # Unless it was started to ignore a signal.
     with system.stopped_by(_stop, lambda before: before != signal.SIG_IGN), _closed_pipes_seen():
         try:

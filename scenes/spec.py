@@ -54,7 +54,10 @@ def install(extra: str) -> str:
     found = [
         each.read_text("direct_url.json") for each in metadata.distributions(name=DISTRIBUTION)
     ]
-    about = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    about: dict[str, Any] = {
+        "url": Path(__file__).parents[1].as_uri(),
+        "dir_info": {"editable": True},
+    }
     if found:
         about = json.loads(next(filter(None, found), "{}"))
     url = about.get("url")

@@ -18,18 +18,18 @@ from shapely.geometry import Polygon, box, mapping
 from harness import style
 from harness.cli import main
 from harness.figures.run_state import QUIET, RunState
-from harness.measuring import server, tasks
+from harness.measuring import serving, tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Inline
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _Filling
 from tests.chromium import Chromium
+from tests.inline import Inline
 
 # The same inputs every time, whatever the machine; tests/fuzz searches at random.
 settings.load_profile("ci")
 
-server.PRELOADED = "tests.preloaded"
+serving.PRELOADED = "tests.preloaded"
 
 BRIEF = TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0)
 """In place of what `run --quick` takes."""

@@ -11,7 +11,7 @@ import scipy.special  # noqa: F401 - for the workers
 from shapely import box
 
 from harness.frame import View, make_frame
-from harness.measuring import preloaded  # noqa: F401 - first: it makes the server's surroundings
+from harness.measuring import serving  # noqa: F401 - first: it makes the server's surroundings
 from harness.measuring.lower_limits import fewest
 from harness.rasterisers.reference import outlines
 from triangulators import triangulate_many

@@ -21,7 +21,7 @@ from shapely import Polygon
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.measuring.timing import Times, TimingSettings
-from harness.measuring.worker import Executor, Limits, OpenWorker, TaskFailed, TaskTimedOut
+from harness.measuring.worker import Limits, OpenWorker, TaskFailed, TaskTimedOut, Worker
 from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.triangulating.frames import (
@@ -115,7 +115,7 @@ class Bench:
 
     Processes are started when first needed, replaced after a failure, and kept until `close`.
 
-    open_worker : how processes are made; tests give inline ones
+    open_worker : how processes are made
     timeout_s : longest that one task may take, apart from the time it was told to spend drawing
     database : model database that triangulations are read from and written to
     """
@@ -126,7 +126,7 @@ class Bench:
         self._open_worker = open_worker
         self._timeout_s = timeout_s
         self.database = database
-        self._workers: dict[str, Executor] = {}
+        self._workers: dict[str, Worker] = {}
         self._opened: dict[str, tasks.Opened] = {}
         self.seconds: dict[str, float] = defaultdict(float)
         self.stopping = False

@@ -104,7 +104,7 @@ def run(
 ) -> RunResult:
     """Measure all cases of `plan` and store them in the folder `out`.
 
-    open_worker : how processes are made; tests give `Inline` ones
+    open_worker : how processes are made; tests run tasks in this one
 
     Raises
     ------

@@ -1,27 +1,82 @@
-"""The inside of a worker process: it runs tasks one after another and answers what came of them.
+"""The server that worker processes are forked from, and the inside of a worker.
 
-Where others' code runs, there are two processes: one that only waits, and its child, in which the
-tasks run. What a task does to its parent it does to that one, and not to the server, from which all
-other workers are forked.
+The server has imported everything once, and loads no driver: a worker that starts from nothing
+takes two seconds for imports and compiled code; one that is forked has both. Python's forkserver
+makes the server, which ends with the process that started it. Where there is no safe fork (macOS,
+Windows) workers start from nothing.
+
+A worker runs tasks one after another and answers what came of them. Where others' code runs, there
+are two processes: one that only waits, and its child, in which the tasks run. What a task does to
+its parent it does to that one, and not to the server, from which all other workers are forked.
 """
 
 from __future__ import annotations
 
 import ctypes
 import errno
+import gc
+import multiprocessing
 import os
 import signal
 import sys
 import traceback
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
+from pathlib import Path
 from typing import Any
 
 from harness.errors import HarnessError
 from harness.machine import system
 from triangulators.errors import MOST_TRACED, in_short, shortened
+
+MARK = "RASTER_HARNESS_SERVER"
+"""Set in the environment of the server, so that this module knows where it is imported."""
+
+PRELOADED = "harness.measuring.serving"
+"""What the server imports before it forks any worker."""
+
+SOURCES = str(Path(__file__).resolve().parents[2])
+
+
+def wake() -> None:
+    """Let the server go on if something has stopped it; nothing could be started or ended else."""
+    server = getattr(forkserver._forkserver, "_forkserver_pid", None)
+    if server is not None:
+        with suppress(ProcessLookupError):
+            os.kill(server, signal.SIGCONT)
+
+
+def start() -> ForkServerContext | SpawnContext:
+    """Start the server, if none runs, without waiting for it; return what makes processes."""
+    if sys.platform != "linux" or not hasattr(os, "fork"):
+        return multiprocessing.get_context("spawn")
+    paths = (SOURCES, os.environ.get("PYTHONPATH", ""))
+    own = {
+        MARK: "1",
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "PYTHONSAFEPATH": "1",  # what lies in the current folder is not the server's
+        # Libraries would start threads as they load, which a fork does not take along.
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    }
+    before = {name: os.environ.get(name) for name in own}
+    os.environ.update(own)
+    try:
+        multiprocessing.set_forkserver_preload([PRELOADED])
+        wake()
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return multiprocessing.get_context("forkserver")
 
 
 @dataclass(frozen=True)
@@ -52,21 +107,19 @@ class TaskTimedOut(TaskFailed):
 
 def serve(
     connection: Connection,
-    parent: int | None,
     output: str,
     environment: Mapping[str, str],
     limits: Limits | None,
 ) -> None:
     """Run tasks until there are no more; the process's main function.
 
-    parent : whose child this process is meant to be, None if that is the server
     environment : all variables of the process
     limits : None if only code of ours runs in it
 
     Sends None when it is ready for a task, None again when it has read one and what that needs is
     imported, then (True, result) or (False, error).
     """
-    _prepare(parent, output, environment, limits)
+    _prepare(output, environment, limits)
     if limits is not None and sys.platform == "linux":
         _wait_for_child(connection)
     own = os.getpid()
@@ -98,9 +151,7 @@ def serve(
     os._exit(0)  # drivers' and others' clean-up may crash, or wait for ever
 
 
-def _prepare(
-    parent: int | None, output: str, environment: Mapping[str, str], limits: Limits | None
-) -> None:
+def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
     """Prepare a fresh process before its first task."""
     os.environ.clear()
     os.environ.update(environment)
@@ -110,18 +161,17 @@ def _prepare(
     # which decides what it means.
     system.lead_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _die_with(parent)
+    _die_with(os.getppid())
     descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     for stream, number in ((sys.__stdout__, 1), (sys.__stderr__, 2)):
         os.dup2(descriptor, stream.fileno() if stream else number)
     os.close(descriptor)
 
 
-def _die_with(parent: int | None) -> None:
+def _die_with(parent: int) -> None:
     """Have the kernel end this process when its parent is killed; Linux only."""
     if sys.platform != "linux":
         return
-    parent = parent or os.getppid()
     pr_set_pdeathsig = 1
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
     if os.getppid() != parent:  # it died before the call above
@@ -161,3 +211,29 @@ def failure(error: BaseException) -> TaskFailed:
     failure = TaskFailed(in_short(error))
     failure.detail = "".join(traceback.format_exception(error))[:MOST_TRACED]
     return failure
+
+
+def _preload() -> None:
+    """Load into the server what workers need, so that they begin with it."""
+    # In a group of its own: what a terminal sends to the command is not meant for the server,
+    # which ends when the command does.
+    system.lead_group()
+    # What a task starts in a session of its own comes to the server when its worker ends.
+    system.adopt()
+    warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
+    from harness.measuring import tasks  # noqa: F401 - for the workers
+    from harness.settings import DEFAULT_TRIANGULATORS
+    from harness.triangulating.frames import warm_up
+    from harness.triangulating.recipes import parse
+    from triangulators.batch import triangulate_many  # noqa: F401 - for the workers
+    from triangulators.compute.storing import NotKept, only_kept
+
+    with suppress(NotKept), only_kept():  # on a new machine nothing is compiled yet
+        for name in DEFAULT_TRIANGULATORS:
+            warm_up(parse(name))
+    # Workers collect only what they make: walking over what they share would copy its pages.
+    gc.freeze()
+
+
+if os.environ.pop(MARK, None):
+    _preload()

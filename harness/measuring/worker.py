@@ -21,17 +21,16 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn, Protocol, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import psutil
 
-from harness.errors import HarnessError
 from harness.machine import system
-from harness.measuring import server
-from harness.measuring.serving import Limits, TaskFailed, TaskTimedOut, failure, serve
+from harness.measuring import serving
+from harness.measuring.serving import Limits, TaskFailed, TaskTimedOut
 from triangulators.errors import in_short
 
-__all__ = ["Executor", "Inline", "Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
+__all__ = ["Limits", "OpenWorker", "TaskFailed", "TaskTimedOut", "Worker"]
 
 T = TypeVar("T")
 
@@ -56,56 +55,6 @@ END_S = 2.0
 
 _STARTING = threading.Lock()
 """To start a process changes the environment of this one for a moment."""
-
-
-class Executor(Protocol):
-    """Runs a function somewhere and waits for its result."""
-
-    def call(
-        self,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,
-        tick: Callable[[float], None] | None = None,
-    ) -> T:
-        """Return `function(*arguments)`; raise TaskFailed where it crashes or hangs."""
-        ...
-
-    def close(self, *, at_once: bool = False) -> None:
-        """End the process, if there is one; `at_once`: whatever it is doing."""
-        ...
-
-
-class OpenWorker(Protocol):
-    """Makes the processes of a run."""
-
-    def __call__(
-        self, name: str, environment: Mapping[str, str], limits: Limits | None = None
-    ) -> Executor:
-        """Return an executor called `name`; see `Worker`."""
-        ...
-
-
-class Inline:
-    """Runs tasks in this very process: for tests, and for debugging with a debugger."""
-
-    def call(
-        self,
-        function: Callable[..., T],
-        *arguments: Any,
-        timeout_s: float | None = None,  # noqa: ARG002 - nothing can interrupt an inline call
-        tick: Callable[[float], None] | None = None,  # noqa: ARG002
-    ) -> T:
-        """Return `function(*arguments)`; errors other than HarnessError become TaskFailed."""
-        try:
-            return function(*arguments)
-        except (HarnessError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise failure(error) from error
-
-    def close(self, *, at_once: bool = False) -> None:
-        """Nothing to end."""
 
 
 class Worker:
@@ -194,18 +143,17 @@ class Worker:
 
     def _start(self) -> None:
         with _STARTING:
-            context = server.start()
+            context = serving.start()
             forked = context.get_start_method() == "forkserver"
             self._connection, theirs = context.Pipe()
             arguments = (
                 theirs,
-                None if forked else os.getpid(),
                 str(self._output),
                 # All of it: the server may have been started before this process changed its own.
                 {**os.environ, **self._environment},
                 self._limits,
             )
-            self._process = context.Process(target=serve, args=arguments, daemon=True)
+            self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
             self._process.start()
             theirs.close()
         with contextlib.suppress(psutil.NoSuchProcess):  # it has died at once
@@ -263,7 +211,7 @@ class Worker:
             with contextlib.suppress(OSError):
                 self._connection.send(None)
             process.join(END_S)
-        server.wake()
+        serving.wake()
         # The group's number is the process's, which made it; it may have died before it did.
         system.end_group(process.pid)
         process.kill()
@@ -293,3 +241,7 @@ class Worker:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+OpenWorker = Callable[[str, Mapping[str, str], Limits | None], Worker]
+"""Makes the processes of a run, as `Worker` does of its arguments."""

@@ -26,7 +26,7 @@ from harness.figures.intervals import mean_interval, median_over
 from harness.figures.polygons import spearman
 from harness.frame import View, frame_of
 from harness.rasterisers import Device, Options, get
-from harness.rasterisers.simulated.attila.attila import BINDING, Attila
+from harness.rasterisers.simulated.attila import BINDING, Attila
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from shapely import Polygon, box
 
-from harness.measuring import server
+from harness.measuring import serving
 from harness.measuring.run import run
-from harness.measuring.worker import Executor, Limits, Worker
+from harness.measuring.worker import Limits, Worker
 from scenes.real.helsinki import FILE
 from tests.conftest import BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
@@ -46,7 +46,7 @@ class Workers:
 
     def open(
         self, name: str, environment: Mapping[str, str], limits: Limits | None = None
-    ) -> Executor:
+    ) -> Worker | _Kept:
         # A reader's own module may change between two runs: its worker is started anew.
         if name.startswith(("triangulator ", "rasteriser ", "scene ")):
             return Worker(name, environment, limits)
@@ -68,7 +68,7 @@ class Workers:
 
 @pytest.fixture(scope="session")
 def workers() -> Iterator[Workers]:
-    server.start()  # here, since a reader's folder goes, and its server with it
+    serving.start()  # here, since a reader's folder goes, and its server with it
     kept = Workers()
     yield kept
     kept.close()

@@ -14,9 +14,7 @@ from platformdirs import user_cache_path
 from harness.frame import View, frame_of
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated import building
-from harness.rasterisers.simulated.attila import program as attila
-from harness.rasterisers.simulated.attila.attila import BINDING
-from harness.rasterisers.simulated.skybox import program as skybox
+from harness.rasterisers.simulated.attila import BINDING, Attila
 from harness.rasterisers.simulated.skybox.skybox import Skybox
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
@@ -30,7 +28,7 @@ from tests.simulated.test_skybox import DRAWN, EXACT, assert_exact, with_paramet
 from tests.triangulators.cases import shared
 from triangulators import TriangulationError, triangulate
 
-BESIDE = {skybox: "skybox-rtl", attila: "attila-sim"}
+BESIDE = {Skybox: "skybox-rtl", Attila: "attila-sim"}
 BUILDS = [
     f"skybox:output_quads={quads},tile={tile},block={block}"
     for quads, tile, block in product(
@@ -53,11 +51,11 @@ def opened(monkeypatch):
     monkeypatch.setattr(building, "cache_file", lambda name: kept / name)
 
     def open_design(name):
-        program = skybox if name.startswith("skybox") else attila
-        beside = ROOT.parent / "shared" / "data" / BESIDE[program]
+        design = Skybox if name.startswith("skybox") else Attila
+        beside = ROOT.parent / "shared" / "data" / BESIDE[design]
         if beside.is_dir():
-            monkeypatch.setenv(program.SOURCES.variable, str(beside))
-        if problem := program.problem():
+            monkeypatch.setenv(design.sources.variable, str(beside))
+        if problem := design.problem():
             pytest.skip(f"{name}: {problem}")
         return get("simulated")(Device(name, software=True))
 

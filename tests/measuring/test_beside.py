@@ -22,7 +22,7 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend
 from harness.measuring.timing import TimingSettings
 from harness.measuring.two_versions import MARK, Beside, version
-from harness.measuring.worker import Inline, TaskFailed
+from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.stored import drawings
@@ -31,6 +31,7 @@ from harness.triangulating.recipes import Recipe
 from scenes import load
 from tests.harness.test_cli import assert_one_line
 from tests.harness.test_environment import git
+from tests.inline import Inline
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
 from triangulators import registry

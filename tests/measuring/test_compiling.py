@@ -13,9 +13,10 @@ from shapely import box
 from harness.measuring import processes
 from harness.measuring.processes import COMPILE_S, SECOND
 from harness.measuring.run import run
-from harness.measuring.worker import Inline, TaskTimedOut
+from harness.measuring.worker import TaskTimedOut
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
+from tests.inline import Inline
 from tests.measuring.test_run import plan_for
 from triangulators import triangulate
 from triangulators.compute import compiled_files

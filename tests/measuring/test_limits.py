@@ -12,8 +12,9 @@ from harness.figures.registry import LEAST, OUTLINE, find
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.processes import Bench
-from harness.measuring.worker import Inline, TaskFailed, Worker
+from harness.measuring.worker import TaskFailed, Worker
 from scenes import load
+from tests.inline import Inline
 from tests.measuring.test_run import inline
 from triangulators import triangulate
 

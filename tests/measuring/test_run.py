@@ -25,12 +25,13 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend, Bench
 from harness.measuring.run import RunOptions, RunResult, run
 from harness.measuring.timing import MIN_ROUNDS, Times, TimingSettings
-from harness.measuring.worker import Inline, OpenWorker, Worker
+from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.stored.folder import Store, read_arrays, read_run
 from harness.triangulating.recipes import Recipe, parse_all
 from tests.conftest import write_geojson
+from tests.inline import Inline
 from tests.mock import MockRasteriser
 from triangulators import Ragged
 

@@ -18,7 +18,6 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Inline
 from harness.page import write_profile_page
 from harness.page.page_data import KEPT, TOLD
 from harness.page.result import FORMAT
@@ -27,6 +26,7 @@ from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
 from tests.chromium import Chromium
+from tests.inline import Inline
 from tests.measuring.test_run import inline
 from tests.page.world import measured, opened, told
 

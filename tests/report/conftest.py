@@ -18,7 +18,6 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.rasterisers.base import per_polygon
 from harness.rasterisers.reference import predict
@@ -29,6 +28,7 @@ from harness.triangulating.frames import predict_polygons, triangulate_polygons
 from harness.triangulating.recipes import parse, parse_all
 from scenes import load
 from tests.chromium import Chromium
+from tests.inline import Inline
 
 NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 VIEWS = (View(256), View(128, 30.0))

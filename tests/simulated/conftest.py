@@ -11,7 +11,7 @@ from platformdirs import user_cache_path
 from harness.frame import Frame
 from harness.rasterisers import Device, Rasteriser, get
 from harness.rasterisers.simulated import building
-from harness.rasterisers.simulated.skybox import program
+from harness.rasterisers.simulated.skybox import skybox
 from tests.paths import ROOT
 from tests.rasterisers.conftest import loose_triangles
 
@@ -24,13 +24,13 @@ def _sources(monkeypatch: pytest.MonkeyPatch) -> None:
     kept = user_cache_path("raster-harness", appauthor=False)
     monkeypatch.setattr(building, "cache_file", lambda name: kept / name)
     if BESIDE.is_dir():
-        monkeypatch.setenv(program.SOURCES.variable, str(BESIDE))
+        monkeypatch.setenv(skybox.SOURCES.variable, str(BESIDE))
 
 
 @pytest.fixture
 def buildable(_sources: None) -> None:
     """Skip the test where Skybox cannot be built, with what a user would be told."""
-    if problem := program.problem():
+    if problem := skybox.Skybox.problem():
         pytest.skip(f"skybox: {problem}")
 
 

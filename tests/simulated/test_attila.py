@@ -12,9 +12,9 @@ import pytest
 from harness.errors import HarnessError, NoRasteriser, UsageError
 from harness.frame import bare_frame
 from harness.rasterisers import Options
-from harness.rasterisers.simulated.attila import program
-from harness.rasterisers.simulated.attila.attila import BINDING, Attila, Parameters, trace
-from harness.rasterisers.simulated.sources import Tree
+from harness.rasterisers.simulated import attila
+from harness.rasterisers.simulated.attila import BINDING, Attila, Parameters, trace
+from harness.rasterisers.simulated.building import Tree
 
 SQUARE = np.array([[0, 0], [64, 0], [64, 64], [1, 64]], np.int32) * 256 // 2
 BOTH = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -56,7 +56,7 @@ def answering(tmp_path, monkeypatch) -> Path:
         f"cp trace.txt bGPU.ini {tmp_path}/given; cp {tmp_path}/answer.gz stats.frames.csv.gz",
     )
     (tmp_path / "given").mkdir()
-    monkeypatch.setattr(program, "program", lambda: (tmp_path, {"digest": "none"}))
+    monkeypatch.setattr(attila, "program", lambda: (tmp_path, {"digest": "none"}))
     return tmp_path
 
 
@@ -102,7 +102,7 @@ def test_a_configuration_changes_what_it_names_and_nothing_else(answering, bound
 
 def test_a_configuration_without_the_key_is_an_error():
     with pytest.raises(ValueError, match=r"no Absent in \[GPU\]"):
-        program.configured("[GPU]\nNum = 1\n[MEMORY]\nAbsent = 2\n", {"GPU": {"Absent": 3}})
+        attila.configured("[GPU]\nNum = 1\n[MEMORY]\nAbsent = 2\n", {"GPU": {"Absent": 3}})
 
 
 @pytest.mark.parametrize("side", [96, 2048])
@@ -112,7 +112,7 @@ def test_a_viewport_that_rounds_places_is_refused(answering, side):
 
 
 def test_nothing_to_draw_costs_nothing_and_starts_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(program, "program", lambda: (tmp_path / "absent", {}))
+    monkeypatch.setattr(attila, "program", lambda: (tmp_path / "absent", {}))
     counted = Attila(Parameters()).count(bare_frame(64, SQUARE), BOTH[:0], Options())
     assert not any(counted.values())
 
@@ -129,7 +129,7 @@ def test_a_simulator_that_fails_is_told_in_a_line(tmp_path, ends, words):
     stand_in(tmp_path, ends)
     drawn = trace(bare_frame(64, SQUARE), BOTH, blended=False)
     with pytest.raises(HarnessError, match=words):
-        program.run(tmp_path, drawn, {})
+        attila.run(tmp_path, drawn, {})
 
 
 def test_quads_that_go_lost_on_the_way_are_noticed(answering, monkeypatch):

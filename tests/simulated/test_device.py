@@ -10,10 +10,10 @@ import pytest
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import find_device
 from harness.rasterisers.simulated import building
-from harness.rasterisers.simulated.skybox import program
+from harness.rasterisers.simulated.skybox import skybox
 from tests.simulated.conftest import BESIDE
 
-VARIABLE = program.SOURCES.variable
+VARIABLE = skybox.SOURCES.variable
 
 
 def test_a_devices_name_has_the_parameters_that_differ_in_order(buildable):
@@ -53,7 +53,7 @@ def test_without_sources_or_tools_one_line_says_what_to_do(monkeypatch, tmp_path
     with pytest.raises(NoRasteriser, match=r"there is no .*VX_config\.vh: clone"):
         find_device("simulated", "skybox")
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    lacking = building.lacking(program.TOOLS)
+    lacking = building.lacking(skybox.Skybox.tools)
     assert str(lacking) == "verilator, g++, make not installed: run make simulated"
 
 

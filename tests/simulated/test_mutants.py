@@ -8,7 +8,7 @@ import numpy as np
 
 from harness.errors import HarnessError
 from harness.rasterisers.reference import predict
-from harness.rasterisers.simulated.skybox import program
+from harness.rasterisers.simulated.skybox import skybox
 from harness.rasterisers.simulated.skybox.edges import work
 from tests.simulated.conftest import BESIDE, triangles_of
 
@@ -70,18 +70,18 @@ def test_five_mutants_are_seen_and_three_of_them_by_back_pressure_alone(buildabl
     expected = predict(frame.points, triangles)
 
     def seen(output_quads: int, shader: float) -> list[int]:
-        file, _ = program.program(rtl, {**parameters, "OUTPUT_QUADS": output_quads})
+        file, _ = skybox.program(rtl, {**parameters, "OUTPUT_QUADS": output_quads})
         found, sound = [], None
         for number in range(len(MUTANTS) + 1):
             script = tmp_path / f"mutant-{number}"
             script.write_text(f"#!/bin/sh\nexec timeout 60 {file} +mutant={number}\n")
             script.chmod(0o755)
             try:
-                drawn = program.run(script, todo, whole, shader, keep_quads=True)
+                drawn = skybox.run(script, todo, whole, shader, keep_quads=True)
             except HarnessError:
                 found.append(number)
                 continue
-            columns = dict(zip(program.COUNTS, drawn.counts.T, strict=True))
+            columns = dict(zip(skybox.COUNTS, drawn.counts.T, strict=True))
             right = all((columns[name] == expected[name]).all() for name in COUNTED)
             quads = drawn.quads.tolist()  # where and with which mask: counts miss a transposition
             sound = quads if number == 0 else sound

@@ -8,8 +8,9 @@ import pytest
 from harness.errors import UsageError
 from harness.frame import View, bare_frame, frame_of
 from harness.rasterisers import Options, get
-from harness.rasterisers.reference import predict, predict_tiles
-from harness.rasterisers.simulated.skybox.edges import edge_functions
+from harness.rasterisers.reference import colours, predict, predict_tiles
+from harness.rasterisers.simulated.skybox.edges import edge_functions, work
+from harness.rasterisers.simulated.skybox.skybox import run
 from scenes import load
 from tests.simulated.conftest import triangles_of
 from triangulators import triangulate
@@ -61,13 +62,22 @@ def test_every_polygon_of_a_scene_is_counted_as_by_the_reference(opened, scene):
         np.testing.assert_array_equal(drawn[name], expected[name])
 
 
-def test_the_picture_is_the_references(opened):
+def test_the_pixels_that_are_covered_are_the_references(opened):
     frame, triangles = triangles_of(64, 20, seed=3)
+    whole = np.array([0, 0, 63, 63], np.int64)
+    todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, 32, exact=False)
+    expected = get("reference")().image(frame, triangles, Options())
     for device in ("skybox", "skybox:output_quads=1,shader=3"):
-        picture = opened(device).image(frame, triangles, Options())
-        np.testing.assert_array_equal(
-            picture, get("reference")().image(frame, triangles, Options())
-        )
+        design = opened(device)._design
+        shader = design.details["design"]["shader"]
+        owner, place = run(design._program, todo, whole, shader, keep_quads=True).quads.T
+        picture = np.zeros((64, 64), np.uint32)
+        for bit in range(4):
+            covered = place >> bit & 1 == 1
+            x = (place[covered] >> 4 & 0x3FFF) * 2 + bit % 2
+            y = (place[covered] >> 18) * 2 + bit // 2
+            picture[63 - y, x] = colours(frame.owner(triangles))[owner[covered]]
+        np.testing.assert_array_equal(picture, expected.view(np.uint32)[..., 0])
 
 
 def test_a_triangle_that_32_bits_do_not_hold_is_refused_in_a_line(opened):

@@ -5,20 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.frame import View, frame_of
+from harness.frame import WHOLE, View, frame_of
 from harness.rasterisers import Options
-from harness.rasterisers.simulated.skybox.edges import work
-from harness.rasterisers.simulated.squares import DRAIN, descended, mean_met, met
+from harness.rasterisers.reference import count_tiles
 from scenes import load
+from scripts.studies.skybox import descent
 from tests.simulated.conftest import triangles_of
 from tests.simulated.test_skybox import BUILDS
 from triangulators import triangulate
 
-
-def descent(frame, triangles, tile, block):
-    whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
-    todo = work(frame.points, triangles, [slice(0, len(triangles))], whole, tile, exact=False)
-    return descended(todo.edges, todo.pairs, tile, block)
+DRAIN = 5
+"""Most cycles from a draw's last square to the end of what follows, where nothing holds it up."""
 
 
 @pytest.mark.parametrize(
@@ -57,9 +54,10 @@ def test_the_mean_number_of_squares_follows_half_perimeter_and_area(side):
         shape = shape if doubled > 0 else shape[::-1]
         moves = rng.integers(128 * 256, 256 * 256, (4000, 1, 2))
         points = (shape + moves).reshape(-1, 2).astype(np.int32)
-        found = met(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3), [side])[side]
+        rows = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        found = count_tiles(points, rows, side * 256, WHOLE)[:, 1]
         area = np.float64(abs(doubled) / 2 / 256**2)
         half_perimeter = np.float64(np.ptp(shape, axis=0).sum() / 256)
-        mean = mean_met(area, half_perimeter, side)
+        mean = 1 + half_perimeter / side + area / side**2
         error = found.std() / np.sqrt(len(found))
         assert abs(found.mean() - mean) < 3.5 * error + 1e-9

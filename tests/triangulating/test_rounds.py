@@ -7,9 +7,9 @@ import pytest
 from shapely import box
 
 from harness.measuring.processes import FEWEST_ROUNDS, MOST_ROUNDS, Bench
-from harness.measuring.worker import Inline
 from harness.triangulating import frames
 from harness.triangulating.recipes import parse
+from tests.inline import Inline
 
 POLYGONS = [box(k, 0, k + 1, 1) for k in range(3)]
 RECIPES = [parse("ear-clipping"), parse("fan")]

@@ -6,19 +6,57 @@ A device is written as its design with the parameters that are to differ from th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import fields
 from importlib import import_module
 from typing import Any, ClassVar
 
-from harness.errors import UsageError
+from harness.errors import UsageError, unknown
 from harness.frame import Frame
-from harness.rasterisers.base import Counters, Device, Image, Options, Rasteriser, Triangles
-from harness.rasterisers.simulated.design import Design, read_parameters, written
+from harness.rasterisers.base import Counters, Device, Options, Rasteriser, Triangles
+from harness.rasterisers.reference import SHADED
+from harness.rasterisers.simulated.building import Lacking, Sources, lacking
 from scenes.spec import parsed
 
 DESIGNS = {
     "skybox": "harness.rasterisers.simulated.skybox.skybox:Skybox",
-    "attila": "harness.rasterisers.simulated.attila.attila:Attila",
+    "attila": "harness.rasterisers.simulated.attila:Attila",
 }
+
+
+class Design(ABC):
+    """One design, built with its parameters.
+
+    Class attributes: `name`; `parameters`, a frozen dataclass of what its designer would turn, each
+    with the value it has as published; `choices`, the values of those that have but a few;
+    `counters`, the names that `count` returns beside `counters.CYCLES`; `cuts`, as a rasteriser's;
+    `sources` and `tools`, what it is built from and with.
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[type[Any]]
+    choices: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+    counters: ClassVar[tuple[str, ...]]
+    cuts: ClassVar[bool] = False
+    sources: ClassVar[Sources]
+    tools: ClassVar[tuple[str, ...]]
+
+    details: dict[str, Any]
+    """What it was built from and with, JSON-ready."""
+
+    @classmethod
+    def problem(cls) -> Lacking | None:
+        """Say what lacks to simulate it here, or None."""
+        return cls.sources.problem() or lacking(cls.tools)
+
+    @abstractmethod
+    def __init__(self, parameters: Any) -> None:
+        """Build it, or find it built; raises NoRasteriser where `problem` says something."""
+
+    @abstractmethod
+    def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        """Draw `triangles` (m, 3) and return `counters`, and `CYCLES`, () of all draws together."""
 
 
 def design(name: str) -> type[Design]:
@@ -29,10 +67,29 @@ def design(name: str) -> type[Design]:
 
 
 def read(name: str) -> tuple[type[Design], Any]:
-    """Return the design that a device's name names, and its parameters."""
+    """Return the design that a device's name names, and its parameters.
+
+    Raises
+    ------
+    UsageError
+        for a name or a value of a parameter that there is not
+    """
     base, given = parsed(name)
     found = design(base)
-    return found, read_parameters(found, given)
+    published = found.parameters()
+    kinds = {each.name: type(getattr(published, each.name)) for each in fields(published)}
+    values = {}
+    for name, text in given.items():
+        if name not in kinds:
+            raise unknown(f"parameter of {base}", name, kinds)
+        try:
+            values[name] = kinds[name](text)
+        except ValueError:
+            raise UsageError(f"{base}: {name}={text} is not a number") from None
+        known = found.choices.get(name)
+        if known and values[name] not in known:
+            raise UsageError(f"{base}: {name}={text}: choose one of {', '.join(map(str, known))}")
+    return found, found.parameters(**values)
 
 
 class Simulated(Rasteriser):
@@ -40,9 +97,7 @@ class Simulated(Rasteriser):
 
     name = "simulated"
     # what every design counts; each has more of its own
-    counters: ClassVar[tuple[str, ...]] = (
-        *("cycles", "fragments", "quads", "helper_lanes", "partial_quads"),
-    )
+    counters: ClassVar[tuple[str, ...]] = ("cycles", *SHADED)
     lacking = "one sample a pixel and no fragment work"
     timed = False
     cuts = True
@@ -73,7 +128,13 @@ class Simulated(Rasteriser):
         if not cls.knows(name):
             return None
         found, parameters = read(name)
-        return None if found.problem() else Device(written(found, parameters), software=True)
+        changed = [
+            f"{each.name}={value:g}" if isinstance(value, float) else f"{each.name}={value}"
+            for each in fields(parameters)
+            if (value := getattr(parameters, each.name)) != each.default
+        ]
+        written = found.name + ":" * bool(changed) + ",".join(changed)
+        return None if found.problem() else Device(written, software=True)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
@@ -90,9 +151,3 @@ class Simulated(Rasteriser):
         if frame.scissor is not None and not self._design.cuts:
             raise UsageError(f"{self._design.name} cannot cut at a tile's edge")
         return self._design.count(frame, triangles, options)
-
-    def image(self, frame: Frame, triangles: Triangles, options: Options) -> Image:
-        """Return the picture, (height, width, 4) RGBA, top row first; see `Reference.image`."""
-        if not self._design.pictured:
-            raise UsageError(f"{self._design.name} has no picture")
-        return self._design.image(frame, self._ready(frame, triangles, options))

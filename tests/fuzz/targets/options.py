@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from harness.commands.index import COMMANDS, load
 from harness.measuring.run import run
-from harness.measuring.worker import Inline
 from tests.fuzz.target import target
 from tests.fuzz.targets.runs import Heard, Silent, command, sound
+from tests.inline import Inline
 from tests.paths import ROOT
 
 VALUES = (

@@ -29,13 +29,13 @@ from harness.errors import (
 from harness.measuring.plan import Plan
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
-from harness.measuring.worker import Inline
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from tests.compare.runs import write_run
 from tests.conftest import exit_code, write_geojson
 from tests.fuzz.damage import byte_edit, edit_bytes, edit_values, value_edit
 from tests.fuzz.target import target
+from tests.inline import Inline
 
 SILENT_S = 10.0
 """Seconds that a command may say nothing."""

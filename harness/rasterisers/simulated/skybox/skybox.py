@@ -1,26 +1,40 @@
 """The design `skybox`: the raster slice alone, its counters and its cycles.
 
-One slice of one published design: triangles come set up and sorted into tiles, and quads go to a
-shader that is a counter. No caches, no depth test, no memory.
+One slice of one published design, an open GPU written in SystemVerilog, run by Verilator: triangles
+come set up and sorted into tiles, and quads go to a shader that is a counter. No caches, no depth
+test, no memory.
 """
 
 from __future__ import annotations
 
+import subprocess
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError
+from harness.errors import HarnessError, UsageError
 from harness.figures.counters import CYCLES
 from harness.frame import Frame
-from harness.rasterisers.base import Counters, Image, Options, Triangles, per_polygon
-from harness.rasterisers.reference import SHADED, colours
-from harness.rasterisers.simulated.building import Lacking
-from harness.rasterisers.simulated.design import Design
-from harness.rasterisers.simulated.skybox import program
+from harness.rasterisers.base import Counters, Options, Triangles, per_polygon
+from harness.rasterisers.reference import SHADED
+from harness.rasterisers.simulated.building import Files, built, digest, version
+from harness.rasterisers.simulated.simulated import Design
 from harness.rasterisers.simulated.skybox.edges import Work, work
+
+HERE = Path(__file__).parent
+WRAPPER = (HERE / "top.sv", HERE / "bench.cpp")
+SOURCES = Files(
+    "RASTER_HARNESS_SKYBOX",
+    "clone vortexgpgpu/skybox at commit d06a9982 and let the variable name its folder",
+    HERE / "sources.sha256",
+)
+RTL = Path("hw", "rtl")
+COUNTS = ("nodes", "tested_blocks", "beats", "quads", "partial_quads", "fragments")
+"""What the program counts of each triangle, in its order."""
 
 MOST_SHADER, MOST_FETCH = 1024.0, 100_000
 """Cycles a quad, and between triangles."""
@@ -64,17 +78,10 @@ class Skybox(Design):
         "block": (4, 8),
         "bins": ("bbox", "exact"),
     }
-    counters = (
-        *SHADED,
-        *("tiles", "nodes", "tested_blocks", "beats"),
-    )
+    counters = (*SHADED, "tiles", "nodes", "tested_blocks", "beats")
     cuts = True
-    pictured = True
-
-    @classmethod
-    def problem(cls) -> Lacking | None:
-        """What lacks."""
-        return program.problem()
+    sources = SOURCES
+    tools = ("verilator", "g++", "make")
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -83,8 +90,8 @@ class Skybox(Design):
             "BLOCK_LOGSIZE": parameters.block.bit_length() - 1,
             "OUTPUT_QUADS": parameters.output_quads,
         }
-        rtl = program.SOURCES.folder() / program.RTL
-        self._program, built_from = program.program(rtl, built_with)
+        rtl = SOURCES.folder() / RTL
+        self._program, built_from = program(rtl, built_with)
         self.details = {
             "renderer": "Skybox's raster slice, simulated",
             "version": built_from["tools"]["verilator"],  # type: ignore[index]
@@ -94,9 +101,13 @@ class Skybox(Design):
 
     def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         """Draw each of the frame's draws until its last quad is shaded."""
-        todo = self._work(frame, triangles)
-        found = self._run(frame, todo)
-        counts = dict(zip(program.COUNTS, found.counts.T, strict=True))
+        of = self._parameters
+        whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
+        window = whole if frame.scissor is None else frame.window
+        drawn = (frame.points, triangles, frame.draws(triangles), window)
+        todo = work(*drawn, of.tile, exact=of.bins == "exact")
+        found = run(self._program, todo, window, of.shader, of.fetch)
+        counts = dict(zip(COUNTS, found.counts.T, strict=True))
         counts["helper_lanes"] = 4 * counts["quads"] - counts["fragments"]
         counts["tiles"] = np.bincount(todo.pairs[:, 0], minlength=len(triangles))
         return {
@@ -104,31 +115,74 @@ class Skybox(Design):
             CYCLES: found.cycles.sum(),
         }
 
-    def image(self, frame: Frame, triangles: Triangles) -> Image:
-        """Paint the pixels of the quads that come out."""
-        quads = self._run(frame, self._work(frame, triangles), keep_quads=True).quads
-        picture = np.zeros((frame.height, frame.width), np.uint32)
-        paint = colours(frame.owner(triangles))
-        owner, place = quads.T
-        for bit in range(4):
-            covered = place >> bit & 1 == 1
-            x = (place[covered] >> 4 & 0x3FFF) * 2 + bit % 2
-            y = (place[covered] >> 18) * 2 + bit // 2
-            picture[y, x] = paint[owner[covered]]
-        picture = np.ascontiguousarray(picture[::-1])
-        return picture.view(np.uint8).reshape(*picture.shape, 4)
 
-    def _work(self, frame: Frame, triangles: Triangles) -> Work:
-        of = self._parameters
-        drawn = (frame.points, triangles, frame.draws(triangles), _window(frame))
-        return work(*drawn, of.tile, exact=of.bins == "exact")
+class Run(NamedTuple):
+    """What a run of the program found.
 
-    def _run(self, frame: Frame, todo: Work, *, keep_quads: bool = False) -> program.Run:
-        of = self._parameters
-        return program.run(self._program, todo, _window(frame), of.shader, of.fetch, keep_quads)
+    counts : (m, 6) of each triangle, columns as `COUNTS`
+    cycles : (d,) of each draw
+    quads : (q, 2) the triangle, and y / 2, x / 2 and the mask in 14, 14 and 4 bits
+    """
+
+    counts: NDArray[np.int64]
+    cycles: NDArray[np.int64]
+    quads: NDArray[np.uint32]
 
 
-def _window(frame: Frame) -> NDArray[np.int64]:
-    """First column and row, last column and row of the pixels that are drawn."""
-    whole = np.array([0, 0, frame.width - 1, frame.height - 1], np.int64)
-    return whole if frame.scissor is None else frame.window
+def program(rtl: Path, parameters: Mapping[str, int]) -> tuple[Path, dict[str, object]]:
+    """Return the program of the slice, built if it was not, and what it was built from.
+
+    rtl : the folder hw/rtl of Skybox
+    parameters : of the module `top`
+    """
+    files = [rtl / Path(name).relative_to(RTL) for name in SOURCES.files()]
+    facts = {
+        "parameters": dict(parameters),
+        "tools": {tool: version(tool) for tool in Skybox.tools[:2]},
+    }
+    key = digest([*files, *WRAPPER], facts)
+    folders = [f"-I{rtl / part}" for part in ("", "libs", "raster")]
+
+    def commands(made: Path) -> list[list[str]]:
+        command = ["verilator", "--cc", "--exe", "--build", "--top-module", "top"]
+        command += ["-O3", "--x-assign", "0", "--x-initial", "0", "-DNDEBUG"]
+        command += ["-Wno-fatal", "-Wno-lint", "-Wno-style"]
+        command += ["-CFLAGS", "-std=c++17", "-MAKEFLAGS", "OPT_FAST=-O2"]
+        command += [f"-G{name}={value}" for name, value in parameters.items()]
+        command += [*folders, str(rtl / "raster" / "VX_raster_pkg.sv"), *map(str, WRAPPER)]
+        return [[*command, "-Mdir", str(made), "-o", "skybox"]]
+
+    return built("skybox", key, commands) / "skybox", {**facts, "digest": key}
+
+
+def run(
+    file: Path,
+    work: Work,
+    window: NDArray[np.int64],
+    shader: float = 0.0,
+    fetch: int = 0,
+    keep_quads: bool = False,
+) -> Run:
+    """Draw the work and count.
+
+    window : first column and row, last column and row of the pixels that are drawn
+    shader : cycles that a quad is shaded for, a multiple of 1/16
+    fetch : least cycles from one triangle in a tile to the next
+    """
+    left, bottom, right, top = window
+    sizes = [len(work.pairs), len(work.edges), len(work.ends), round(16 * shader), fetch]
+    settings = [*sizes, left, right + 1, bottom, top + 1, keep_quads]
+    sent = b"".join(
+        np.ascontiguousarray(part, np.int32).tobytes()
+        for part in (settings, work.edges, work.ends, work.pairs)
+    )
+    done = subprocess.run([str(file)], input=sent, capture_output=True)
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip() or f"it ended with {done.returncode}"
+        raise HarnessError(said)
+    told = np.frombuffer(done.stdout, np.int32)
+    counted = len(work.edges) * len(COUNTS)
+    counts = told[:counted].reshape(-1, len(COUNTS)).astype(np.int64)
+    halves = told[counted : counted + 2 * len(work.ends)]
+    quads = told[counted + len(halves) + 1 :].view(np.uint32).reshape(-1, 2)
+    return Run(counts, halves.view(np.int64) if len(halves) else np.empty(0, np.int64), quads)

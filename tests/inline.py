@@ -1,0 +1,31 @@
+"""Tasks in this very process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from harness.errors import HarnessError
+from harness.measuring.serving import failure
+
+
+class Inline:
+    """In place of a `Worker`: nothing is started, and nothing interrupts a task."""
+
+    def call(
+        self,
+        function: Callable[..., Any],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> Any:
+        """Return `function(*arguments)`; errors other than HarnessError become TaskFailed."""
+        try:
+            return function(*arguments)
+        except (HarnessError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            raise failure(error) from error
+
+    def close(self, *, at_once: bool = False) -> None:
+        """Nothing to end."""
