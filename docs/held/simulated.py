@@ -230,7 +230,8 @@ def whole_orders() -> list[str]:
 IN_WHOLE = [
     Sentence(
         "the best for H takes {}, {}, {} and {} of ear clipping's cycles on the city, Helsinki,"
-        " letters and sheet metal parts; bound by shading, {}, {}, {} and {}, which is",
+        " letters and sheet metal parts, a mean over three orders, one of them shuffled; bound by"
+        " shading, {}, {}, {} and {}, which is",
         lambda: [
             two(in_whole(scene, bound)["ratio"]) for bound in BOUNDS[:2] for scene in OF_ATTILA
         ],

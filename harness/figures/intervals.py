@@ -184,8 +184,9 @@ class Ratio:
 RUN_SCATTER = 0.003
 """Standard deviation by which the log ratio of two drawings moves from one run to the next, with
 the machine in one state, beyond what its rounds and epochs show: each process lays out its memory
-anew, and neighbours on a host come and go. 20 equal runs told it (docs/findings.md, "How far to
-trust this"); other runs, in four processes each, and runs on another CPU were tested with it."""
+anew, and neighbours on a host come and go. 20 equal runs told it; other runs, in four processes
+each, and runs on another CPU were tested with it, and later those of docs/findings-tables.md, "What
+do other programs do to an answer?"."""
 
 FEWEST_EPOCHS = 4
 """With fewer, how much epochs differ cannot be told."""
