@@ -6,30 +6,25 @@ What is a third party's is loaded in a process of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from harness import rasterisers
 from harness.errors import NoRasteriser, UsageError
 from harness.measuring.plan import Plan
-from harness.measuring.processes import IMPORT_S, Backend, Bench, rasteriser_home
+from harness.measuring.processes import IMPORT_S, Backend, Bench, home_of, rasteriser_home
 from harness.measuring.tasks import Survey, survey
 from harness.measuring.worker import Limits, OpenWorker, TaskFailed, Worker
 from harness.progress import Reporter
+from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
 from scenes import Scene, SceneError, load, registry
 from scenes.cleaning.clean import counted_notes
 from scenes.spec import is_function
 
+Usable = tuple[Backend, tuple[Options, ...]]
+"""A backend and which of the plan's options it can draw with."""
+
 SAID = 10
 """Polygons that are named on the screen, of those dropped and of those repaired."""
-
-
-@dataclass(frozen=True)
-class Usable:
-    """A backend and which of the plan's options it can draw with."""
-
-    backend: Backend
-    options: tuple[rasterisers.Options, ...]
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
@@ -101,14 +96,15 @@ def find_broken(recipes: Iterable[Recipe], bench: Bench) -> dict[Recipe, str]:
     for recipe in recipes:
         if not recipe.builtin:
             try:
-                bench.load(recipe)
+                limit_s = max(IMPORT_S, bench.timeout_s)
+                bench.run(home_of(recipe), recipe.load, timeout_s=limit_s)
             except TaskFailed as error:
                 broken[recipe] = str(error)
     return broken
 
 
 def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
-    """Pair each rasteriser with each of the plan's devices that it knows.
+    """Pair each rasteriser with each of the plan's devices that it knows, and its options.
 
     One that knows none of them, such as the CPU reference, runs on its own best device. One of a
     third party that dies while it is asked is left out, with a warning.
@@ -122,19 +118,19 @@ def find_backends(plan: Plan, bench: Bench, reporter: Reporter) -> list[Usable]:
     known: set[str] = set()
     for name in plan.rasterisers:
         try:
-            found = _ask(name, plan, bench)
+            options, devices, its = _ask(name, plan, bench)
         except TaskFailed as error:
             reporter.warn(f"rasteriser '{name}' is left out: {error}")
             continue
-        if not found.options:
+        if not options:
             raise UsageError(
                 f"{name} has {rasterisers.get(name).lacking}: use opengl for "
                 "--samples and --work, or add the plain case, e.g. --work 0,8"
             )
-        known.update(found.known)
-        usable += [Usable(Backend(name, device), found.options) for device in found.devices]
-        if len(found.devices) == 1 and not found.devices[0].environment:
-            bench.hand_over(rasteriser_home(name).label, usable[-1].backend.label)
+        known.update(its)
+        usable += [(Backend(name, device), options) for device in devices]
+        if len(devices) == 1 and not devices[0].environment:
+            bench.hand_over(rasteriser_home(name).label, usable[-1][0].label)
     strange = [device for device in plan.devices if device not in known]
     if strange:
         if plan.rasterisers[0] in rasterisers.BUILT_IN:
@@ -149,6 +145,6 @@ def _ask(name: str, plan: Plan, bench: Bench) -> Survey:
     """Ask a rasteriser what it can do here; a third party's only in a process of its own."""
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
         return survey(name, plan.options, plan.devices)
-    timeout_s = max(IMPORT_S, plan.timeout_s)
+    timeout_s = max(IMPORT_S, bench.timeout_s)
     home = rasteriser_home(name)
     return bench.run(home, survey, name, plan.options, plan.devices, timeout_s=timeout_s)

@@ -12,7 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import psutil
@@ -124,7 +123,7 @@ class Bench:
         self, open_worker: OpenWorker, timeout_s: float, database: Path | None = None
     ) -> None:
         self._open_worker = open_worker
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self.database = database
         self._workers: dict[str, Worker] = {}
         self._opened: dict[str, tasks.Opened] = {}
@@ -151,7 +150,7 @@ class Bench:
         """
         if home.label not in self._threads:
             self._threads[home.label] = ThreadPoolExecutor(max_workers=1)
-        limit_s = timeout_s or self._timeout_s
+        limit_s = timeout_s or self.timeout_s
         return self._threads[home.label].submit(
             self._call, home, function, arguments, limit_s, tick
         )
@@ -167,18 +166,6 @@ class Bench:
         """Return what `submit` gives, once it is there."""
         return result_of(self.submit(home, function, *arguments, timeout_s=timeout_s, tick=tick))
 
-    def load(self, recipe: Recipe) -> None:
-        """Import a third party's triangulator, in its own process.
-
-        Raises
-        ------
-        UsageError
-            if there is no such function, or it cannot be imported
-        TaskFailed
-            if its process died, hung or was ended by what it imports
-        """
-        self.run(home_of(recipe), recipe.load, timeout_s=max(IMPORT_S, self._timeout_s))
-
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Have what a triangulator needs compiled, or loaded; done once.
 
@@ -188,7 +175,7 @@ class Bench:
             if its process crashed, hung or ran out of memory
         """
         if recipe.base not in self._compiled:
-            timeout_s = max(COMPILE_S, self._timeout_s) if recipe.builtin else self._timeout_s
+            timeout_s = max(COMPILE_S, self.timeout_s) if recipe.builtin else self.timeout_s
             try:
                 with self.clocked("compile"):
                     self.run(home_of(recipe), warm_up, recipe, timeout_s=timeout_s, tick=tick)
@@ -240,7 +227,7 @@ class Bench:
                 if not recipe.builtin:
                     raise
                 raise TaskTimedOut(
-                    f"triangulating took more than {self._timeout_s:g} s; give it longer with "
+                    f"triangulating took more than {self.timeout_s:g} s; give it longer with "
                     "--timeout, or a smaller scene (limit=)"
                 ) from error
 
@@ -265,7 +252,7 @@ class Bench:
         found: dict[Recipe, list[float]] = {}
         for group in filter(None, groups):
             arguments = (group, polygons, rounds, seed)
-            timeout_s = self._timeout_s + 10 * budget_s * len(group)
+            timeout_s = self.timeout_s + 10 * budget_s * len(group)
             with self.clocked("triangulate"), suppress(TaskFailed):
                 home = home_of(group[0])
                 samples = self.run(home, time_in_rounds, *arguments, timeout_s=timeout_s)
@@ -277,7 +264,7 @@ class Bench:
 
         What a triangulator may take does not limit it.
         """
-        timeout_s = max(COMPILE_S, self._timeout_s)
+        timeout_s = max(COMPILE_S, self.timeout_s)
         return self.run(TRIANGULATORS, function, *arguments, timeout_s=timeout_s)
 
     def compute_soon(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
@@ -285,7 +272,7 @@ class Bench:
 
         The result raises `TaskFailed` if the process crashed or the function raised.
         """
-        timeout_s = max(COMPILE_S, self._timeout_s)
+        timeout_s = max(COMPILE_S, self.timeout_s)
         return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
     def hand_over(self, label: str, to: str) -> None:
@@ -331,17 +318,15 @@ class Bench:
     def time(
         self,
         backend: Backend,
-        candidates: Mapping[str, tuple[Frame, Triangles]],
-        options: Options,
+        candidates: Mapping[str, tasks.Candidate],
         settings: TimingSettings,
         seed: int,
         tick: Callable[[float], None] | None = None,
-        own: Mapping[str, Options] = MappingProxyType({}),
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates, (frame, triangles), together, in shuffled rounds.
+        """Time the candidates together, in shuffled rounds.
 
         In as many fresh processes, one after the other, as the settings want, or as there is time
-        for. `own` has the options of candidates that are drawn in another way than the others.
+        for.
 
         If the device fails under them, each is tried alone, so that only the one that brings it
         down is lost.
@@ -349,7 +334,7 @@ class Bench:
         Returns ({candidate: its group's times by name}, {candidate: why it failed}).
         """
         test = self.open(backend).timer
-        timeout_s = self._timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
+        timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
         parts: list[dict[str, Times]] = []
         began = time.perf_counter()
         try:
@@ -367,8 +352,8 @@ class Bench:
                         self.run(
                             backend.home,
                             tasks.time_group,
-                            *(backend.rasteriser, backend.device, dict(candidates), options),
-                            *(share, test, seed + number, dict(own)),
+                            *(backend.rasteriser, backend.device, dict(candidates)),
+                            *(share, test, seed + number),
                             timeout_s=timeout_s,
                             tick=told,
                         )
@@ -379,8 +364,7 @@ class Bench:
             groups: dict[str, dict[str, Times]] = {}
             failures: dict[str, str] = {}
             for name, candidate in candidates.items():
-                alone = {name: candidate}
-                more, failed = self.time(backend, alone, options, settings, seed, tick, own)
+                more, failed = self.time(backend, {name: candidate}, settings, seed, tick)
                 groups |= more
                 failures |= failed
             return groups, failures
@@ -389,13 +373,7 @@ class Bench:
 
     def describe(self) -> dict[str, Any]:
         """Return what is known of the devices that were opened, JSON-ready, by label."""
-        return {
-            label: {
-                "details": opened.details,
-                "timer": None if opened.timer is None else asdict(opened.timer),
-            }
-            for label, opened in self._opened.items()
-        }
+        return {label: asdict(opened) for label, opened in self._opened.items()}
 
     def close(self, *, at_once: bool = False) -> None:
         """End all processes; `at_once`: whatever they are doing. The second one's work is over."""

@@ -1,10 +1,9 @@
-"""Builds the record of a case from what was predicted, counted and timed."""
+"""The record of a case: made of what was predicted, counted and timed, told, and kept."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,10 @@ from harness.figures.views import NAMES, VIEWS
 from harness.frame import Frame
 from harness.measuring.plan import Case
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times, TimingSettings
+from harness.progress import Reporter
 from harness.rasterisers.base import Counters
-from harness.stored.folder import Record
+from harness.stored import drawings
+from harness.stored.folder import Record, Store
 from harness.triangulating.frames import FrameTriangulation
 
 SHORT_DRAW_S = 20e-6
@@ -28,31 +29,93 @@ SCATTER = 0.10
 """Interquartile range, relative to the median, above which a machine is called unstable."""
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """What each polygon covers on a device, however it is triangulated.
+Columns = Mapping[str, NDArray[Any]]
+"""Figures of each polygon, (p,) each."""
 
-    fragments : (p,) exact counts of the baseline
-    known : (p,) whether the baseline drew the polygon; elsewhere `fragments` says nothing
+
+class Keeper:
+    """Stores what is found, and adds it to the run's records and frames.
+
+    records : of finished cases, by key
+    drawings_too : whether what was drawn is stored, too
     """
 
-    fragments: NDArray[np.int64]
-    known: NDArray[np.bool_]
+    def __init__(
+        self, store: Store, records: dict[str, Record], reporter: Reporter, *, drawings_too: bool
+    ) -> None:
+        self.frames: list[dict[str, Any]] = []
+        self._store = store
+        self.records = records
+        self._reporter = reporter
+        self._drawings_too = drawings_too
 
-    def error(self, fragments: NDArray[np.int64], drawn: NDArray[np.bool_]) -> int | None:
-        """Return by how many (p,) `fragments` of the polygons that are `drawn` are wrong.
+    def framed(self, frame: Frame) -> None:
+        """Note what snapping to the grid did to the scene."""
+        view = frame.view
+        self.frames.append(
+            {
+                "resolution": view.resolution,
+                "rotation": view.rotation,
+                "fit": view.fit,
+                "scale": frame.scale,
+                "polygons": len(frame.source),
+                "vertices": len(frame.points),
+                "dropped": [list(entry) for entry in frame.dropped],
+                "repaired": [list(entry) for entry in frame.repaired],
+            }
+        )
 
-        None where no polygon was drawn by both.
-        """
-        compared = drawn & self.known
-        if not compared.any():
-            return None
-        return int(np.abs(fragments - self.fragments)[compared].sum())
+    def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
+        """Store what will be drawn."""
+        if self._drawings_too:
+            drawings.write(self._store, frame, triangles)
+
+    def counted(self, record: Record, columns: Columns | None) -> None:
+        """Store a record that lacks its time, so that a run that goes on need not count again."""
+        if columns is not None:
+            self._store.write_arrays(record["key"], columns)
+        self._store.append_counted({**record, "status": "counted"})
+
+    def finished(self, record: Record, columns: Columns | None = None) -> None:
+        """Store a record, and tell the user if it failed."""
+        if columns is not None:
+            self._store.write_arrays(record["key"], columns)
+        self._store.append(record)
+        self.records[record["key"]] = record
+        self._reporter.detail(_in_short(record))
+        if record["status"] == "failed":
+            self._reporter.warn(
+                f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
+            )
+
+
+def _in_short(record: Record) -> str:
+    view = f"{record['resolution']} px, {record['rotation']:g} degrees"
+    where = f"{record['scene']}, {view}: {record['triangulator']}, {record['rasteriser']}"
+    time = record.get("time")
+    result = record["reason"] or "counted"
+    if time:
+        seconds = time.get("median_s")
+        result = f"{time[CYCLES]:,} cycles" if seconds is None else f"{seconds * 1e3:.4g} ms"
+    return f"{where} on {record['device']}: {record['status']}, {result}"
 
 
 def drawn_polygons(parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.bool_]:
     """Return (p,) which polygons of a frame a triangulator gave triangles for."""
     return np.array([part is not None for part in parts], np.bool_)
+
+
+def covered(
+    counters: Counters, parts: Sequence[NDArray[np.int32] | None]
+) -> NDArray[np.int64] | None:
+    """Return the fragments of each polygon that the baseline drew, (p,), -1 of the others.
+
+    None where the device cannot say. However a polygon is triangulated, it covers as many.
+    """
+    fragments = counters.get("fragments")
+    if fragments is None or not fragments.ndim:
+        return None
+    return np.where(drawn_polygons(parts), fragments, -1)
 
 
 def problem(case: Case, status: str, reason: str) -> Record:
@@ -65,14 +128,16 @@ def measured(
     frame: Frame,
     triangulation: FrameTriangulation,
     counters: Counters,
-    coverage: Coverage | None,
+    covered: NDArray[np.int64] | None,
     limits: Mapping[str, NDArray[np.int64]],
 ) -> Record:
     """Return the record of a case that was counted; its time is not in it yet.
 
+    covered : what each polygon covers, as `covered` returns it
     limits : `OUTLINE` and `LEAST`, each (p,) quads a polygon, -1 where that is not known
     """
     done = [part for part in triangulation.parts if part is not None]
+    again, cycles = triangulation.samples_s, counters.get(CYCLES)
     record: Record = {
         **case.identity(),
         "status": "ok",
@@ -85,9 +150,10 @@ def measured(
         "predicted": triangulation.predicted.totals,
         "counters": {name: int(values.sum()) for name, values in counters.items()},
         "triangulate_s": triangulation.seconds,
-        **_rounds_of(triangulation.samples_s),
+        **({"triangulate_samples_s": _rounded(again)} if again else {}),
         "polygons_cached": triangulation.cached,
-        **_cycles_of(counters),
+        # The time of a device whose time is a count: one sample, without noise.
+        **({"time": {"timer": CYCLES, CYCLES: int(cycles.sum())}} if cycles is not None else {}),
         "conforming": triangulation.conforming,
         "t_junctions": sum(triangulation.t_junctions),
         **proven_of(triangulation.gaps),
@@ -96,21 +162,12 @@ def measured(
         **_least_of(triangulation.parts, counters, limits.get(LEAST)),
         **_views_of(frame, counters),
     }
-    if coverage is not None and "fragments" in counters:
-        drawn = drawn_polygons(triangulation.parts)
-        record["coverage_error"] = coverage.error(counters["fragments"], drawn)
+    if covered is not None and "fragments" in counters:
+        compared = drawn_polygons(triangulation.parts) & (covered >= 0)
+        if compared.any():
+            wrong = np.abs(counters["fragments"] - covered)[compared]
+            record["coverage_error"] = int(wrong.sum())
     return record
-
-
-def _cycles_of(counters: Counters) -> Record:
-    """Return the time of a device whose time is a count: one sample, without noise."""
-    if CYCLES not in counters:
-        return {}
-    return {"time": {"timer": CYCLES, CYCLES: int(counters[CYCLES].sum())}}
-
-
-def _rounds_of(samples_s: Sequence[float]) -> Record:
-    return {"triangulate_samples_s": _rounded(samples_s)} if samples_s else {}
 
 
 def _views_of(frame: Frame, counters: Counters) -> Record:

@@ -12,24 +12,21 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from harness.errors import NothingMeasured, UsageError
-from harness.figures.counters import CYCLES
 from harness.figures.run_state import default_path, judge, reference_draws
-from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, Frame, View, view_of
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
 from harness.machine.environment import label_of, processor, same
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
-from harness.measuring.scene import Columns, SceneRun
+from harness.measuring.records import Keeper
+from harness.measuring.scene import SceneRun
 from harness.measuring.two_versions import Beside, Halves, head_records
 from harness.measuring.worker import OpenWorker, Worker
 from harness.progress import Reporter, let_go_of_terminal
-from harness.stored import drawings
 from harness.stored.folder import Record, Store, read_counted, read_run
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from scenes import Scene
@@ -190,7 +187,7 @@ def _measure(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         store.write_facts({**facts, "interrupted": True})  # until it has come to its end
-        keeper = _Keeper(store, records, reporter, drawings_too=not how.split)
+        keeper = Keeper(store, records, reporter, drawings_too=not how.split)
         # BASE's code triangulates elsewhere, in no round of HEAD's.
         rounds = not (how.split or how.beside)
         try:
@@ -207,8 +204,7 @@ def _measure(
                         broken=broken,
                         bench=bench,
                         reporter=reporter,
-                        sink=keeper,
-                        finished=records,
+                        keeper=keeper,
                         counted=counted,
                         rounds=rounds,
                     ).measure()
@@ -248,72 +244,6 @@ def _stopped_in_order(bench: Bench, reporter: Reporter) -> Iterator[None]:
     # What is ignored stays so, as nohup has it.
     with system.stopped_by(stop, lambda before: before != signal.SIG_IGN):
         yield
-
-
-class _Keeper:
-    """Stores what is found, and adds it to the run's records and frames.
-
-    drawings_too : whether what was drawn is stored, too
-    """
-
-    def __init__(
-        self, store: Store, records: dict[str, Record], reporter: Reporter, *, drawings_too: bool
-    ) -> None:
-        self.frames: list[dict[str, Any]] = []
-        self._store = store
-        self._records = records
-        self._reporter = reporter
-        self._drawings_too = drawings_too
-
-    def framed(self, frame: Frame) -> None:
-        """Note what snapping to the grid did to the scene."""
-        view = frame.view
-        self.frames.append(
-            {
-                "resolution": view.resolution,
-                "rotation": view.rotation,
-                "fit": view.fit,
-                "scale": frame.scale,
-                "polygons": len(frame.source),
-                "vertices": len(frame.points),
-                "dropped": [list(entry) for entry in frame.dropped],
-                "repaired": [list(entry) for entry in frame.repaired],
-            }
-        )
-
-    def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
-        """Store what will be drawn."""
-        if self._drawings_too:
-            drawings.write(self._store, frame, triangles)
-
-    def counted(self, record: Record, columns: Columns | None) -> None:
-        """Store a record that lacks its time, so that a run that goes on need not count again."""
-        if columns is not None:
-            self._store.write_arrays(record["key"], columns)
-        self._store.append_counted({**record, "status": "counted"})
-
-    def finished(self, record: Record, columns: Columns | None = None) -> None:
-        """Store a record, and tell the user if it failed."""
-        if columns is not None:
-            self._store.write_arrays(record["key"], columns)
-        self._store.append(record)
-        self._records[record["key"]] = record
-        self._reporter.detail(_in_short(record))
-        if record["status"] == "failed":
-            self._reporter.warn(
-                f"{record['triangulator']} on {record['device']} failed: {record['reason']}"
-            )
-
-
-def _in_short(record: Record) -> str:
-    view = f"{record['resolution']} px, {record['rotation']:g} degrees"
-    where = f"{record['scene']}, {view}: {record['triangulator']}, {record['rasteriser']}"
-    time = record.get("time")
-    result = record["reason"] or "counted"
-    if time:
-        seconds = time.get("median_s")
-        result = f"{time[CYCLES]:,} cycles" if seconds is None else f"{seconds * 1e3:.4g} ms"
-    return f"{where} on {record['device']}: {record['status']}, {result}"
 
 
 def open_store(

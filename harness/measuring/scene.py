@@ -1,13 +1,9 @@
-"""Measures one scene: view by view it is framed, triangulated, counted and timed.
-
-Nothing is kept in here: whoever asked gets what is found through a sink, and stores it.
-"""
+"""Measures one scene: view by view it is framed, triangulated, counted and timed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +31,6 @@ BASELINE = Recipe("delaunay")
 
 SAID_AFTER_S = 2.0
 """Seconds of compiling after which it is told; loading what is compiled takes less."""
-
-Columns = Mapping[str, NDArray[Any]]
-"""Figures of each polygon, (p,) each."""
-
-
-class Sink(Protocol):
-    """Is told what measuring a scene brings to light, as soon as it does."""
-
-    def framed(self, frame: Frame) -> None:
-        """A view's frame was made."""
-
-    def triangulated(self, frame: Frame, triangles: dict[str, NDArray[np.int32]]) -> None:
-        """A frame was triangulated; (m, 3) rows of `frame.points` by triangulator."""
-
-    def counted(self, record: Record, columns: Columns | None) -> None:
-        """A case was counted, and is to be timed: the finished record but for its time."""
-
-    def finished(self, record: Record, columns: Columns | None = None) -> None:
-        """A case was measured, skipped or failed; columns only if `counted` was not told them."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +68,8 @@ class SceneRun:
 
     label : the scene's name in records
     broken : triangulators that cannot be run at all, and why
-    finished : records by key; those that are ok or skipped are left alone
+    keeper : is told what comes to light, as soon as it does; the cases of its records that are ok
+        or skipped are left alone
     counted : records by key of cases that need only be timed
     rounds : whether to triangulate in rounds, as drawings are timed
     """
@@ -103,8 +81,7 @@ class SceneRun:
     broken: Mapping[Recipe, str]
     bench: Bench
     reporter: Reporter
-    sink: Sink
-    finished: Mapping[str, Record]
+    keeper: records.Keeper
     counted: Mapping[str, Record]
     rounds: bool = False
 
@@ -118,12 +95,12 @@ class SceneRun:
             self.bench.open_soon(groups[0].backend)
             now = _View(frame_of(self.scene, view))
             self._tell_of_snapping(now.frame)
-            self.sink.framed(now.frame)
+            self.keeper.framed(now.frame)
             self._prepare(now, groups)
             if self.rounds:
                 self._time_triangulating(now)
             triangles = {str(recipe): ready.triangles for recipe, ready in now.prepared.items()}
-            self.sink.triangulated(now.frame, triangles)
+            self.keeper.triangulated(now.frame, triangles)
             for group in groups:
                 left = {
                     recipe: case for recipe, case in group.cases.items() if recipe in now.prepared
@@ -132,16 +109,16 @@ class SceneRun:
                     self._measure(now, replace(group, cases=left))
 
     def _groups(self, view: View) -> Iterator[Group]:
-        for each in self.usable:
-            for options in each.options:
+        for backend, every in self.usable:
+            for options in every:
                 cases = {
                     recipe: Case(
                         scene=self.label,
                         scene_hash=self.scene.content_hash,
                         view=view,
                         triangulator=str(recipe),
-                        rasteriser=each.backend.rasteriser,
-                        device=each.backend.device.name,
+                        rasteriser=backend.rasteriser,
+                        device=backend.device.name,
                         options=options,
                     )
                     for recipe in self.plan.triangulators
@@ -149,9 +126,9 @@ class SceneRun:
                 left = {
                     recipe: case
                     for recipe, case in cases.items()
-                    if self.finished.get(case.key, {}).get("status") not in DONE
+                    if self.keeper.records.get(case.key, {}).get("status") not in DONE
                 }
-                yield Group(each.backend, options, left)
+                yield Group(backend, options, left)
 
     def _tell_of_snapping(self, frame: Frame) -> None:
         for verb, entries in (("dropped", frame.dropped), ("repaired", frame.repaired)):
@@ -189,7 +166,7 @@ class SceneRun:
                 else:
                     for group in groups:
                         if recipe in group.cases:
-                            self.sink.finished(records.problem(group.cases[recipe], *result))
+                            self.keeper.finished(records.problem(group.cases[recipe], *result))
                 stage.advance()
         said = "looking for the fewest quads, by which regret is told ..."
         if limits:
@@ -266,7 +243,7 @@ class SceneRun:
             opened = self.bench.open(group.backend)
         except HarnessError as error:
             for case in group.cases.values():
-                self.sink.finished(records.problem(case, "failed", str(error)))
+                self.keeper.finished(records.problem(case, "failed", str(error)))
             return
         timed = opened.timer is not None
         ready = {
@@ -288,7 +265,7 @@ class SceneRun:
         covers.
         """
         ready: dict[Recipe, Record] = {}
-        coverage = None
+        covered = None
         frame, backend, options, cases = now.frame, group.backend, group.options, group.cases
         limits = now.limits if options.samples == 1 else {}  # they are of pixels' centres
         names = [recipe for recipe in dict.fromkeys([BASELINE, *cases]) if recipe in now.prepared]
@@ -299,17 +276,17 @@ class SceneRun:
                     counters = self.bench.count(backend, frame, prepared.triangles, options)
                 except HarnessError as error:
                     if recipe in cases:
-                        self.sink.finished(records.problem(cases[recipe], "failed", str(error)))
+                        self.keeper.finished(records.problem(cases[recipe], "failed", str(error)))
                 else:
                     if recipe == BASELINE:
-                        coverage = _coverage(counters, prepared)
+                        covered = records.covered(counters, prepared.triangulation.parts)
                     if recipe in cases:
-                        made = (frame, prepared.triangulation, counters, coverage, limits)
+                        made = (frame, prepared.triangulation, counters, covered, limits)
                         record = records.measured(cases[recipe], *made)
                         columns = _columns(now, prepared, counters, limits)
                         if timed:
                             ready[recipe] = record
-                        (self.sink.counted if timed else self.sink.finished)(record, columns)
+                        (self.keeper.counted if timed else self.keeper.finished)(record, columns)
                 stage.advance()
         return ready
 
@@ -324,8 +301,10 @@ class SceneRun:
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
             groups, failures = self.bench.time(
                 backend,
-                {str(recipe): (now.frame, now.prepared[recipe].triangles) for recipe in ready},
-                group.options,
+                {
+                    str(recipe): (now.frame, now.prepared[recipe].triangles, group.options)
+                    for recipe in ready
+                },
                 settings,
                 self.plan.seed,
                 lambda waited: stage.complete(min(waited, likely_s)),
@@ -333,23 +312,15 @@ class SceneRun:
         for recipe, record in ready.items():
             name = str(recipe)
             if name in failures:
-                self.sink.finished(records.problem(group.cases[recipe], "failed", failures[name]))
+                self.keeper.finished(records.problem(group.cases[recipe], "failed", failures[name]))
             else:
                 times = records.time_fields(groups[name], name, test, settings)
-                self.sink.finished({**record, "time": times})
-
-
-def _coverage(counters: Counters, baseline: Prepared) -> records.Coverage | None:
-    """Return what the baseline drew of each polygon, None where the device cannot say."""
-    fragments = counters.get("fragments")
-    if fragments is None or not fragments.ndim:
-        return None
-    return records.Coverage(fragments, records.drawn_polygons(baseline.triangulation.parts))
+                self.keeper.finished({**record, "time": times})
 
 
 def _columns(
     now: _View, prepared: Prepared, counters: Counters, limits: Mapping[str, NDArray[np.int64]]
-) -> Columns | None:
+) -> records.Columns | None:
     """Return what is predicted and counted of each polygon; one polygon's are the totals."""
     if len(now.frame.source) == 1:
         return None

@@ -8,11 +8,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.frame import SUBPIXEL, Frame, bare_frame
@@ -26,6 +24,9 @@ from harness.measuring.timing import (
     time_together,
 )
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
+
+Candidate = tuple[Frame, Triangles, Options]
+"""What is drawn, and how."""
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
@@ -45,30 +46,17 @@ class Opened:
     timer: TimerTest | None
 
 
-@dataclass(frozen=True)
-class Survey:
-    """What a rasteriser can do here of what a plan wants.
-
-    options : those that it can draw with
-    devices : what to run it on: the wanted ones that it knows, or its best
-    known : the wanted devices that it knows
-    """
-
-    options: tuple[Options, ...]
-    devices: tuple[Device, ...]
-    known: tuple[str, ...]
+Survey = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
+"""What a rasteriser can do here of what a plan wants: the options that it can draw with; the wanted
+devices that it knows, or its best one; and by name those that it knows."""
 
 
 def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
     """Ask the rasteriser `name` what it can do; raises as `rasterisers.find_device` does."""
     kind = rasterisers.get(name)
     known = tuple(device for device in devices if kind.knows(device))
-    wanted = known or (None,)
-    return Survey(
-        tuple(filter(kind.supports, options)),
-        tuple(rasterisers.find_device(name, device) for device in wanted),
-        known,
-    )
+    found = tuple(rasterisers.find_device(name, device) for device in known or (None,))
+    return tuple(filter(kind.supports, options)), found, known
 
 
 _open: dict[tuple[str, str], Rasteriser] = {}
@@ -93,24 +81,23 @@ def count(
 def time_group(
     name: str,
     device: Device,
-    candidates: Mapping[str, tuple[Frame, Triangles]],
-    options: Options,
+    candidates: Mapping[str, Candidate],
     settings: TimingSettings,
     test: TimerTest,
     seed: int,
-    own: Mapping[str, Options] = MappingProxyType({}),
 ) -> dict[str, Times]:
-    """Time the candidates, (frame, triangles), together.
+    """Time the candidates together.
 
-    All frames have one size. The result has EMPTY and REFERENCE beside the candidates.
-    own : options of candidates that are drawn in another way than the others
+    All frames have one size. The result has EMPTY and REFERENCE, drawn with the options of the
+    first candidate, beside the candidates.
     """
     rasteriser = _opened(name, device)
-    frame = next(iter(candidates.values()))[0]
-    reference = bare_frame(frame.width, _corner_triangle(frame.width))
-    drawn: dict[str, tuple[Frame, Triangles]] = {
-        EMPTY: (frame, np.empty((0, 3), np.int32)),
-        REFERENCE: (reference, np.array([[0, 1, 2]], np.int32)),
+    frame, _, options = next(iter(candidates.values()))
+    far = frame.width * SUBPIXEL
+    corner = bare_frame(frame.width, np.array([[0, 0], [far, 0], [0, far]], np.int32))
+    drawn: dict[str, Candidate] = {
+        EMPTY: (frame, np.empty((0, 3), np.int32), options),
+        REFERENCE: (corner, np.array([[0, 1, 2]], np.int32), options),
         **candidates,
     }
     with contextlib.ExitStack() as stack:
@@ -119,7 +106,7 @@ def time_group(
             stack.close()
             prepared = {}
             for name in order:
-                prepared[name] = rasteriser.prepare(*drawn[name], own.get(name, options))
+                prepared[name] = rasteriser.prepare(*drawn[name])
                 stack.enter_context(prepared[name])
             return {name: prepared[name] for name in drawn}
 
@@ -148,8 +135,3 @@ def choose_timer(rasteriser: Rasteriser) -> TimerTest:
             if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
                 return self_test(drawing, software=rasteriser.device.software)
         layers *= 4
-
-
-def _corner_triangle(resolution: int) -> NDArray[np.int32]:
-    far = resolution * SUBPIXEL
-    return np.array([[0, 0], [far, 0], [0, far]], np.int32)

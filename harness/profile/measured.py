@@ -121,11 +121,11 @@ def measure(
     """
     names = [str(number) for number in range(len(draws))]
     candidates = {
-        name: (draw.frame, draw.triangles) for name, draw in zip(names, draws, strict=True)
+        name: (draw.frame, draw.triangles, Options(work=draw.work))
+        for name, draw in zip(names, draws, strict=True)
     }
-    own = {name: Options(work=d.work) for name, d in zip(names, draws, strict=True) if d.work}
     candidates[CONTROL] = candidates[names[len(names) // 2]]
-    groups, failures = bench.time(backend, candidates, Options(), timing, seed, tick, own)
+    groups, failures = bench.time(backend, candidates, timing, seed, tick)
     if failures:
         raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
     times = next(iter(groups.values()))

@@ -118,8 +118,8 @@ def time_draws(
     done = 0
     with reporter.stage(f"timing {title}: {backend.label}", len(draws)) as stage:
         for seed, members in enumerate(_groups(compared)):
-            candidates = {str(member): draws[member] for member in members}
-            groups, failures = bench.time(backend, candidates, options, settings, seed)
+            candidates = {str(member): (*draws[member], options) for member in members}
+            groups, failures = bench.time(backend, candidates, settings, seed)
             if failures:
                 raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
             group = next(iter(groups.values()))

@@ -55,8 +55,8 @@ def compare(
 ) -> Ratio:
     device, worker = llvmpipe
     test = worker.call(tasks.open_device, "opengl", device).timer
-    pair = {"first": (frame, first), "second": (frame, second)}
-    group = worker.call(tasks.time_group, "opengl", device, pair, options, settings, test, seed)
+    pair = {"first": (frame, first, options), "second": (frame, second, options)}
+    group = worker.call(tasks.time_group, "opengl", device, pair, settings, test, seed)
     return paired_ratio(group["first"].samples_s, group["second"].samples_s)
 
 

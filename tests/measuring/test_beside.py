@@ -17,11 +17,10 @@ from harness.compare.comparison import compare_runs
 from harness.errors import UsageError
 from harness.frame import View, make_frame
 from harness.measuring import run as running
-from harness.measuring.other_version import triangulate_elsewhere
 from harness.measuring.plan import Plan
 from harness.measuring.processes import Backend
 from harness.measuring.timing import TimingSettings
-from harness.measuring.two_versions import MARK, Beside, version
+from harness.measuring.two_versions import MARK, Beside, triangulate_elsewhere, version
 from harness.measuring.worker import TaskFailed
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
@@ -172,10 +171,10 @@ def test_what_both_have_alike_is_drawn_once_unless_asked(twice, tmp_path, monkey
         bench = Beside(place, twice).bench(lambda *_: Inline(), 60.0, None)
     frame = make_frame(POLYGONS, View(256))
     rows = frame.join([np.array([[0, 1, 2]], np.int32)] * len(POLYGONS))
-    candidates = {"a": (frame, rows), MARK + "a": (frame, rows.copy())}
-    candidates |= {"b": (frame, rows), MARK + "b": (frame, rows[::-1])}
+    candidates = {"a": (frame, rows, Options()), MARK + "a": (frame, rows.copy(), Options())}
+    candidates |= {"b": (frame, rows, Options()), MARK + "b": (frame, rows[::-1], Options())}
     backend = Backend("tests.mock:MockRasteriser", MockRasteriser.devices()[0])
-    found, failures = bench.time(backend, candidates, Options(), PLAN.timing, 0)
+    found, failures = bench.time(backend, candidates, PLAN.timing, 0)
     bench.close()
     assert not failures
     assert set(found) == set(candidates)

@@ -394,10 +394,10 @@ def test_processes_share_a_limit_and_none_begins_when_it_is_over(monkeypatch, to
     monkeypatch.setattr(tasks, "time_group", timed)
     backend = Backend(MOCK, rasterisers.find_device(MOCK, None))
     corners = np.array([[0, 0], [8, 0], [0, 8]], np.int32)
-    drawn = bare_frame(8, corners), np.arange(3, dtype=np.int32)[None]
+    drawn = bare_frame(8, corners), np.arange(3, dtype=np.int32)[None], Options()
     settings = TimingSettings(processes=4, limit_s=20.0)
     with closing(Bench(inline, timeout_s=1.0)) as bench:
-        groups, failures = bench.time(backend, {"a": drawn}, Options(), settings, seed=0)
+        groups, failures = bench.time(backend, {"a": drawn}, settings, seed=0)
     assert not failures
     assert shares == pytest.approx(limits)
     assert groups["a"]["a"].epochs == [1] * len(limits)
