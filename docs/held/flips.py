@@ -239,9 +239,8 @@ HELD: list[Held] = [
         "was run on {} polygons without holes (`scripts/studies/blender.py`). It has the rule in"
         " two places. *Beautify Faces*, which began at ear clipping's triangles, made those of"
         " `flips:beauty` for {} of them, and sums differ by up to {} in a billion."
-        " *Triangulate Faces*, which cuts a polygon by itself, made them for {}. Among long"
-        " outlines with many slivers it leaves some flips undone: on counties its sum is {} %"
-        " smaller as a mean, {} % in the worst one, and on the others up to {} %.",
+        " *Triangulate Faces*, which cuts a polygon by itself, made them for {}. On counties"
+        " its sum is {} % smaller as a mean, {} % in the worst one, and on the others up to {} %.",
         _blenders,
     ),
     Sentence(
