@@ -24,7 +24,7 @@ import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
@@ -69,7 +69,11 @@ def start() -> ForkServerContext | SpawnContext:
     try:
         multiprocessing.set_forkserver_preload([PRELOADED])
         wake()
+        resource_tracker.ensure_running()  # which unblocks what is blocked
+        # Until it is in a group of its own, the server holds back what a terminal sends to all.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         forkserver.ensure_running()
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
     finally:
         for name, value in before.items():
             if value is None:
@@ -218,6 +222,8 @@ def _preload() -> None:
     # In a group of its own: what a terminal sends to the command is not meant for the server,
     # which ends when the command does.
     system.lead_group()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     # What a task starts in a session of its own comes to the server when its worker ends.
     system.adopt()
     warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")

@@ -6,6 +6,7 @@ import ctypes
 import os
 import re
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 
 from harness.errors import NoRasteriser
 from harness.measuring.worker import Limits, TaskFailed, Worker
+from tests.paths import ROOT
 from triangulators.errors import MOST_TRACED
 
 
@@ -325,3 +327,29 @@ def test_a_worker_has_the_environment_of_now(monkeypatch):
     with Worker("after") as worker:
         assert worker.call(environment_of, "MOCK_LATER")[0] == "yes"
         assert worker.call(environment_of, "PYTHONSAFEPATH")[0] == os.environ.get("PYTHONSAFEPATH")
+
+
+CTRL_C = """
+import os, signal
+signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
+from harness.measuring.serving import start
+from harness.measuring.worker import Worker
+if __name__ == "__main__":
+    start()
+    os.killpg(0, signal.SIGINT)
+    with Worker("a worker") as worker:
+        print(worker.call(len, [1, 2]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
+def test_ctrl_c_while_the_server_is_loaded_is_the_commands_alone(tmp_path):
+    (tmp_path / "own.py").write_text(CTRL_C)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "own.py"],
+        capture_output=True,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    assert (done.stdout, done.stderr) == ("heard\n2\n", "")
