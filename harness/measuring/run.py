@@ -301,7 +301,7 @@ def _refuse_other(before: dict[str, Any], now: dict[str, Any], out: Path) -> Non
         differences.append("the machine")
     if differences:
         raise UsageError(
-            f"cannot resume {out}: not as then: {', '.join(differences)}; "
+            f"cannot resume {out}; since then changed: {', '.join(differences)}; "
             "start a new run, or add --force to mix them"
         )
 

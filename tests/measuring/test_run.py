@@ -229,7 +229,7 @@ def test_resume_refuses_other_code(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     measure(plan_for(block), out)
     monkeypatch.setattr("harness.machine.environment.code_version", lambda: "other")
-    with pytest.raises(UsageError, match="the code differ"):
+    with pytest.raises(UsageError, match="since then changed: the code;"):
         measure(plan_for(block), out, resume=True)
 
 
@@ -238,7 +238,7 @@ def test_resume_refuses_another_machine_unless_forced(block, tmp_path, monkeypat
     measure(plan_for(block), out)
     other = {**processor(), "label": "another processor"}
     monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
-    with pytest.raises(UsageError, match="the machine differ"):
+    with pytest.raises(UsageError, match="since then changed: the machine;"):
         measure(plan_for(block), out, resume=True)
     assert measure(plan_for(block), out, resume=True, force=True).records
 
