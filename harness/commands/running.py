@@ -67,8 +67,11 @@ def require_finished(outcome: RunResult, how: str, *, quiet: bool = False) -> No
         raise typer.Exit(INTERRUPTED)
     if not any(record["status"] == "ok" for record in outcome.records):
         where = os.path.relpath(outcome.path)
+        first = outcome.records[0] if outcome.records else {}
+        why = f" ({first['triangulator']}: {first['reason']})" if first.get("reason") else ""
         raise NothingMeasured(
-            f"nothing was measured: every case was skipped or failed (reasons: {where}/cases.jsonl)"
+            f"nothing was measured: every case was skipped or failed{why}; all reasons are in "
+            f"{where}/cases.jsonl"
         )
 
 

@@ -202,7 +202,9 @@ class SceneRun:
         triangles = frame.join(result.parts)
         if not len(triangles):
             status = "failed" if result.failed else "skipped"
-            return status, records.incomplete(result) or "no polygon is left"
+            return status, records.incomplete(
+                result
+            ) or "no polygon is left on the grid of 1/256 px: draw larger, or fewer"
         return Prepared(result, triangles)
 
     def _triangulate(
