@@ -40,10 +40,11 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 TESTS = {
-    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_estimates.py",
+    "harness/figures": "tests/figures tests/harness/test_summary.py tests/report/test_estimates.py"
+    " tests/measuring/test_state.py",
     "harness/compare": "tests/compare/test_times.py tests/compare/test_gate.py"
     " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"
-    " tests/compare/test_cli.py",
+    " tests/compare/test_cli.py tests/compare/test_polygons.py",
     "harness/measuring/timing.py": "tests/measuring/test_timing.py",
     "harness/scaling/merging.py": "tests/scaling/test_merging.py",
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",

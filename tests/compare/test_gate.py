@@ -13,7 +13,7 @@ import pytest
 
 from harness.compare.comparison import compare_runs
 from harness.compare.html import to_html
-from harness.compare.matching import case_name
+from harness.compare.matching import case_name, repeat
 from harness.compare.model import Settings
 from harness.compare.outputs import to_json, to_junit, to_markdown
 from harness.compare.times import decide
@@ -279,3 +279,31 @@ def usual(edit: Edit) -> Callable[[str], dict[str, Any]]:
         return entry
 
     return make
+
+
+def test_a_case_says_where_it_is(tmp_path):
+    case = case_name(record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"})
+    assert case.where == "city 1024 px turned 22.5° fit to a circle, opengl on llvmpipe"
+
+
+def test_a_scene_that_the_records_name_is_that_of_the_plan(tmp_path):
+    """As of a run of a file that was moved: its plan has another path, its records the name."""
+    base = read_run(write_run(tmp_path / "base", seed=1))
+    moved = {"plan": plan(scene="elsewhere")}
+    head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=moved))
+    assert [case.name.triangulator for case in compare_runs(base, head).regressed()] == ["fan"]
+
+
+def test_only_what_both_runs_measured_repeats():
+    done = record("fan", seed=1)
+    failed = done | {"status": "failed", "counters": {}}
+    assert repeat([done], [done]).cases == 1
+    assert repeat([done], [failed]).cases == repeat([failed], [done]).cases == 0
+
+
+def test_thresholds_are_told_each_once(tmp_path):
+    runs = [read_run(write_run(tmp_path / name, seed=1)) for name in ("base", "head")]
+    text = to_markdown(compare_runs(*runs, Settings(thresholds={"time": 0.07, "quads": 0.02})))
+    assert "threshold of quads: 2 %" in text
+    assert "threshold of time ±7 %" in text
+    assert "threshold of time:" not in text

@@ -11,9 +11,9 @@ from harness.compare.comparison import compare_runs
 from harness.compare.html import to_html
 from harness.compare.model import Settings
 from harness.compare.outputs import to_markdown
-from harness.compare.polygons import most_grown
+from harness.compare.polygons import _counted, most_grown
 from harness.heatmaps import lane_maps
-from harness.stored.folder import read_arrays, read_run
+from harness.stored.folder import Run, read_arrays, read_run
 from tests.measuring.test_run import measure, plan_for
 from triangulators import triangulate
 
@@ -67,3 +67,10 @@ def test_what_got_better_or_kept_no_columns_shows_none(runs, tmp_path):
     assert comparison.regressed()
     assert most_grown(base, head, comparison) == []
     assert "Where it grew most" not in to_html(comparison)
+
+
+def test_of_one_polygon_the_totals_are_its_own(tmp_path):
+    run = Run(tmp_path, {}, [])
+    entry = {"key": "a" * 16, "polygons": 1, "counters": {"helper_lanes": 7}}
+    assert _counted(run, entry) == {"helper_lanes": [7]}
+    assert _counted(run, entry | {"polygons": 2}) == {}

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from harness.figures.groups import time_ratio
 from harness.figures.intervals import RUN_SCATTER
 from harness.figures.verdict import BreakEven, break_even
 from tests.harness.test_summary import printed, record
@@ -95,6 +96,11 @@ def test_where_it_is_not_defined():
     assert break_even(record("of an older version"), base) is None
     assert break_even(base, base) is None
     assert break_even(base, None) is None
+    pair = [triangulated(name, 0.5) for name in ("one", "other")]
+    for each in pair:
+        each["time"] |= {"cycles": 1000}
+    assert time_ratio(*pair).exact
+    assert break_even(*pair) is None
 
 
 def test_an_interval_is_never_one_number_and_may_have_no_end():

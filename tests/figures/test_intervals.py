@@ -21,6 +21,7 @@ from harness.figures.intervals import (
     median_over,
     of_any_run,
     paired_ratio,
+    ratio_interval,
 )
 from scripts.studies.interval_coverage import Kind, kinds, share_interval, simulate
 
@@ -154,3 +155,11 @@ def test_an_interval_that_ends_at_one_shows_no_difference(low, high, verdict):
 def test_what_are_no_rounds_of_one_group_has_no_ratio(own, base):
     with pytest.raises(ValueError, match="not rounds of one group"):
         paired_ratio(own, base)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_a_ratio_is_known_whatever_the_unit_and_not_where_all_are_alike(size):
+    base = size * np.linspace(1.0, 2.0, 24)
+    assert np.isnan(ratio_interval(0.3 * base, base)).all()
+    noise = np.random.default_rng(4).normal(1.0, 0.05, 24)
+    assert ratio_interval(0.3 * base * noise, base) == pytest.approx((0.3, 0.3), rel=0.05)

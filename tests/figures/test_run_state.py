@@ -76,6 +76,9 @@ def test_two_modes_are_found_and_one_is_one():
         assert two_modes(samples) is None
     modes = two_modes(np.r_[rng.normal(1, 0.02, 40), rng.normal(2, 0.04, 20)])
     assert modes == pytest.approx((1, 2), rel=0.02)
+    for scatter, found in ((0.03, True), (0.09, False)):  # five of their widths have to fit between
+        noise = np.exp(scatter * rng.standard_normal(400))
+        assert (two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == found
 
 
 def test_one_rule_tells_the_state():

@@ -55,9 +55,12 @@ def test_every_round_times_every_drawing_once_in_changing_order():
 def test_the_reference_draw_is_drawn_once_before_it_is_timed():
     """A drawing that follows a large one in a round finds its caches empty."""
 
+    asked: list[int] = []
+
     class Cold(ScriptedDrawing):
         def sample(self, repeats: int) -> Sample:
             cold = self.log[-1:] != [self.name]
+            asked.extend([repeats] * (cold and self.name == REFERENCE))
             found = super().sample(repeats)
             return Sample(wall=found.wall + cold * 1e-3)
 
@@ -66,6 +69,7 @@ def test_the_reference_draw_is_drawn_once_before_it_is_timed():
     times = time_together(drawings, TimingSettings(), WALL, clock=clock)
     assert set(times[REFERENCE].samples_s) == {2e-3}
     assert max(times["a"].samples_s) == pytest.approx(3e-3)
+    assert set(asked[1:]) == {1}
 
 
 def test_steady_drawings_stop_at_the_fewest_rounds():
@@ -225,6 +229,48 @@ def test_the_gpu_timer_is_believed_only_if_the_wall_clock_agrees(gpu, timer):
     assert test.timer == timer
     assert test.wall_s == pytest.approx(1e-3)
     assert test.gpu_s == (None if gpu is None else pytest.approx(gpu))
+
+
+class Computed:
+    """A draw of 1 ms by the wall clock, of which the process computes and waits for shares."""
+
+    def __init__(self, cpu: float | None, waited: float | None) -> None:
+        self.shares = cpu, waited
+
+    def sample(self, repeats: int) -> Sample:
+        cpu, waited = (None if share is None else repeats * 1e-3 * share for share in self.shares)
+        return Sample(repeats * 1e-3, cpu=cpu, waited=waited)
+
+
+@pytest.mark.parametrize(
+    ("cpu", "waited", "timer"),
+    [(0.9, 0.0, "cpu"), (0.6, None, "cpu"), (0.4, None, "wall"), (0.3, 0.3, "cpu")]
+    + [(0.1, 0.3, "wall"), (None, 0.9, "wall"), (0.0, 0.9, "cpu")],
+)
+def test_the_cpu_timer_is_believed_where_it_accounts_for_the_draw(cpu, waited, timer):
+    test = self_test(Computed(cpu, waited), software=True)
+    assert test.timer == timer
+    assert self_test(Computed(cpu, waited)).timer == "wall"
+
+
+def test_of_the_cpu_timer_what_the_wall_clock_saw_is_kept():
+    by_cpu, by_wall = Times(repeats=2), Times(repeats=2)
+    for sample in (Sample(4.0, cpu=2.0, waited=1.0), Sample(6.0)):
+        by_cpu.add(sample, "cpu")
+        by_wall.add(sample, "wall")
+    assert (by_cpu.samples_s, by_cpu.wall_s, by_cpu.waited_s) == ([1.0, 3.0], [2.0, 3.0], [0.5])
+    assert (by_wall.samples_s, by_wall.wall_s, by_wall.waited_s) == ([2.0, 3.0], [], [])
+
+
+@pytest.mark.parametrize("others", [2.0, -2.0])
+def test_what_host_and_others_took_is_that_of_the_rounds(monkeypatch, others):
+    drawings, clock, _ = scripted({"a": 2e-3})
+    monkeypatch.setattr("harness.machine.system.stolen_s", lambda: 3.0 + 0.5 * clock())
+    monkeypatch.setattr("harness.machine.system.others_s", lambda: 7.0 + others * clock())
+    times = time_together(drawings, TimingSettings(), WALL, clock=clock)["a"]
+    assert times.timing_s > 0
+    assert times.stolen_s == pytest.approx(0.5 * times.timing_s)
+    assert times.others_s == pytest.approx(max(0.0, others * times.timing_s))
 
 
 @pytest.mark.parametrize(("gpu", "seconds"), [(7e-6, 1e-3), (0.9e-3, 0.9e-3)])

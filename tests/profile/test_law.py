@@ -84,3 +84,45 @@ def test_a_machine_that_slows_down_and_a_control_apart_are_told():
     found = rounds(1.0, 1.0, 1.0, 1.0, apart=1.02)
     assert isinstance(found.control, Ratio)
     assert found.trouble == ""
+
+
+@pytest.mark.parametrize(("of_a_group", "of_a_draw"), [(0.02, 0.005), (0.01, 0.01), (0.0, 0.01)])
+def test_the_covariance_of_a_mean_is_that_of_a_one_way_analysis_of_variance(of_a_group, of_a_draw):
+    """Of draws in equal groups: the mean square between groups, or the pooled one if it is less."""
+    random = np.random.default_rng(3)
+    groups, draws = 8, 5
+    errors = np.repeat(random.normal(0, of_a_group, groups), draws)
+    seconds = 3.0 * np.exp(errors + random.normal(0, of_a_draw, groups * draws))
+    labels = np.repeat(np.arange(groups), draws)
+    (free,), ((variance,),) = law._covariance(np.ones((groups * draws, 1)), seconds, labels)
+    table = (seconds / seconds.mean()).reshape(groups, draws)
+    between = draws * table.mean(axis=1).var(ddof=1)
+    within = ((table - table.mean(axis=1)[:, None]) ** 2).sum() / (groups * (draws - 1))
+    pooled = table.var(ddof=1)
+    expected = between if between > within else pooled
+    assert free == pytest.approx(seconds.mean(), rel=1e-3)
+    assert variance / free**2 == pytest.approx(expected / (groups * draws), rel=0.02)
+
+
+def test_a_cost_may_be_negative_where_it_is_free():
+    """Or intervals would end at 0 whatever the draws tell."""
+    rows = np.column_stack([np.ones(24), np.arange(24.0)])
+    seconds = rows @ [10.0, -0.1]
+    found = law.fit(rows, np.stack([seconds] * 3), [str(k // 4) for k in range(24)])
+    assert found.free == pytest.approx([10.0, -0.1], rel=1e-6)
+    assert found.costs[1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("shares", "weights", "shown"),
+    [
+        ([[0.5, 0.0], [1e-5, 0.0]], [1, 0], True),  # much of one draw's time
+        ([[1e-5, 0.0], [1e-5, 0.0]], [1, 0], False),
+        ([[0.5, 1e-5], [1e-5, 0.5]], [1, 1], False),  # a draw has as many of both as of the rarer
+        ([[0.5, 0.4], [0.0, 0.0]], [1, 1], True),
+    ],
+)
+def test_a_cost_is_shown_by_the_draw_that_has_most_of_it(shares, weights, shown):
+    costs = np.ones(2)
+    found = law.Law(costs, costs, np.eye(2) * 1e-12, 40, 1.0, 1.0, np.array(shares))
+    assert found.is_shown(np.array(weights, float)) == shown

@@ -9,12 +9,20 @@ import pytest
 from harness.figures.intervals import mean_interval
 from harness.figures.polygons import spearman
 from harness.study.correlations import (
+    SAME,
+    TIME,
+    by_resolution,
+    compare_all,
     correlate,
     difference,
+    measure_table,
     median_estimate,
+    plot_study,
     within,
+    write,
 )
 from harness.study.regret import regret_ends, regret_interval
+from tests.study.test_regret import records_of
 
 RANDOM = np.random.default_rng(3)
 
@@ -118,3 +126,56 @@ def test_the_ends_of_regret_are_those_of_other_blocks_and_of_all(blocks):
         means = logs.mean(axis=1)
         ends = np.expm1([np.mean(crossed), means[chosen] - means.min()])
         assert regret_ends(np.exp(logs), chosen) == pytest.approx(tuple(ends))
+
+
+def ranked() -> pd.DataFrame:
+    """Polygons at two sizes, whose quads and times follow H exactly and A loosely."""
+    random = np.random.default_rng(8)
+    rows = []
+    for polygon, size in [(str(k), size) for k in range(8) for size in (64, 256)]:
+        lengths = size * random.uniform(1, 2, 12)
+        for length in lengths:
+            overdraw = length * random.uniform(0.5, 1.5)
+            rows.append((polygon, size, length, overdraw, np.rint(length), 1e-6 * length))
+    names = ["polygon", "resolution", "half_perimeter", "overdraw", "quads", f"{TIME}0"]
+    table = pd.DataFrame(rows, columns=names)
+    table = table.assign(helper_lanes=3 * table["quads"], **{f"{TIME}8": 2 * table[f"{TIME}0"]})
+    return table.assign(rotation=0.0, samples=1, rasteriser="opengl", device="llvmpipe")
+
+
+def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
+    table = ranked()
+    correlations = write(table, tmp_path)
+    assert list(pd.read_csv(tmp_path / "measured.csv").columns) == list(table.columns)
+    for name, found in (
+        ("correlations.csv", correlations),
+        ("correlations_by_resolution.csv", by_resolution(table)),
+        ("criteria_compared.csv", compare_all(table)),
+    ):
+        kept = pd.read_csv(tmp_path / name)
+        pd.testing.assert_frame_equal(kept, found, check_dtype=False, rtol=1e-5)
+    drawn = []
+    monkeypatch.setattr(
+        "harness.study.correlations.scatter_over_medians",
+        lambda _panel, _rows, criterion, measure, _key: drawn.append((criterion, measure)),
+    )
+    files = plot_study(correlations, table, tmp_path)
+    stem = tmp_path / "plots" / "predicted-vs-measured-opengl-llvmpipe"
+    assert files == [stem.with_suffix(".png"), stem.with_suffix(".svg")]
+
+    assert drawn == [
+        (criterion, measure)
+        for measure in ("helper_lanes", f"{TIME}0")  # the main counter, the time of the least work
+        for criterion in ("overdraw", "half_perimeter")  # the paper's, the best
+    ]
+
+
+def test_what_failed_or_has_t_junctions_is_in_no_table():
+    good = records_of("p")
+    for length, entry in enumerate(good):
+        entry["predicted"] |= dict.fromkeys(SAME, float(length))
+    bad = [{**r, **why} for r in good for why in ({"status": "failed"}, {"conforming": False})]
+    table = measure_table(good)
+    assert len(table) > 3
+    pd.testing.assert_frame_equal(measure_table([*good, *bad]), table)
+    assert measure_table(bad).empty

@@ -162,6 +162,7 @@ def test_least_is_claimed_for_one_sample_a_pixel_alone():
     ("values", "words"),
     [
         ([0.0] * 12, "0.00% (all equal)"),
+        ([0.1] * 12, "10.00% (all equal)"),
         ([0.1, 0.2, 0.3], "20.00% (too few polygons)"),
         ([0.0] * 11 + [1.2], "10.00% (one decides)"),
     ],
@@ -324,6 +325,7 @@ def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
     titles = [text.get_text() for text in figure.axes[0].get_yticklabels()]
     for panel, measure in zip(figure.axes, shown, strict=True):
         assert panel.get_ylim() == figure.axes[0].get_ylim()
+        assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
         for kind, drawn in zip(("criterion", "triangulator"), panel.containers, strict=True):
             own = summary[(summary["measure"] == measure) & (summary["kind"] == kind)]
             points, _, (bars,) = drawn

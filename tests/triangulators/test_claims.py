@@ -22,7 +22,14 @@ from tests.triangulators.touching import touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import certificate_of, check_certificate
 from triangulators.checking import checker
-from triangulators.checking.evidence import Evidence, Refused, as_claim, from_claim
+from triangulators.checking.evidence import (
+    Evidence,
+    Refused,
+    _rows,
+    _whole,
+    as_claim,
+    from_claim,
+)
 from triangulators.checking.units import exact_total, units_for
 from triangulators.criteria.cost import cost_of
 from triangulators.polygon import boundary, boundary_area
@@ -286,3 +293,12 @@ def test_whole_numbers_are_taken_in_whichever_array_they_come():
         found = checker._whole(values, "numbers")
         assert (found.dtype, found.tolist()) == (np.int64, [1, -2])
     assert checker._whole([], "numbers").dtype == np.int64
+
+
+@pytest.mark.parametrize(
+    "rows", ["ab", 7, None, {"a": 1}, [1, 2], ["ab"], [[1]], [[1, 2], [3]], [()]]
+)
+def test_rows_are_lists_of_as_many_numbers_each(rows):
+    with pytest.raises(TypeError, match="is no list of 2 numbers each"):
+        _rows(rows, 2, _whole)
+    assert _rows([[1, 2], [3, 4]], 2, _whole).tolist() == [[1, 2], [3, 4]]
