@@ -221,7 +221,7 @@ def _try_device(rasteriser: str, device: Device) -> dict[str, Any]:
         "renderer": details["renderer"],
         "version": version,
         "lacking": sorted(lacking),
-        "differs": [str(found) for found in disagreements(frame, drawn, expected)],
+        "differs": disagreements(frame, drawn, expected),
         "timer": f"{timer.timer}, in steps of {step * 1e9:.3g} ns, as {timer.reason}",
         "traps": traps,
     }

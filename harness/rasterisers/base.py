@@ -7,6 +7,7 @@ So nothing here may import a GL library at module level.
 
 from __future__ import annotations
 
+import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import UsageError, unknown
+from harness.errors import NoRasteriser, UsageError, unknown
 from harness.figures.counters import Counter
 from harness.machine import system
 from harness.settings import MOST_WORK, ORDERS, SAMPLES, Order
@@ -74,6 +75,12 @@ class Device:
     software: bool
     environment: Mapping[str, str] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+
+    def require_environment(self) -> None:
+        """Raise NoRasteriser if a variable of the environment is not set."""
+        for key, value in self.environment.items():
+            if os.environ.get(key) != value:
+                raise NoRasteriser(f"{self.name} needs {key}={value} before its driver loads")
 
 
 @dataclass(frozen=True)

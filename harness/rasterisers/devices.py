@@ -170,11 +170,11 @@ def of_webgpu() -> Found:
 
 def egl_listing() -> dict[str, Any]:
     """List EGL's own devices without opening any: {"devices": [...], "problems": [...]}."""
-    return ask([Question(PROBE, ("egl", "list"), {})])[0]
+    return ask([(("egl", "list"), {})])[0]
 
 
 def _found(kinds: Sequence[Kind]) -> Found:
-    answers = ask([Question(PROBE, kind.asked, kind.environment) for kind in kinds])
+    answers = ask([(kind.asked, kind.environment) for kind in kinds])
     devices: list[Device] = []
     problems: list[str] = []
     for kind, answer in zip(kinds, answers, strict=True):
@@ -217,29 +217,34 @@ VARIABLES = re.compile(
 
 ROOT = Path("/")
 
-MOST_KEPT = 64
-"""Answers that are kept: those of some ten environments."""
+KEPT, MOST_KEPT = "drivers.json", 64
+"""File of the answers that are kept: those of some ten environments."""
 
 
-class Question(NamedTuple):
-    """One start of a program that prints a JSON object {"devices": [...], "problems": [...]}.
-
-    arguments : of the program
-    environment : variables beside those of this process
-    """
-
-    program: Path
-    arguments: tuple[str, ...]
-    environment: Mapping[str, str]
+Question = tuple[tuple[str, str], Mapping[str, str]]
+"""Arguments of the probe, and variables of its environment beside those of this process."""
 
 
 def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
-    """Return the answer to each question; those whose answer is not kept are asked at once."""
+    """Return what the probe prints, {"devices": [...], "problems": [...]}, to each question.
+
+    Those whose answer is not kept are asked at once.
+    """
     kept = _read()
-    keys = [_key(question) for question in questions]
+    keys = [_key(*question) for question in questions]
     asked = dict(zip(keys, questions, strict=True))
-    running = {key: start(question) for key, question in asked.items() if key not in kept}
-    fresh = {key: finish(process) for key, process in running.items()}
+    running = {
+        key: subprocess.Popen(
+            [sys.executable, "-P", str(PROBE), *arguments],
+            env={**os.environ, **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for key, (arguments, environment) in asked.items()
+        if key not in kept
+    }
+    fresh = {key: _answer(process) for key, process in running.items()}
     # What gave no answer may give one the next time.
     told = {key: answer for key, answer in fresh.items() if not answer.get("failed")}
     if told and sys.platform == "linux":
@@ -249,16 +254,12 @@ def ask(questions: Sequence[Question]) -> list[dict[str, Any]]:
 
 def forget() -> None:
     """Ask everything anew."""
-    _file().unlink(missing_ok=True)
-
-
-def _file() -> Path:
-    return system.cache_file("drivers.json")
+    system.cache_file(KEPT).unlink(missing_ok=True)
 
 
 def _read() -> dict[str, dict[str, Any]]:
     try:
-        kept = json.loads(_file().read_text())
+        kept = json.loads(system.cache_file(KEPT).read_text())
         return {
             key: answer
             for key, answer in kept.items()
@@ -269,43 +270,28 @@ def _read() -> dict[str, dict[str, Any]]:
 
 
 def _write(kept: Mapping[str, Any]) -> None:
-    file = _file()
+    file = system.cache_file(KEPT)
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         atomic.write(file, json.dumps(dict(list(kept.items())[-MOST_KEPT:])).encode())
 
 
-def _key(question: Question) -> str:
+def _key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
     """Return a digest of all that an answer depends on."""
+    places = [path for pattern in PLACES for path in sorted(ROOT.glob(pattern))]
+    places.append(Path(sysconfig.get_path("platlib")))
     about = (
-        question.program.read_text(),
-        question.arguments,
-        sorted(question.environment.items()),
+        PROBE.read_text(),
+        arguments,
+        sorted(environment.items()),
         sys.prefix,
         sorted(item for item in os.environ.items() if VARIABLES.match(item[0])),
-        list(_states()),
+        [(str(path), path.stat().st_mtime_ns) for path in places],
     )
     return hashlib.sha256(repr(about).encode()).hexdigest()[:24]
 
 
-def _states() -> Iterator[tuple[str, int]]:
-    found = [path for pattern in PLACES for path in sorted(ROOT.glob(pattern))]
-    for path in [*found, Path(sysconfig.get_path("platlib"))]:
-        yield str(path), path.stat().st_mtime_ns
-
-
-def start(question: Question) -> subprocess.Popen[str]:
-    """Start a program that prints one JSON object {"devices": [...], "problems": [...]}."""
-    return subprocess.Popen(
-        [sys.executable, "-P", str(question.program), *question.arguments],
-        env={**os.environ, **question.environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def finish(process: subprocess.Popen[str]) -> dict[str, Any]:
+def _answer(process: subprocess.Popen[str]) -> dict[str, Any]:
     """Wait for what the program prints; one that hangs or dies found no device."""
     try:
         out, complaints = process.communicate(timeout=PROBE_SECONDS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
@@ -66,9 +65,7 @@ class GLRasteriser(Rasteriser):
         return f"run: {devices.INSTALL}"
 
     def __init__(self, device: Device) -> None:
-        for key, value in device.environment.items():
-            if os.environ.get(key) != value:
-                raise NoRasteriser(f"{device.name} needs {key}={value} before its driver loads")
+        device.require_environment()
         self.context = Context(self._open(device))
         self.ctx = self.context.ctx
         strings = self.context.strings()

@@ -8,7 +8,6 @@ Polygons become roofs; a model's views are drawn as they are projected, each a f
 from __future__ import annotations
 
 import importlib.util
-import os
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -85,9 +84,7 @@ class Pyrender(Rasteriser):
         return f"run: {osmesa.INSTALL if name == 'osmesa' else devices.INSTALL}"
 
     def __init__(self, device: Device) -> None:
-        for key, value in device.environment.items():
-            if os.environ.get(key) != value:
-                raise NoRasteriser(f"{device.name} needs {key}={value} before its driver loads")
+        device.require_environment()
         # pyrender 0.1.45 still uses a name that numpy 2 took away.
         if not hasattr(np, OLD_INFINITY):
             setattr(np, OLD_INFINITY, np.inf)

@@ -9,7 +9,6 @@ binning also asks the three edges, at the tile's corner that lies furthest insid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -155,47 +154,18 @@ def colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
     return (mixed >> np.uint32(8)) | np.uint32(0xFF404040)
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """One counter in which a device differs from the reference.
-
-    differing : number of polygons that differ, of `polygons`
-    polygon : the first of them, as numbered in the scene
-    drawn, expected : its count on the device and by the reference
-    """
-
-    counter: str
-    differing: int
-    polygons: int
-    polygon: int
-    drawn: int
-    expected: int
-
-    def __str__(self) -> str:
-        return (
-            f"{self.counter} differ in {self.differing} of {self.polygons} polygons; "
-            f"polygon {self.polygon}: {self.drawn} instead of {self.expected}"
-        )
-
-
-def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[Disagreement]:
-    """Compare the counters that both have for each polygon of the frame."""
+def disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
+    """Compare the counters that both have for each polygon; a sentence for each that differs."""
     found = []
-    for name in expected:
-        if name not in drawn or drawn[name].shape != expected[name].shape:
+    for name, values in expected.items():
+        if name not in drawn or drawn[name].shape != values.shape:
             continue
-        differing = np.flatnonzero(drawn[name] != expected[name])
+        differing = np.flatnonzero(drawn[name] != values)
         if len(differing):
-            first = int(differing[0])
+            first = differing[0]
             found.append(
-                Disagreement(
-                    counter=name,
-                    differing=len(differing),
-                    polygons=len(expected[name]),
-                    polygon=int(frame.source[first]),
-                    drawn=int(drawn[name][first]),
-                    expected=int(expected[name][first]),
-                )
+                f"{name} differ in {len(differing)} of {len(values)} polygons; polygon "
+                f"{frame.source[first]}: {drawn[name][first]} instead of {values[first]}"
             )
     return found
 

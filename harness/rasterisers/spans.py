@@ -138,15 +138,9 @@ def outline_quads(
         own = triangles[bounds[k] : bounds[k + 1]]
         if len(own) == 0:
             continue
-        low_x = high_x = np.int64(points[own[0, 0], 0])
-        low_y = high_y = np.int64(points[own[0, 0], 1])
-        for t in range(len(own)):
-            for corner in own[t]:
-                x, y = np.int64(points[corner, 0]), np.int64(points[corner, 1])
-                low_x, high_x = min(low_x, x), max(high_x, x)
-                low_y, high_y = min(low_y, y), max(high_y, y)
-        left, right = pixel_range(int(low_x), int(high_x))
-        first, last = pixel_range(int(low_y), int(high_y))
+        corners = points[own.ravel()]
+        left, right = pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
+        first, last = pixel_range(int(corners[:, 1].min()), int(corners[:, 1].max()))
         left, right = max(left, window[0]), min(right, window[2])
         first, last = max(first, window[1]), min(last, window[3])
         if left > right or first > last:
@@ -225,36 +219,28 @@ def shade(
     Row 0 is at the bottom. Height and width must be even.
     """
     edges = np.zeros((3, 3), np.int64)
+    rows = np.zeros((2, 2), np.int64)
     for t in range(len(triangles)):
         first, last, left, right, solid = setup(points, triangles[t], edges, window)
         if not solid:
             continue
         for bottom in range(first & ~1, last + 1, 2):
-            low, high = span(edges, bottom, left, right)
-            above_low, above_high = span(edges, bottom + 1, left, right)
-            if bottom < first:
-                low, high = 0, -1
-            if bottom + 1 > last:
-                above_low, above_high = 0, -1
-            for x in range(left & ~1, right + 1, 2):
+            for k in range(2):
+                rows[k, 0], rows[k, 1] = 0, -1
+                if first <= bottom + k <= last:
+                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, left, right)
+            for column in range(left & ~1, right + 1, 2):
                 lanes = 0
                 for lane in range(4):
-                    lanes += _inside(x + (lane & 1), lane >> 1, low, high, above_low, above_high)
+                    lanes += rows[lane >> 1, 0] <= column + (lane & 1) <= rows[lane >> 1, 1]
                 if lanes == 0:
                     continue
                 for lane in range(4):
-                    column, row = x + (lane & 1), lane >> 1
-                    if _inside(column, row, low, high, above_low, above_high):
-                        covered[bottom + row, column] += 1
+                    x, k = column + (lane & 1), lane >> 1
+                    if rows[k, 0] <= x <= rows[k, 1]:
+                        covered[bottom + k, x] += 1
                     else:
-                        helpers[bottom + row, column] += 1
-
-
-@njit(inline="always")
-def _inside(column: int, row: int, low: int, high: int, above_low: int, above_high: int) -> bool:
-    if row == 0:
-        return low <= column <= high
-    return above_low <= column <= above_high
+                        helpers[bottom + k, x] += 1
 
 
 TIES = 3

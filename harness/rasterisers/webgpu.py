@@ -116,7 +116,9 @@ class WebGPU(Rasteriser):
         self.has_timer = "timestamp-query" in adapter.features
         features = ["timestamp-query"] if self.has_timer else []
         self.gpu = adapter.request_device_sync(required_features=features, required_limits=limits)
-        self.period_ns = _timestamp_period(self.gpu.queue)
+        from wgpu.backends.wgpu_native import lib  # the standard does not tell a timestamp's step
+
+        self.period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
         self._targets: WeakValueDictionary[tuple[int, int], Target] = WeakValueDictionary()
         self.max_size = int(limits["max-texture-dimension-2d"])
         self._step = 1
@@ -268,18 +270,6 @@ def _find_adapter(device: Device) -> Any:
     )
 
 
-def _timestamp_period(queue: Any) -> float:
-    """Return the nanoseconds of a timestamp's step, which wgpu tells in its own interface alone."""
-    from wgpu.backends.wgpu_native import lib
-
-    return float(lib.wgpuQueueGetTimestampPeriod(queue._internal))
-
-
-def _is_immediate(details: Mapping[str, Any]) -> bool:
-    told = f"{details['vendor']} {details['device']}".lower()
-    return any(vendor in told for vendor in IMMEDIATE)
-
-
 def _size(frame: Frame) -> NDArray[np.float32]:
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
 
@@ -321,7 +311,8 @@ class _Timed(Drawing):
         self._draws = frame.draws(triangles)
         self._scissor = frame.scissor or (0, 0, frame.width, frame.height)
         self.target = owner.target(frame)
-        self.one_pass = not owner.device.software and _is_immediate(owner.device.details)
+        told = "{vendor} {device}".format_map(owner.device.details).lower()
+        self.one_pass = not owner.device.software and any(name in told for name in IMMEDIATE)
         self.period_ns = owner.period_ns if owner.has_timer else None
         if self.period_ns is not None:
             self._queries = self.gpu.create_query_set(type="timestamp", count=2)
