@@ -65,7 +65,7 @@ def page(
     from harness.compare.matching import latest
     from harness.measuring.processes import Bench
     from harness.measuring.worker import Worker
-    from harness.page import write_page, write_profile_page
+    from harness.page.page_data import write_page, write_profile_page
     from harness.stored.folder import read_run
     from harness.webpages import is_stream
 
@@ -175,15 +175,15 @@ def _import_profile(
     from harness.measuring.worker import Worker
     from harness.page.profile_result import import_profile
 
-    found = import_profile(file, result, device)
+    content, trouble, warnings = import_profile(file, result, device)
     bench = Bench(Worker, timeout_s=600)
     try:
-        add_advice(found.content, bench, found.trouble)
+        add_advice(content, bench, trouble)
     finally:
         bench.close()
-    for warning in found.warnings:
+    for warning in warnings:
         typer.echo(f"warning: {warning}", err=True)
-    tell(found.content, out, found.trouble)
+    tell(content, out, trouble)
 
 
 def merge(

@@ -91,8 +91,7 @@ def add_advice(content: dict[str, Any], bench: Bench, trouble: str) -> None:
     """Add to a profile by which criterion to triangulate; refuse it where there is `trouble`."""
     from harness.profile import advice
 
-    found = advice.advise(bench, content["coefficients"], content["seed"])
-    content["advice"] = found and found.to_json()
+    content["advice"] = advice.advise(bench, content["coefficients"], content["seed"])
     content["refused"] = content["refused"] or bool(trouble)
 
 

@@ -1,9 +1,13 @@
-"""What a measuring page holds: a run's frames, or a device's draws, and what is known of them."""
+"""A page that measures: what whatever browser opens it draws, counts and times.
+
+It holds a run's frames and triangulations, or a device's draws, and what is known of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,12 +28,20 @@ from harness.profile.design import DESIGN, Draw, draws, snapped
 from harness.profile.law import COSTS, costs_of
 from harness.profile.profile import fitted_of
 from harness.profile.words import BY_SUM, BY_TERM
+from harness.rasterisers.base import shader
 from harness.rasterisers.reference import predict
+from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
+from harness.report.page import PACKAGE as REPORT
 from harness.stored import drawings
 from harness.stored.drawings import Geometry, view_of
 from harness.stored.folder import Record, Run
 from harness.style import looks
-from harness.webpages import encoded
+from harness.webpages import encoded, packed, static, template, write_whole
+
+PACKAGE = "harness.page"
+SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
+SCRIPTS = (*SHARED, "show.js", "main.js")
+PROFILING = (*SHARED, "design.js", "law.js", "costs.js", "costs_shown.js", "profile.js")
 
 FORMAT = "raster-harness page"
 VERSION = 1
@@ -46,6 +58,50 @@ TOLD = ("fragments", "quads", "partial_quads")
 """What the page counts of each polygon."""
 
 Content = dict[str, Any]
+
+
+def write_page(run: Run, file: Path) -> Path:
+    """Write the page that measures what `run` drew; returns where it is.
+
+    Raises
+    ------
+    UsageError
+        if the run kept nothing to draw, or the file cannot be written
+    """
+    content = content_of(run)
+    charts = static(REPORT, CHARTS)
+    _write(file, "page.html", SCRIPTS, content, scene=content["scene"], charts=charts)
+    return file
+
+
+def write_profile_page(bench: Bench, file: Path, seed: int = 0) -> Path:
+    """Write the page that says what a triangle costs on the device that opens it.
+
+    bench : what triangulates the scenes of its advice
+
+    Raises
+    ------
+    UsageError
+        if the file cannot be written
+    """
+    _write(file, "profile.html", PROFILING, content_of_profile(bench, seed), charts="")
+    return file
+
+
+def _write(
+    file: Path, name: str, scripts: Sequence[str], content: dict[str, Any], **shown: str
+) -> None:
+    content["shaders"] = {name: shader(f"{name}.wgsl") for name in ("draw", "count")}
+    styles = [static(REPORT, STYLE), static(PACKAGE, "page.css"), static(PACKAGE, "profile.css")]
+    shared = [static(REPORT, ELEMENTS), static(REPORT, SPANS)]
+    text = template(PACKAGE, name).render(
+        version=__version__,
+        style="".join(styles if name == "profile.html" else styles[:2]),
+        script="\n".join([*shared, *(static(PACKAGE, each) for each in scripts)]),
+        data=packed(content),
+        **shown,
+    )
+    write_whole(file, text)
 
 
 def content_of(run: Run) -> Content:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, StringConstraints
@@ -18,7 +18,7 @@ from harness.errors import UsageError
 from harness.figures.intervals import FEWEST_EPOCHS
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
-from harness.page.saved import Finite, Part, Share, Text, Whole
+from harness.page.saved import Finite, Part, Share, Text, Whole, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN, Draw
@@ -74,24 +74,14 @@ class Result(saved.Measured):
         """Whether all were timed in the same rounds."""
         if any(not each.fragments / 4 <= each.quads <= each.fragments for each in self.draws):
             raise ValueError("quads of fewer than one pixel, or more than four")
-        times = self.times or {}
-        if {len(each.samples_s) for each in times.values()} - {sum(self.epochs)}:
-            raise ValueError("its times are not of the same rounds")
-        if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
-            raise ValueError("a draw took no time")
+        check_rounds(self.times or {}, self.epochs)
         return self
 
 
-class Imported(NamedTuple):
-    """A profile's content, but for its advice; why its times cannot be trusted, or ""; warnings."""
+def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any], str, list[str]]:
+    """Return the profile that a page's result tells, computed anew, but for its advice.
 
-    content: dict[str, Any]
-    trouble: str
-    warnings: list[str]
-
-
-def import_profile(file: Path, result: Result, name: str) -> Imported:
-    """Return the profile that a page's result tells, computed anew.
+    And why its times cannot be trusted, or "", and warnings.
 
     name : of the device
 
@@ -125,7 +115,7 @@ def import_profile(file: Path, result: Result, name: str) -> Imported:
     found = measured.of_times(times, names)
     _refuse_other_law(file, result, draws, exact, found)
     content = profile(draws, exact, found, _facts(result, name), page.seed)
-    return Imported(content, found.trouble, _warnings(result))
+    return content, found.trouble, _warnings(result)
 
 
 def _refuse_other_draws(
@@ -157,8 +147,7 @@ def _refuse_other_law(
         raise UsageError(f"{file}: its law has other terms")
     rows = design_of(exact)
     fitted, _ = fitted_of(draws)
-    labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
-    seconds = solve(rows[fitted], found.times[fitted], labels)
+    seconds = solve(rows[fitted], found.times[fitted], [draws[n].group for n in fitted])
     shown = rows @ np.array(list(result.law.seconds.values()))
     if (np.abs(shown / np.maximum(rows @ seconds, 1e-12) - 1.0) > LIKE).any():
         raise UsageError(f"{file}: the law that it shows is not that of its times")

@@ -30,8 +30,7 @@ from harness.page.saved import (
     Share,
     Text,
     Whole,
-    checked,
-    read_saved,
+    check_rounds,
     warnings_of,
     warnings_of_grid,
 )
@@ -142,10 +141,7 @@ class _View(Part):
         times = self.times or {}
         if not set(times) <= {*self.cases, *BESIDE}:
             raise ValueError("something was timed that was not counted")
-        if {len(each.samples_s) for each in times.values()} - {sum(self.epochs)}:
-            raise ValueError("its times are not of the same rounds")
-        if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
-            raise ValueError("a draw took no time")
+        check_rounds(times, self.epochs)
         return self
 
 
@@ -165,17 +161,6 @@ class Result(Measured):
         return self
 
 
-def read_result(file: Path) -> Result:
-    """Read and check what a page saved.
-
-    Raises
-    ------
-    UsageError
-        if it cannot be read, is damaged, or is not what a page saves
-    """
-    return checked(Result, read_saved(file, [FORMAT])[1], file)
-
-
 def import_result(result: Result, folder: Path, device: str, run: Run | None = None) -> Path:
     """Make a run folder of a page's result; returns it.
 
@@ -193,7 +178,11 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
         record for view in result.views for record in _records(view, device, result) if view.cases
     ]
     if run is not None:
-        _refuse_other_scene(run, made)
+        known = {str(record.get("scene_hash")) for record in run.records}
+        for record, _ in made:
+            if record["scene_hash"] not in known:
+                where = f"{run.path} is of other polygons than the page's"
+                raise UsageError(f"{where} {record['scene']}")
         for view in result.views:
             for case in view.cases.values():
                 _refuse_other_figures(run, case, exact_grid=result.device.step == 1)
@@ -288,13 +277,6 @@ def _time(view: _View, name: str, result: Result) -> dict[str, Any] | None:
         group[each] = Times(times[each].repeats, samples, epochs, precise)
     test = TimerTest(**result.timer.model_dump(exclude={"asking_s"}))
     return records.time_fields(group, name, test, settings)
-
-
-def _refuse_other_scene(run: Run, made: Sequence[tuple[Record, Any]]) -> None:
-    known = {str(record.get("scene_hash")) for record in run.records}
-    for record, _ in made:
-        if record["scene_hash"] not in known:
-            raise UsageError(f"{run.path} is of other polygons than the page's {record['scene']}")
 
 
 def _refuse_other_figures(run: Run, case: _Case, *, exact_grid: bool) -> None:

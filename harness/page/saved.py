@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL
+from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import browser
 from harness.stored.folder import file_stem
 from harness.stored.schema import MOST
@@ -74,6 +75,14 @@ class Times(Part):
 
     repeats: Annotated[int, Field(ge=1, le=2**20)]
     samples_s: list[Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]]
+
+
+def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
+    """Raise ValueError unless all were timed in the same rounds, and each draw took some time."""
+    if {len(each.samples_s) for each in times.values()} - {sum(epochs)}:
+        raise ValueError("its times are not of the same rounds")
+    if any(0.0 in each.samples_s for name, each in times.items() if name != EMPTY):
+        raise ValueError("a draw took no time")
 
 
 class Measured(Part):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -40,45 +39,33 @@ CLOSE = 0.005
 """Regret up to which a criterion that needs no file will do as well as the device's own."""
 
 
-@dataclass(frozen=True)
-class Advice:
-    """What to triangulate by on a device.
-
-    triangulator : a criterion's optimum, or the optimum for the device's own coefficients
-    regret : of each, what its triangulations cost above those of the device's own optimum, by the
-        model, mean over the scenes; the draw itself left out
-    saved : by scene, the share of ear clipping's time that the advice saves by the model, with its
-        95 % interval over polygons
-    """
-
-    triangulator: str
-    regret: dict[str, float]
-    saved: dict[str, list[float]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as JSON-ready values."""
-        return asdict(self)
-
-
-def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> Advice | None:
+def advise(bench: Bench, coefficients: Mapping[str, float], seed: int = 0) -> dict[str, Any] | None:
     """Return what to triangulate by where draws take what `coefficients`, by `COSTS`, say.
 
     None where no scene can be loaded, or the coefficients give no triangle a cost
     """
-    if not any(coefficients[name] > 0 for name in COSTS[1:]):
+    own = np.array([coefficients[term] for term in COSTS[1:]])
+    if not (own > 0).any():
         return None
-    costs = {}
-    for name in SCENES:
-        found = _costs(bench, name, coefficients, seed)
-        if found is not None:
-            costs[name] = found
+    names = (BASE, *CRITERIA, OWN)
+    found = {scene: terms_of(bench, scene, names, seed, coefficients) for scene in SCENES}
+    costs = {
+        scene: {name: rows @ own for name, rows in each.items()}
+        for scene, each in found.items()
+        if each is not None
+    }
     return choose(costs) if costs else None
 
 
-def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> Advice:
-    """Return the advice of (p,) seconds a polygon, by scene and triangulator.
+def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, Any]:
+    """Return the advice of (p,) seconds a polygon, by scene and triangulator, JSON-ready.
 
-    A criterion is named instead of the device's own optimum where its regret is at most `CLOSE`.
+    triangulator : a criterion's optimum, or the optimum for the device's own coefficients where
+        the regret of each criterion is more than `CLOSE`
+    regret : of each, what its triangulations cost above those of the device's own optimum, by the
+        model, mean over the scenes; the draw itself left out
+    saved : by scene, the share of ear clipping's time that the advice saves by the model, with its
+        95 % interval over polygons
     """
     regret = {
         name: float(np.mean([each[name].sum() / each[OWN].sum() - 1 for each in costs.values()]))
@@ -91,16 +78,7 @@ def choose(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> Advice:
         logs = np.log(each[chosen] / each[BASE])
         ends = [1.0 - float(np.exp(end)) for end in mean_interval(logs)]
         saved[scene] = [1.0 - float(np.exp(logs.mean())), ends[1], ends[0]]
-    return Advice(chosen, regret, saved)
-
-
-def _costs(
-    bench: Bench, scene: str, coefficients: Mapping[str, float], seed: int
-) -> dict[str, NDArray[np.float64]] | None:
-    """Return the seconds of a scene's polygons by triangulator, of those that all triangulate."""
-    each = np.array([coefficients[term] for term in COSTS[1:]])
-    found = terms_of(bench, scene, (BASE, *CRITERIA, OWN), seed, coefficients)
-    return found and {name: rows @ each for name, rows in found.items()}
+    return {"triangulator": chosen, "regret": regret, "saved": saved}
 
 
 def terms_of(

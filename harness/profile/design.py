@@ -22,7 +22,7 @@ language has made the same one if the checksums are equal.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from math import isqrt
@@ -233,27 +233,16 @@ def _strips(seed: int) -> Iterator[Draw]:
         yield Draw("strips", name, "strips", *made)
 
 
-def _slivers(seed: int) -> Iterator[Draw]:
-    return _thin("slivers", SLIVERS, (LEVEL, SLANTED), seed, 601)
-
-
-def _long(seed: int) -> Iterator[Draw]:
-    return _thin("long", LONG, DIRECTIONS, seed, 621)
-
-
-def _thin(
-    kind: str,
-    sizes: Sequence[tuple[int, int, int]],
-    directions: Sequence[Direction],
-    seed: int,
-    first: int,
-) -> Iterator[Draw]:
-    """Yield thin triangles of each size in each direction; the draws are numbered from `first`."""
-    each = product(sizes, directions)
-    for number, ((length, height, count), direction) in enumerate(each, first):
-        made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
-        name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
-        yield Draw(kind, name, kind, *made)
+def _thin(seed: int) -> Iterator[Draw]:
+    for kind, sizes, directions, first in (
+        ("slivers", SLIVERS, (LEVEL, SLANTED), 601),
+        ("long", LONG, DIRECTIONS, 621),
+    ):
+        each = product(sizes, directions)
+        for number, ((length, height, count), direction) in enumerate(each, first):
+            made = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
+            name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
+            yield Draw(kind, name, kind, *made)
 
 
 def _vertices(seed: int) -> Iterator[Draw]:
@@ -304,5 +293,5 @@ def _twice(seed: int) -> Iterator[Draw]:
 
 _KINDS: tuple[Callable[[int], Iterator[Draw]], ...] = (
     *(_few, _aspects, _sizes, _lanes, _places, _cuts),
-    *(_strips, _slivers, _long, _vertices, _work, _twice),
+    *(_strips, _thin, _vertices, _work, _twice),
 )

@@ -238,7 +238,7 @@ def costs_of(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> DesignMatrix:
 def solve(
     design: DesignMatrix,
     seconds: NDArray[np.float64],
-    groups: Sequence[int] | NDArray[np.int64],
+    groups: Sequence[Any] | NDArray[Any],
     *,
     signed: bool = False,
 ) -> NDArray[np.float64]:

@@ -51,8 +51,7 @@ def profile(
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted, seed)
     predicted = costs_of([(draws[n].frame, draws[n].triangles) for n in plain])
-    labels = np.unique([groups[n] for n in plain], return_inverse=True)[1].tolist()
-    coefficients = solve(predicted, measured.times[plain], labels).tolist()
+    coefficients = solve(predicted, measured.times[plain], [groups[n] for n in plain]).tolist()
     good = law.r2_over >= LEAST_R2 and law.r2_within >= LEAST_R2
     return {
         "format": FORMAT,

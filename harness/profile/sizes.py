@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
 from harness.figures.verdict import LEAST_PIXELS, listed
-from harness.frame import SUBPIXEL, Frame, View, frame_of
+from harness.frame import SUBPIXEL, View, frame_of
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile
@@ -28,7 +28,6 @@ from harness.triangulating.recipes import Recipe
 from scenes import Scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
 MATTERS = 0.01
@@ -48,6 +47,9 @@ class Law:
     device: str
     costs: NDArray[np.float64]
     unit: str = "s"
+
+
+COUNTED = ("fragments", "quads", "helper_lanes", "partial_quads")
 
 
 @dataclass(frozen=True)
@@ -209,22 +211,14 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     costs = {}
     for (name, each), taken in zip(made.items(), seconds, strict=True):
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
-        costs[name] = _cost(frame, frame.join(parts), taken, law)
+        counted = counters(Draw("own", "own", "own", frame, frame.join(parts)))
+        draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
+        costs[name] = Cost(
+            **{each: counted[each] for each in COUNTED}, triangulate_s=taken, draw=draw
+        )
     middle = float(np.median(boxes.max(axis=1)[done])) / SUBPIXEL
-    counted = int(done.sum())
-    return Size(view.resolution, counted, len(scene.polygons) - counted, middle, costs)
-
-
-def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
-    counted = counters(Draw("own", "own", "own", frame, triangles))
-    return Cost(
-        fragments=counted["fragments"],
-        quads=counted["quads"],
-        helper_lanes=counted["helper_lanes"],
-        partial_quads=counted["partial_quads"],
-        triangulate_s=seconds,
-        draw=None if law is None else float((design_of([counted]) @ law.costs)[0]),
-    )
+    kept = int(done.sum())
+    return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
 
 
 def sentence(found: Sizes) -> str:
@@ -289,26 +283,21 @@ def tables(found: Sizes) -> Iterator[Table]:
 def draw_chart(found: Sizes, file: Path) -> None:
     """Draw what each triangulator saves against the size, as PNG or SVG by the file's ending."""
     import matplotlib
-
-    with matplotlib.rc_context(STYLE):
-        _figure(found).savefig(file)
-
-
-def _figure(found: Sizes) -> Figure:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(ONE_COLUMN, 2.3))
-    panel = figure.subplots()
     base, *others = found.sizes[0].costs
     at = [size.resolution for size in found.sizes]
-    for name, look in looks([base, *others]).items():
-        saved = [100 * size.costs[name].saved(size.base) for size in found.sizes]
-        style: Any = {"color": look.colour, "marker": look.marker, "markersize": 4}
-        panel.plot(at, saved, label=name, linewidth=1.3, **style)
-    panel.set_xscale("log", base=2)
-    panel.set_xticks(at, [f"{size}" for size in at])
-    panel.minorticks_off()
-    panel.set_xlabel("side of the viewport, px")
-    panel.set_ylabel(f"saved of {base}'s\n{found.measure}, %")
-    panel.legend(fontsize=7)
-    return figure
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(ONE_COLUMN, 2.3))
+        panel = figure.subplots()
+        for name, look in looks([base, *others]).items():
+            saved = [100 * size.costs[name].saved(size.base) for size in found.sizes]
+            style: Any = {"color": look.colour, "marker": look.marker, "markersize": 4}
+            panel.plot(at, saved, label=name, linewidth=1.3, **style)
+        panel.set_xscale("log", base=2)
+        panel.set_xticks(at, [f"{size}" for size in at])
+        panel.minorticks_off()
+        panel.set_xlabel("side of the viewport, px")
+        panel.set_ylabel(f"saved of {base}'s\n{found.measure}, %")
+        panel.legend(fontsize=7)
+        figure.savefig(file)

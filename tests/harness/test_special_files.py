@@ -13,12 +13,12 @@ import pytest
 
 from harness.errors import UsageError
 from harness.page import device_summaries
-from harness.page.result import read_result
 from harness.profile.profile import read_coefficients
 from harness.stored import atomic
 from harness.stored.folder import POLYGONS, Run, read_arrays
 from harness.webpages import write_whole
 from tests.compare.runs import write_run
+from tests.page.conftest import read_result
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no device nodes in its files")
 

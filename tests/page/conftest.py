@@ -18,10 +18,9 @@ from harness.measuring.plan import Plan
 from harness.measuring.processes import Bench
 from harness.measuring.run import run as carry_out
 from harness.measuring.timing import TimingSettings
-from harness.page import write_profile_page
-from harness.page.page_data import KEPT, TOLD
-from harness.page.result import FORMAT
-from harness.page.saved import VERSION
+from harness.page.page_data import KEPT, TOLD, write_profile_page
+from harness.page.result import FORMAT, Result
+from harness.page.saved import VERSION, checked, read_saved
 from harness.progress import Reporter
 from harness.stored.folder import Run, read_run
 from harness.triangulating.recipes import parse_all
@@ -32,6 +31,10 @@ from tests.page.world import measured, opened, told
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12
+
+
+def read_result(file: Path) -> Result:
+    return checked(Result, read_saved(file, [FORMAT])[1], file)
 
 
 @pytest.fixture(scope="session")

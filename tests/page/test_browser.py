@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from harness.page import write_page
-from harness.page.page_data import TOLD
-from harness.page.result import read_result
+from harness.page.page_data import TOLD, write_page
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.stored.folder import read_run
 from tests.chromium import MEASURED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.page.conftest import read_result
 from tests.rasterisers.conftest import random_triangles
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from harness.errors import UsageError
-from harness.page import write_page
-from harness.page.page_data import TOLD, content_of
+from harness.page.page_data import TOLD, content_of, write_page
 from harness.rasterisers.reference import predict
 from harness.stored import drawings
 from harness.stored.drawings import view_of

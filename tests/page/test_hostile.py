@@ -6,11 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from harness.page import write_page
-from harness.page.result import import_result, read_result
+from harness.page.page_data import write_page
+from harness.page.result import import_result
 from harness.report.page import write_report
 from harness.stored.folder import read_run
 from tests.chromium import MEASURED, Chromium
+from tests.page.conftest import read_result
 
 MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
 PLAIN = {"key", "status", "scene_hash", "fit", "timer", "verdict", "created", "order", "hash"}

@@ -12,12 +12,12 @@ import pytest
 
 from harness.errors import UsageError
 from harness.figures.polygons import columns_of
-from harness.page.result import import_result, read_result
+from harness.page.result import import_result
 from harness.page.saved import device_name
 from harness.rasterisers.reference import SHADED
 from harness.stored import drawings
 from harness.stored.folder import read_run
-from tests.page.conftest import ROUNDS, result_of, saved_as
+from tests.page.conftest import ROUNDS, read_result, result_of, saved_as
 
 
 def test_the_imported_run_is_read_like_any_other(harness, saved, small_run):

@@ -167,10 +167,10 @@ def costs(**of: float) -> Mapping[str, np.ndarray]:
 
 def test_a_criterion_is_named_where_it_does_as_well_as_the_devices_own():
     found = choose({"one": costs(H=1.004, Q=1.002, A=1.1), "two": costs(H=1.004, Q=1.002, A=1.1)})
-    assert found.triangulator == "optimal:expected-quads"
-    assert found.regret["optimal:overdraw"] == pytest.approx(0.1)
-    assert found.saved["one"][0] == pytest.approx(1 - 1.002 / 1.25)
-    assert choose({"one": costs(H=1.02, Q=1.03, A=1.1)}).triangulator == OWN
+    assert found["triangulator"] == "optimal:expected-quads"
+    assert found["regret"]["optimal:overdraw"] == pytest.approx(0.1)
+    assert found["saved"]["one"][0] == pytest.approx(1 - 1.002 / 1.25)
+    assert choose({"one": costs(H=1.02, Q=1.03, A=1.1)})["triangulator"] == OWN
 
 
 @pytest.mark.parametrize(
