@@ -26,8 +26,8 @@ from harness.rasterisers import Device, Options, Rasteriser, osmesa
 from harness.rasterisers import devices as probed
 from harness.rasterisers.opengl import GLRasteriser
 from harness.rasterisers.reference import Reference, disagreements, predict
+from harness.rasterisers.simulated import DESIGNS, design
 from harness.rasterisers.simulated.building import INSTALL
-from harness.rasterisers.simulated.simulated import DESIGNS, design
 from scenes.spec import install
 
 Status = Literal["ok", "warning", "missing"]

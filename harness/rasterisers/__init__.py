@@ -47,7 +47,7 @@ BUILT_IN = {
     "webgpu": "harness.rasterisers.webgpu:WebGPU",
     "pyrender": "harness.rasterisers.pyrender:Pyrender",
     "reference": "harness.rasterisers.reference:Reference",
-    "simulated": "harness.rasterisers.simulated.simulated:Simulated",
+    "simulated": "harness.rasterisers.simulated:Simulated",
 }
 
 

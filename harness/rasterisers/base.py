@@ -282,16 +282,6 @@ def per_polygon(frame: Frame, triangles: Triangles, values: NDArray[np.int64]) -
     return totals
 
 
-_SPREAD = (
-    (16, 0x0000FFFF0000FFFF),
-    (8, 0x00FF00FF00FF00FF),
-    (4, 0x0F0F0F0F0F0F0F0F),
-    (2, 0x3333333333333333),
-    (1, 0x5555555555555555),
-)
-"""Of how far and with which mask bits are moved apart."""
-
-
 def batches(frame: Frame, triangles: Triangles, most: int = 2**32) -> list[Triangles]:
     """Split `triangles` so that no batch shades `most` lanes, that no counter of 32 bits wraps.
 
@@ -373,15 +363,10 @@ def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:
 def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
     """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
     centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
-    x, y = np.maximum(centre, 0).astype(np.uint64).T
-    return _spread(x) | (_spread(y) << np.uint64(1))
-
-
-def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Put a zero bit between any two of the low 32 bits."""
-    for shift, mask in _SPREAD:
-        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
-    return value
+    octets = np.maximum(centre, 0).astype("<u4")[..., None].view(np.uint8)
+    bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), those of x first
+    mixed = np.packbits(bits.swapaxes(1, 2).reshape(-1, 64), axis=-1, bitorder="little")
+    return mixed.view("<u8")[:, 0]
 
 
 @cache

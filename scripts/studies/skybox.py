@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from harness.figures.polygons import spearman
 from harness.frame import Frame, View, bare_frame, frame_of
 from harness.rasterisers import Device, Options, Triangles, get
-from harness.rasterisers.simulated.simulated import read
-from harness.rasterisers.simulated.skybox.edges import work
-from harness.rasterisers.simulated.skybox.skybox import Skybox
+from harness.rasterisers.simulated import read
+from harness.rasterisers.simulated.skybox import Skybox, work
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons

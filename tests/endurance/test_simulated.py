@@ -15,7 +15,7 @@ from harness.frame import View, frame_of
 from harness.rasterisers import Device, Options, get
 from harness.rasterisers.simulated import building
 from harness.rasterisers.simulated.attila import BINDING, Attila
-from harness.rasterisers.simulated.skybox.skybox import Skybox
+from harness.rasterisers.simulated.skybox import Skybox
 from harness.settings import StudySize
 from harness.study.subjects import choose_polygons
 from harness.triangulating.frames import triangulate_polygons

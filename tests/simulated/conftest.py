@@ -10,8 +10,7 @@ from platformdirs import user_cache_path
 
 from harness.frame import Frame
 from harness.rasterisers import Device, Rasteriser, get
-from harness.rasterisers.simulated import building
-from harness.rasterisers.simulated.skybox import skybox
+from harness.rasterisers.simulated import building, skybox
 from tests.paths import ROOT
 from tests.rasterisers.conftest import loose_triangles
 

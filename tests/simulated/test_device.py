@@ -9,8 +9,7 @@ import pytest
 
 from harness.errors import NoRasteriser, UsageError
 from harness.rasterisers import find_device
-from harness.rasterisers.simulated import building
-from harness.rasterisers.simulated.skybox import skybox
+from harness.rasterisers.simulated import building, skybox
 from tests.simulated.conftest import BESIDE
 
 VARIABLE = skybox.SOURCES.variable

@@ -8,8 +8,8 @@ import numpy as np
 
 from harness.errors import HarnessError
 from harness.rasterisers.reference import predict
-from harness.rasterisers.simulated.skybox import skybox
-from harness.rasterisers.simulated.skybox.edges import work
+from harness.rasterisers.simulated import skybox
+from harness.rasterisers.simulated.skybox import work
 from tests.simulated.conftest import BESIDE, triangles_of
 
 MUTANTS = (

@@ -9,8 +9,7 @@ from harness.errors import UsageError
 from harness.frame import View, bare_frame, frame_of
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import colours, predict, predict_tiles
-from harness.rasterisers.simulated.skybox.edges import edge_functions, work
-from harness.rasterisers.simulated.skybox.skybox import run
+from harness.rasterisers.simulated.skybox import edge_functions, run, work
 from scenes import load
 from tests.simulated.conftest import triangles_of
 from triangulators import triangulate

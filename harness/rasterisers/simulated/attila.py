@@ -27,8 +27,8 @@ from harness.figures.counters import CYCLES
 from harness.frame import Frame
 from harness.rasterisers.base import Counters, Options, Triangles
 from harness.rasterisers.reference import SHADED
+from harness.rasterisers.simulated import Design
 from harness.rasterisers.simulated.building import Tree, built, digest, version
-from harness.rasterisers.simulated.simulated import Design
 
 SOURCES = Tree(
     "RASTER_HARNESS_ATTILA",
