@@ -211,14 +211,16 @@ def count_size(scene: Scene, recipes: Sequence[Recipe], view: View, law: Law | N
     costs = {}
     for (name, each), taken in zip(made.items(), seconds, strict=True):
         parts = [part if ok else None for part, ok in zip(each.parts, done, strict=True)]
-        counted = counters(Draw("own", "own", "own", frame, frame.join(parts)))
-        draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
-        costs[name] = Cost(
-            **{each: counted[each] for each in COUNTED}, triangulate_s=taken, draw=draw
-        )
+        costs[name] = _cost(frame, frame.join(parts), taken, law)
     middle = float(np.median(boxes.max(axis=1)[done])) / SUBPIXEL
     kept = int(done.sum())
     return Size(view.resolution, kept, len(scene.polygons) - kept, middle, costs)
+
+
+def _cost(frame: Frame, triangles: NDArray[np.int32], seconds: float, law: Law | None) -> Cost:
+    counted = counters(Draw("own", "own", "own", frame, triangles))
+    draw = None if law is None else float((design_of([counted]) @ law.costs)[0])
+    return Cost(**{name: counted[name] for name in COUNTED}, triangulate_s=seconds, draw=draw)
 
 
 def sentence(found: Sizes) -> str:
