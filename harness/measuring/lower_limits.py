@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from harness.figures.registry import LEAST, OUTLINE
 from harness.frame import Frame
-from harness.measuring.processes import Bench
+from harness.measuring.processes import SECOND, Bench, result_of
 from harness.measuring.worker import TaskFailed
 from harness.rasterisers.reference import outlines, quads_of
 from harness.triangulating.frames import triangulate_polygons, warm_up
@@ -50,8 +50,10 @@ class Limits:
     ) -> None:
         self._of = (frame, parts)
         self._bench = bench
-        self._least: Future[NDArray[np.int64]] = bench.compute_soon(fewest, frame, bench.database)
-        self._outline: Future[NDArray[np.int64]] = bench.compute_soon(limits, *self._of)
+        self._least: Future[NDArray[np.int64]] = bench.compute(
+            fewest, frame, bench.database, home=SECOND
+        )
+        self._outline: Future[NDArray[np.int64]] = bench.compute(limits, *self._of, home=SECOND)
 
     def collect(self) -> dict[str, NDArray[np.int64]]:
         """Return the (p,) quads of each polygon by limit, -1 where a polygon's is not known."""
@@ -59,7 +61,7 @@ class Limits:
         found = {OUTLINE: unknown, LEAST: unknown}
         with suppress(TaskFailed):  # what is measured is the same without it
             if self._outline.cancel():
-                found[OUTLINE] = self._bench.compute(limits, *self._of)
+                found[OUTLINE] = result_of(self._bench.compute(limits, *self._of))
             else:
                 found[OUTLINE] = self._outline.result()
         with suppress(TaskFailed):

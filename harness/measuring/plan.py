@@ -52,11 +52,17 @@ class Plan:
         calibrations = [recipe.calibration for recipe in self.triangulators]
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = {each.name: getattr(self, each.name) for each in fields(self)}
+        timing = asdict(self.timing)
+        # What is as ever is not worth telling.
+        if self.timing.processes == 1:
+            del timing["processes"]
+        if self.timing.limit_s is None:
+            del timing["limit_s"]
         values |= {
             "triangulators": [str(recipe) for recipe in self.triangulators],
             "views": [asdict(view) for view in self.views],
             "options": [asdict(options) for options in self.options],
-            "timing": _timing(self.timing),
+            "timing": timing,
             "calibration": None if calibration is None else dict(calibration),
         }
         return json.loads(json.dumps(values))
@@ -101,16 +107,6 @@ class Plan:
             parts["triangulators"], seed=seed, calibration=calibration
         )
         return cls(**parts)
-
-
-def _timing(settings: TimingSettings) -> dict[str, Any]:
-    """Return the settings as plans have had them: what is as ever is not worth telling."""
-    values = asdict(settings)
-    if settings.processes == 1:
-        del values["processes"]
-    if settings.limit_s is None:
-        del values["limit_s"]
-    return values
 
 
 @dataclass(frozen=True)

@@ -197,7 +197,7 @@ class Bench:
         begun = SECOND.label in self._threads
         if begun or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
-        self.compute_soon(warm_up_all, ours)
+        self.compute(warm_up_all, ours, home=SECOND)
 
     def triangulate(
         self,
@@ -259,21 +259,14 @@ class Bench:
                 found |= dict(zip(group, samples, strict=True))
         return found
 
-    def compute(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Run a function of ours where triangulators run, which has its compiled code loaded.
+    def compute(
+        self, function: Callable[..., T], *arguments: Any, home: Home = TRIANGULATORS
+    ) -> Future[T]:
+        """Begin to run a function of ours, by default where compiled code is loaded.
 
         What a triangulator may take does not limit it.
         """
-        timeout_s = max(COMPILE_S, self.timeout_s)
-        return self.run(TRIANGULATORS, function, *arguments, timeout_s=timeout_s)
-
-    def compute_soon(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Begin to run a function of ours in a second process, after what was begun there before.
-
-        The result raises `TaskFailed` if the process crashed or the function raised.
-        """
-        timeout_s = max(COMPILE_S, self.timeout_s)
-        return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
+        return self.submit(home, function, *arguments, timeout_s=max(COMPILE_S, self.timeout_s))
 
     def hand_over(self, label: str, to: str) -> None:
         """Let the process called `label`, if there is one, do what that called `to` would do."""

@@ -174,7 +174,9 @@ def self_test(big_draw: Timeable, *, software: bool = False) -> TimerTest:
         figures = f"{cpu * 1e3:.3f} ms of a draw that took {wall * 1e3:.3f} ms"
         if step > COARSE_S:
             reason = f"the CPU clock's steps of {step * 1e3:.3g} ms are too coarse"
-        elif any(_accounted(sample) >= ACCOUNTED for sample in samples):
+        elif any(
+            (each.cpu or 0.0) + (each.waited or 0.0) >= ACCOUNTED * each.wall for each in samples
+        ):
             reason = f"the process computed for {figures}"
             return TimerTest("cpu", wall, None, step, reason, cpu)
         else:
@@ -376,11 +378,6 @@ def _seconds(sample: Sample, timer: Timer) -> float:
     if timer == "cpu" and sample.cpu is not None:
         return sample.cpu
     return sample.wall
-
-
-def _accounted(sample: Sample) -> float:
-    """Return the share of a sample's time in which its process computed or waited for a core."""
-    return ((sample.cpu or 0.0) + (sample.waited or 0.0)) / sample.wall
 
 
 def _clock_resolution(clock: Callable[[], float]) -> float:

@@ -135,20 +135,14 @@ def fitted_of(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
 
 
 def _terms(law: Law, unit: str) -> list[dict[str, Any]]:
-    found = []
-    for place, (name, term) in enumerate(TERMS.items()):
-        low, high = law.intervals[place].tolist()
-        found.append(
-            {
-                "name": name,
-                "unit": unit + term.a,
-                "cost": float(law.costs[place]),
-                "low": low,
-                "high": high,
-                "shown": bool(law.shown[place]),
-            }
+    ends, shown = law.intervals.tolist(), law.shown.tolist()
+    return [
+        {"name": name, "unit": unit + TERMS[name].a, "cost": cost}
+        | {"low": low, "high": high, "shown": known}
+        for name, cost, (low, high), known in zip(
+            TERMS, law.costs.tolist(), ends, shown, strict=True
         )
-    return found
+    ]
 
 
 def _sums(law: Law) -> list[dict[str, Any]]:

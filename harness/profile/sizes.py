@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError, did_you_mean
 from harness.figures.verdict import LEAST_PIXELS, listed
-from harness.frame import SUBPIXEL, View, frame_of
+from harness.frame import SUBPIXEL, Frame, View, frame_of
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import Draw
 from harness.profile.profile import read_profile

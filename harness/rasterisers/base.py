@@ -10,11 +10,12 @@ from __future__ import annotations
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from harness.frame import Frame
     from scenes.scene import Viewing
 
+K = TypeVar("K")
+V = TypeVar("V")
 Triangles = NDArray[np.int32]
 Image = NDArray[np.uint8]
 Counters = dict[str, NDArray[np.int64]]
@@ -367,6 +370,22 @@ def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
     bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), those of x first
     mixed = np.packbits(bits.swapaxes(1, 2).reshape(-1, 64), axis=-1, bitorder="little")
     return mixed.view("<u8")[:, 0]
+
+
+def check_size(width: int, height: int, most: int) -> None:
+    """Raise UsageError if a viewport is larger than the device draws."""
+    if max(width, height) > most:
+        raise UsageError(
+            f"{width}x{height} px is more than the device's {most}; lower --resolution"
+        )
+
+
+def shared(kept: WeakValueDictionary[K, V], key: K, make: Callable[[], V]) -> V:
+    """Return what is kept by that key for as long as somebody uses it; made if there is none."""
+    found = kept.get(key)
+    if found is None:
+        found = kept[key] = make()
+    return found
 
 
 @cache

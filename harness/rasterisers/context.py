@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
 import moderngl
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriser, UsageError
 from harness.frame import SUBPIXEL, Frame
-from harness.rasterisers.base import Sample, Stopwatch, Triangles, shader
+from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, shader, shared
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -122,7 +122,7 @@ class Context:
         self.end_query = self._function("glEndQuery", None, "uint")
         self.query_result = self._function("glGetQueryObjectui64v", None, "uint", "uint", "pointer")
         self.flush = self._function("glFlush", None)
-        self._clear = self._function("glClear", None, "uint")
+        self.clear = self._function("glClear", None, "uint")
         self.max_size = self.integer(MAX_RENDERBUFFER_SIZE)
         self.max_samples = int(self.ctx.max_samples)
 
@@ -182,10 +182,6 @@ class Context:
             header += f"#define {define}\n"
         return self.ctx.compute_shader(header + "".join(shader(f"{name}.glsl") for name in names))
 
-    def clear_depths(self) -> None:
-        """Forget what is nearest in the current framebuffer."""
-        self._clear(DEPTH_BUFFER_BIT)
-
     def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Target:
         """Return a framebuffer, if `deep` with depths, shared with whoever uses one like it now.
 
@@ -194,29 +190,18 @@ class Context:
         UsageError
             if the device has none that large or with so many samples
         """
-        self._check_size(width, height)
+        check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
             raise UsageError(f"{samples} samples a pixel: the device has {self.max_samples}")
         key = (width, height, samples, int(deep))
-        target = self._targets.get(key)
-        if target is None:
-            target = Target(self, width, height, samples, self._idle, deep=deep)
-            self._targets[key] = target
-        return target
+        return shared(
+            self._targets, key, lambda: Target(self, width, height, samples, self._idle, deep=deep)
+        )
 
     def picture(self, width: int, height: int) -> Picture:
         """Return a picture, shared like a target; raises UsageError if it is too large."""
-        self._check_size(width, height)
-        picture = self._pictures.get((width, height))
-        if picture is None:
-            picture = self._pictures[width, height] = Picture(self, width, height)
-        return picture
-
-    def _check_size(self, width: int, height: int) -> None:
-        if max(width, height) > self.max_size:
-            raise UsageError(
-                f"{width}x{height} px is more than the device's {self.max_size}; lower --resolution"
-            )
+        check_size(width, height, self.max_size)
+        return shared(self._pictures, (width, height), lambda: Picture(self, width, height))
 
     @contextmanager
     def queries(self, number: int) -> Iterator[Queries]:
@@ -359,7 +344,7 @@ class BoundMesh:
     def begin(self) -> None:
         """Begin a tile or a view: with a depth test nothing is near yet."""
         if self.upload.depths is not None:
-            self.upload.owner.clear_depths()
+            self.upload.owner.clear(DEPTH_BUFFER_BIT)
 
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
         """Submit some of the triangles, `instances` times in one call."""
@@ -371,9 +356,3 @@ class BoundMesh:
         """Free the buffers."""
         self.upload.close()
         self.vertices.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
@@ -163,7 +164,7 @@ class OpenGL(GLRasteriser):
             totals += tally.count(target, frame, part)
             # Drawn again, without counting: storage writes change what a driver may skip.
             with (
-                BoundMesh(self.context, draw, target, frame, part) as mesh,
+                closing(BoundMesh(self.context, draw, target, frame, part)) as mesh,
                 self.context.queries(1) as queries,
             ):
                 mesh.bind()
@@ -192,7 +193,8 @@ class OpenGL(GLRasteriser):
         target = self._target(frame, options)
         target.framebuffer.scissor = None  # type: ignore[assignment]
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0)
-        with BoundMesh(self.context, self._programs(frame)[0], target, frame, triangles) as mesh:
+        draw = self._programs(frame)[0]
+        with closing(BoundMesh(self.context, draw, target, frame, triangles)) as mesh:
             mesh.program["work"] = options.work
             mesh.bind()
             mesh.draw()
@@ -253,7 +255,7 @@ class Tally:
         # llvmpipe forgets what it has collected for a tile, storage writes and all, when an
         # opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
         target.framebuffer.color_mask = KEEP_ALPHA
-        with BoundMesh(self.context, self.program, target, frame, triangles) as mesh:
+        with closing(BoundMesh(self.context, self.program, target, frame, triangles)) as mesh:
             mesh.bind()
             self._submit(mesh)
         target.framebuffer.color_mask = WRITE_ALL
@@ -309,7 +311,9 @@ def open_tally(owner: Context, *, deep: bool = False) -> Tally:
     kinds = [Tally, TallyInOrder] if owner.strings()["renderer"] in IN_ORDER else [Tally]
     for kind in kinds:
         tally = kind(owner, deep=deep)
-        probe, expected = _deep_probe() if deep else _probe()
+        # A triangle that covers nothing but pixel (3, 3), the last lane of its quad.
+        alone = bare_frame(8, LAST_LANE), np.array([[0, 1, 2]], np.int32)
+        probe, expected = _deep_probe() if deep else (alone, [[1, 1, 3, 1]])
         if tally.count(owner.target(8, 8, deep=deep), *probe).tolist() == expected:
             return tally
         tally.close()
@@ -319,11 +323,6 @@ def open_tally(owner: Context, *, deep: bool = False) -> Tally:
             "choose another device, or depth=none"
         )
     raise NoRasteriser("the OpenGL driver does not tell a quad's lanes which of them are helpers")
-
-
-def _probe() -> tuple[tuple[Frame, Triangles], list[list[int]]]:
-    """Return a triangle that covers nothing but pixel (3, 3), the last lane of its quad."""
-    return (bare_frame(8, LAST_LANE), np.array([[0, 1, 2]], np.int32)), [[1, 1, 3, 1]]
 
 
 def _deep_probe() -> tuple[tuple[Frame, Triangles], list[list[int]]]:

@@ -14,7 +14,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriser, UsageError
+from harness.errors import NoRasteriser
 from harness.frame import SUBPIXEL, Frame, bare_frame, on_coarser_grid
 from harness.rasterisers import devices
 from harness.rasterisers.base import (
@@ -27,7 +27,9 @@ from harness.rasterisers.base import (
     Stopwatch,
     Triangles,
     batches,
+    check_size,
     shader,
+    shared,
 )
 from harness.rasterisers.reference import SHADED, predict
 from scenes.spec import install
@@ -207,16 +209,9 @@ class WebGPU(Rasteriser):
 
     def target(self, frame: Frame) -> Target:
         """Return a picture to draw into, shared with whoever uses one of that size now."""
-        if max(frame.width, frame.height) > self.max_size:
-            raise UsageError(
-                f"{frame.width}x{frame.height} px is more than the device's {self.max_size}; "
-                "lower --resolution"
-            )
-        key = (frame.width, frame.height)
-        target = self._targets.get(key)
-        if target is None:
-            target = self._targets[key] = Target(self.gpu, *key)
-        return target
+        key = frame.width, frame.height
+        check_size(*key, self.max_size)
+        return shared(self._targets, key, lambda: Target(self.gpu, *key))
 
     def buffer(self, array: NDArray[Any], usage: str) -> Any:
         """Upload an array; an empty one gets four bytes, for WebGPU binds no empty buffers."""

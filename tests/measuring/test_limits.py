@@ -102,6 +102,6 @@ COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
 def test_what_a_triangulator_may_take_does_not_limit_what_is_ours():
     bench = Bench(Worker, 0.05)
     try:
-        assert bench.compute(time.sleep, 0.3) is None
+        assert bench.compute(time.sleep, 0.3).result() is None
     finally:
         bench.close(at_once=True)
