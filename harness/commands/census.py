@@ -66,8 +66,7 @@ def triangulate_many_files(
     Inconclusive
         if parts were set aside, or polygons failed
     """
-    from harness.export.certified import Certified
-    from harness.export.export import FORMATS
+    from harness.export.export import FORMATS, Certified
     from harness.scaling.dataset import Dataset
     from harness.scaling.triangulated import TRIANGLES
 

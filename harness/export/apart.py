@@ -94,7 +94,7 @@ def _verified(
     """Return the triangles of all polygons, but for those that are no triangulation of theirs."""
     known = {number: piece for number, piece in enumerate(pieces) if number not in failed}
     for number in doubtful(arrays, known):
-        _, _, problem = check(polygon_at(arrays, number), pieces[number])
+        _, problem = check(polygon_at(arrays, number), pieces[number])
         if problem:
             failed = failed | {number: problem}
             pieces[number] = np.empty((0, 3), np.int32)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,9 +18,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError, did_you_mean
 from harness.export import mesh as meshes
 from harness.export.apart import triangulate_many
-from harness.export.certified import Certified
 from harness.export.geo import GeoJsonWriter, GeoParquetWriter
-from harness.export.mesh import Batch
 from harness.export.writers import About, GltfWriter, NpzWriter, ObjWriter, Writer
 from harness.stored.atomic import Output
 from scenes import load
@@ -28,8 +27,9 @@ from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split
 from scenes.spec import arguments_for
-from triangulators import TriangulationError, UnknownName, full_name, parse
-from triangulators.batch.triangulate_many import ragged
+from triangulators import TriangulationError, UnknownName, certify, full_name, parse
+from triangulators.batch.triangulate_many import Triangulations, ragged
+from triangulators.checking.evidence import as_claim
 from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
 
@@ -51,6 +51,75 @@ FORMATS: dict[str, Callable[[Output, About], Writer]] = {
 
 SOLID = (".glb", ".gltf", ".obj")
 """Suffixes of 3D models."""
+
+
+CERTIFIED = "half-perimeter"
+"""What is certified where a triangulator has no criterion of its own."""
+
+
+@dataclass
+class Certified:
+    """Sums over the polygons of a file.
+
+    polygons : those certified; proven : those whose triangulation is proven to be optimal
+    cost, lower_bound : the criterion's sums, in the source's units
+    largest_gap : the largest (cost - lower_bound) / cost of a polygon
+    refused : polygons whose triangulation has T-junctions or does not cover them
+    """
+
+    criterion: str
+    polygons: int = 0
+    proven: int = 0
+    cost: float = 0.0
+    lower_bound: float = 0.0
+    largest_gap: float = 0.0
+    refused: int = 0
+
+    @classmethod
+    def of(cls, name: str) -> Certified:
+        """Prepare for the triangulator `name`."""
+        return cls(parse(name).criterion or CERTIFIED)
+
+    @classmethod
+    def total(cls, parts: Sequence[Mapping[str, Any]]) -> Certified:
+        """Sum up parts, each with the fields of a `Certified`; there is at least one."""
+        result = cls(parts[0]["criterion"])
+        for part in parts:
+            for name in ("polygons", "proven", "cost", "lower_bound", "refused"):
+                setattr(result, name, getattr(result, name) + part[name])
+            result.largest_gap = max(result.largest_gap, part["largest_gap"])
+        return result
+
+    def add(
+        self, polygons: NDArray[Any], done: Triangulations, evidence: IO[str] | None = None
+    ) -> None:
+        """Certify the triangulations of a batch; write the proof of each to `evidence`, a line."""
+        for number, (polygon, triangles) in enumerate(zip(polygons, done, strict=True)):
+            if number in done.failed:
+                continue
+            try:
+                found = certify(polygon, triangles, self.criterion, evidence=evidence is not None)
+            except TriangulationError:
+                self.refused += 1
+                continue
+            if evidence is not None:
+                claim = as_claim(polygon, triangles, self.criterion, found)
+                evidence.write(json.dumps(claim) + "\n")
+            self.polygons += 1
+            self.proven += found.proven
+            self.cost += found.cost
+            self.lower_bound += found.lower_bound
+            self.largest_gap = max(self.largest_gap, found.gap)
+
+    def __str__(self) -> str:
+        """Return one line: cost, bound, gap and how many are proven."""
+        gap = (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
+        text = (
+            f"{self.criterion} {self.cost:.6g}, at least {self.lower_bound:.6g}, gap {gap:.2%} "
+            f"(largest of a polygon {self.largest_gap:.2%}), "
+            f"{self.proven:,} of {self.polygons:,} proven optimal"
+        )
+        return text + (f", {self.refused:,} with T-junctions not certified" if self.refused else "")
 
 
 @dataclass
@@ -273,33 +342,24 @@ def _triangulated(chunk: Chunk, how: Meshing, report: Report) -> meshes.Mesh:
     begun = time.perf_counter()
     arrays = ragged(chunk.cleaned.polygons)
     found = triangulate_many(arrays, how.name, device=how.device, **how.parameters)
-    starts = np.asarray(found.starts, dtype=np.int64)
-    batch = Batch(arrays, found.triangles, starts, dict(found.failed), found.compiled)
     report.triangulate_s += time.perf_counter() - begun
-    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(batch.failed.items())]
+    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(found.failed.items())]
     report.note("failed", failed)
-    report.proven += _proven(batch, how.name)
+    mesh = meshes.flat(arrays, found, chunk.attributes)
+    if parse(how.name).entry.name == "optimal" and found.compiled is not None:
+        # an optimum by an exact algorithm: compiled code's, or the table's
+        alone = np.diff(arrays.polygon_ends, prepend=0) == 1
+        exact = found.compiled | (alone & (np.diff(mesh.vertex_starts) <= LIMIT))
+        exact[list(found.failed)] = False
+        report.proven += int(exact.sum())
     if report.certified is not None:
-        report.certified.add(chunk.cleaned.polygons, batch, report.evidence)
-    mesh = meshes.flat(batch, chunk.attributes)
+        report.certified.add(chunk.cleaned.polygons, found, report.evidence)
     gone = np.diff(mesh.triangle_starts) == 0
     if how.extrude is not None:
         tops, unusable = _heights(mesh.attributes, how.extrude)
         report.flat += unusable
-        mesh = meshes.extruded(mesh, batch, tops)
+        mesh = meshes.extruded(mesh, arrays.ring_ends, tops)
     return meshes.without(mesh, gone)
-
-
-def _proven(batch: Batch, name: str) -> int:
-    """How many polygons have an optimum by an exact algorithm: compiled code's, or the table's."""
-    if parse(name).entry.name != "optimal" or batch.compiled is None:
-        return 0
-    rings = np.diff(np.r_[0, batch.arrays.polygon_ends])
-    ends = np.r_[0, batch.arrays.ring_ends].astype(np.int64)
-    bounds = ends[np.r_[0, batch.arrays.polygon_ends].astype(np.int64)]
-    exact = batch.compiled | ((rings == 1) & (np.diff(bounds) <= LIMIT))
-    exact[list(batch.failed)] = False
-    return int(exact.sum())
 
 
 def _heights(attributes: pd.DataFrame, extrude: str | float) -> tuple[NDArray[np.float64], int]:

@@ -10,24 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from triangulators.batch.triangulate_many import Ragged
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Triangulations of a batch.
-
-    arrays : the polygons as ragged arrays; triangles : (M, 3) int32, each polygon's as indices into
-    its own vertices; starts : (p + 1,), where each one's begin; failed : polygon number to reason;
-    compiled : (p,) those that compiled code did, an optimum exactly; None where none is.
-    """
-
-    arrays: Ragged
-    triangles: NDArray[np.int32]
-    starts: NDArray[np.int64]
-    failed: dict[int, str]
-    compiled: NDArray[np.bool_] | None
-
+from triangulators.batch.triangulate_many import Ragged, Triangulations
 
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)")
 
@@ -70,18 +53,17 @@ def with_z(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([vertices, np.zeros(len(vertices))])
 
 
-def flat(batch: Batch, attributes: pd.DataFrame | None) -> Mesh:
-    """The mesh of a batch; polygons that failed have vertices but no triangles."""
-    rings = np.r_[0, batch.arrays.ring_ends].astype(np.int64)
-    vertex_starts = rings[np.r_[0, batch.arrays.polygon_ends].astype(np.int64)]
-    count = len(vertex_starts) - 1
-    shift = np.repeat(vertex_starts[:-1], np.diff(batch.starts))
-    table = pd.DataFrame(index=range(count)) if attributes is None else attributes
+def flat(arrays: Ragged, done: Triangulations, attributes: pd.DataFrame | None) -> Mesh:
+    """The mesh of a batch of polygons; those that failed have vertices but no triangles."""
+    rings = np.r_[0, arrays.ring_ends].astype(np.int64)
+    vertex_starts = rings[np.r_[0, arrays.polygon_ends].astype(np.int64)]
+    shift = np.repeat(vertex_starts[:-1], np.diff(done.starts))
+    table = pd.DataFrame(index=range(len(done))) if attributes is None else attributes
     return Mesh(
-        np.ascontiguousarray(batch.arrays.coordinates, dtype=np.float64),
-        batch.triangles.astype(np.int64) + shift[:, None],
+        np.ascontiguousarray(arrays.coordinates, dtype=np.float64),
+        done.triangles.astype(np.int64) + shift[:, None],
         vertex_starts,
-        np.asarray(batch.starts, dtype=np.int64),
+        np.asarray(done.starts, dtype=np.int64),
         table.reset_index(drop=True),
     )
 
@@ -107,7 +89,7 @@ def _leading_number(value: Any) -> float:
     return float(match[1].replace(",", ".")) if match else np.nan
 
 
-def extruded(mesh: Mesh, batch: Batch, tops: NDArray[np.float64]) -> Mesh:
+def extruded(mesh: Mesh, ring_ends: NDArray[np.int64], tops: NDArray[np.float64]) -> Mesh:
     """Prisms from z = 0 to each polygon's height: closed, with normals outwards.
 
     A polygon of height 0 stays flat, one layer of triangles at z = 0.
@@ -120,7 +102,7 @@ def extruded(mesh: Mesh, batch: Batch, tops: NDArray[np.float64]) -> Mesh:
     solid = tops > 0
     triangles, owners = mesh.triangles, mesh.triangle_owners
     below = solid[owners]
-    walls, wall_owners = _walls(mesh, batch, n)
+    walls, wall_owners = _walls(mesh, ring_ends, n)
     # a polygon that could not be triangulated gets no walls either
     whole = (solid & (np.diff(mesh.triangle_starts) > 0))[wall_owners]
     every = np.concatenate([triangles + n, triangles[below][:, ::-1], walls[whole]])
@@ -140,12 +122,14 @@ def extruded(mesh: Mesh, batch: Batch, tops: NDArray[np.float64]) -> Mesh:
     )
 
 
-def _walls(mesh: Mesh, batch: Batch, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _walls(
+    mesh: Mesh, ring_ends: NDArray[np.int64], n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Two triangles for each edge, floor vertex i to roof vertex n + i, and their polygons.
 
     Rings have the polygon on their left, so these face outwards.
     """
-    ends = np.asarray(batch.arrays.ring_ends, dtype=np.int64)
+    ends = np.asarray(ring_ends, dtype=np.int64)
     a = np.arange(n)
     b = a + 1
     b[ends - 1] = np.r_[0, ends[:-1]]

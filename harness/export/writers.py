@@ -59,27 +59,6 @@ def append(target: IO[bytes], spool: IO[bytes]) -> None:
     shutil.copyfileobj(spool, target, 1 << 20)
 
 
-class AttributeTable:
-    """Attributes beside a format that holds none: NAME.attributes.csv, one row per polygon."""
-
-    def __init__(self, output: Output) -> None:
-        self._output = output
-        self._stream: IO[str] | None = None
-        self._rows = 0
-
-    def add(self, attributes: pd.DataFrame) -> None:
-        """Append rows; `feature` numbers them through all batches."""
-        if attributes.shape[1] == 0:
-            return
-        numbers = range(self._rows, self._rows + len(attributes))
-        table = attributes.set_index(pd.Index(numbers, name="feature"))
-        first = self._stream is None
-        if self._stream is None:
-            self._stream = self._output.file(".attributes.csv", "w")
-        table.to_csv(self._stream, header=first)
-        self._rows += len(attributes)
-
-
 def plain(value: Any) -> Any:
     """A value that JSON can hold: numbers, text, booleans, None; NaN becomes None."""
     if isinstance(value, np.generic):
@@ -106,7 +85,8 @@ class ObjWriter:
         self._stream.write(f"# raster-harness, {about.triangulator}, units: {about.units}\n")
         if about.credit:
             self._stream.write(f"# {about.credit}\n")
-        self._table = AttributeTable(output)
+        self._output = output
+        self._table: IO[str] | None = None
         self._vertices = 0
         self._features = 0
 
@@ -121,7 +101,11 @@ class ObjWriter:
             lines.append(f"g feature_{self._features + number}\n")
             lines += [f"f {a} {b} {c}\n" for a, b, c in faces[start:end]]
         self._stream.write("".join(lines))
-        self._table.add(mesh.attributes)
+        if mesh.attributes.shape[1]:
+            numbers = pd.RangeIndex(self._features, self._features + mesh.polygons, name="feature")
+            first = self._table is None
+            self._table = self._table or self._output.file(".attributes.csv", "w")
+            mesh.attributes.set_index(numbers).to_csv(self._table, header=first)
         self._vertices += len(points)
         self._features += mesh.polygons
 

@@ -28,7 +28,6 @@ from harness.triangulating.frames import (
     time_in_rounds,
     triangulate_polygons,
     warm_up,
-    warm_up_all,
 )
 from harness.triangulating.recipes import Recipe
 from triangulators.compute.compiled_files import is_kept
@@ -197,7 +196,7 @@ class Bench:
         begun = SECOND.label in self._threads
         if begun or len(ours) < 2 or cores() < 2 or is_kept(COMPILED_LATE):
             return
-        self.compute(warm_up_all, ours, home=SECOND)
+        self.compute(warm_up, *ours, home=SECOND)
 
     def triangulate(
         self,

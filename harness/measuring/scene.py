@@ -18,9 +18,8 @@ from harness.measuring.worker import TaskFailed, TaskTimedOut
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options
 from harness.stored.folder import Record
-from harness.triangulating.frames import FrameTriangulation, carry_over
+from harness.triangulating.frames import FrameTriangulation, carry_over, in_views, original
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.triangulating.seen import in_views, original
 from scenes import Scene
 
 DONE = ("ok", "skipped")

@@ -232,9 +232,11 @@ def triangulate_elsewhere(
     for number, (polygon, (kind, value)) in enumerate(
         zip(polygons, answer["results"], strict=True)
     ):
-        part, junctions, problem = None, 0, None
+        part, junctions, problem = None, 0, ""
         if kind == "triangles":
-            part, junctions, problem = check(polygon, np.asarray(value))
+            part = np.asarray(value)
+            junctions, problem = check(polygon, part)
+            part = None if problem else part
         elif kind == "skipped":
             result.skipped.append((number, shortened(value)))
         else:

@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from harness.errors import UsageError
-from harness.export.certified import Certified
-from harness.export.export import Meshing, Report, add_chunks
+from harness.export.export import Certified, Meshing, Report, add_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import Kind
 from harness.scaling.parts import AT_A_TIME, Done, Part, about, lasting, make_part

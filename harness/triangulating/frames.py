@@ -1,28 +1,35 @@
-"""Triangulates the polygons of a frame, checks every result and says what went wrong where."""
+"""Triangulates the polygons of a frame, checks every result and says what went wrong where.
+
+Triangulations of a model's flat faces are carried to the pieces of its views.
+"""
 
 from __future__ import annotations
 
+import math
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
+from harness.errors import UsageError
 from harness.frame import Frame
 from harness.machine.system import cpu_clock
 from harness.triangulating.database import Lookup
-from harness.triangulating.recipes import Recipe
+from harness.triangulating.recipes import ORIGINAL, Recipe
+from scenes.scene import Viewing
 from triangulators.batch.doubtful import doubtful
 from triangulators.batch.ragged import ragged
 from triangulators.criteria import predict
 from triangulators.errors import MOST_TRACED, Skipped, shortened, told_of
 from triangulators.polygon import vertices
 from triangulators.verify import verify
+
+Rows = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class FrameTriangulation:
     trace : the traceback of the first error of a triangulator's code, "" where there was none
     """
 
-    parts: list[NDArray[np.int32] | None] = field(default_factory=list)
+    parts: list[Rows | None] = field(default_factory=list)
     seconds: float = 0.0
     samples_s: list[float] = field(default_factory=list)
     skipped: list[tuple[int, str]] = field(default_factory=list)
@@ -102,9 +109,7 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
     return result
 
 
-def predict_polygons(
-    polygons: Sequence[Polygon], parts: Sequence[NDArray[np.int32] | None]
-) -> Prediction:
+def predict_polygons(polygons: Sequence[Polygon], parts: Sequence[Rows | None]) -> Prediction:
     """Sum every criterion over each polygon's (m, 3) triangles; 0 where there are none."""
     empty = np.empty((0, 3), np.int32)
     rows = [
@@ -145,23 +150,26 @@ def triangulate_polygons(
         batch = _batch(recipe, [polygons[number] for number in unknown], result)
         given = {number: timed.triangles for number, timed in enumerate(known) if timed is not None}
         given |= {unknown[place]: part for place, part in batch.items()}
-        checked = _check_all(polygons, given)
+        doubted = doubtful(ragged(polygons), given)
+        checked = {number: check(polygons[number], given[number]) for number in doubted}
         for number, (polygon, timed) in enumerate(zip(polygons, known, strict=True)):
-            each = _Computed(None, 0, 0.0, None)
-            if number in given and (found := checked[number])[0] is not None:
-                seconds = 0.0 if timed is None else timed.seconds
+            gap = recipe.gap_of_kept(polygon)
+            junctions, problem = checked.get(number, (0, ""))
+            part: Rows | None
+            if number in given and not problem:
+                part, seconds = given[number], 0.0 if timed is None else timed.seconds
                 result.cached += timed is not None
-                each = _Computed(*found[:2], seconds, recipe.gap_of_kept(polygon))
-            if each.part is None:
-                each = _compute(recipe, polygon, number, result)
+            else:
+                part, junctions, seconds, found = _compute(recipe, polygon, number, result)
                 # Kept means proven, where that can be: what a search found is computed again.
-                if each.part is not None and each.gap == recipe.gap_of_kept(polygon):
-                    kept.keep(number, each.part, each.seconds)
-            result.seconds += each.seconds
-            result.parts.append(each.part)
-            result.t_junctions.append(each.junctions)
-            if each.part is not None and each.gap is not None:
-                result.gaps.append(each.gap)
+                if part is not None and found == gap:
+                    kept.keep(number, part, seconds)
+                gap = found
+            result.seconds += seconds
+            result.parts.append(part)
+            result.t_junctions.append(junctions)
+            if part is not None and gap is not None:
+                result.gaps.append(gap)
     result.notes = kept.notes
     result.predicted = predict_polygons(polygons, result.parts)
     return result
@@ -177,8 +185,7 @@ def time_in_rounds(
     """
     order = np.random.default_rng(seed)
     found: list[list[float]] = [[] for _ in recipes]
-    for recipe in recipes:
-        warm_up(recipe)
+    warm_up(*recipes)
     for _ in range(rounds):
         for place in order.permutation(len(recipes)).tolist():
             result = FrameTriangulation()
@@ -199,7 +206,7 @@ def _seconds_of(recipe: Recipe, polygon: Polygon) -> float:
 
 def _batch(
     recipe: Recipe, polygons: Sequence[Polygon], result: FrameTriangulation
-) -> dict[int, NDArray[np.int32]]:
+) -> dict[int, Rows]:
     """Return the triangles of the polygons that compiled code does all at once, and tell its time.
 
     So `seconds` is the algorithm's own, where it is quicker than what is around a single call.
@@ -217,19 +224,13 @@ def _batch(
     return {place: found[place] for place in np.flatnonzero(done).tolist()}
 
 
-class _Computed(NamedTuple):
-    """One polygon's triangles, T-junctions, seconds and gap."""
-
-    part: NDArray[np.int32] | None
-    junctions: int
-    seconds: float
-    gap: float | None
-
-
 def _compute(
     recipe: Recipe, polygon: Polygon, number: int, result: FrameTriangulation
-) -> _Computed:
-    """Run the triangulator; without triangles `result` is told why."""
+) -> tuple[Rows | None, int, float, float | None]:
+    """Run the triangulator; returns triangles, T-junctions, seconds and gap.
+
+    Without triangles `result` is told why.
+    """
     part, junctions, gap = None, 0, None
     start = cpu_clock()
     try:
@@ -241,32 +242,27 @@ def _compute(
         result.trace = result.trace or "".join(traceback.format_exception(error))[:MOST_TRACED]
     seconds = cpu_clock() - start
     if part is not None:
-        part, junctions, problem = check(polygon, part)
+        junctions, problem = check(polygon, part)
         if problem:
             result.failed.append((number, problem))
-    return _Computed(part, junctions, seconds, gap)
+            part = None
+    return part, junctions, seconds, gap
 
 
-def warm_up(recipe: Recipe) -> None:
+def warm_up(*recipes: Recipe) -> None:
     """Load compiled code, which would otherwise count as the first polygon's time; done once.
 
     The first time on a machine that is the time to compile it, which can take minutes.
     """
-    if recipe.base in _warm:
-        return
-    _batch(recipe, list(small_polygons()), FrameTriangulation())
-    for polygon in small_polygons():
-        try:
-            check(polygon, recipe.triangulate(polygon))
-        except (Exception, SystemExit, GeneratorExit):  # the real polygons will tell
-            continue
-    _warm.add(recipe.base)
-
-
-def warm_up_all(recipes: Sequence[Recipe]) -> None:
-    """Do `warm_up` for each, in this order."""
     for recipe in recipes:
-        warm_up(recipe)
+        if recipe.base in _warm:
+            continue
+        _batch(recipe, list(small_polygons()), FrameTriangulation())
+        for polygon in small_polygons():
+            # the real polygons will tell
+            with suppress(Exception, SystemExit, GeneratorExit):
+                check(polygon, recipe.triangulate(polygon))
+        _warm.add(recipe.base)
 
 
 _warm: set[str] = set()
@@ -286,23 +282,107 @@ def small_polygons() -> Iterator[Polygon]:
     yield Polygon(np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]))
 
 
-def _check_all(
-    polygons: Sequence[Polygon], given: Mapping[int, NDArray[np.int32]]
-) -> dict[int, tuple[NDArray[np.int32] | None, int, str | None]]:
-    """Return what `check` does of the triangles of some polygons, by their numbers."""
-    found = {number: (part, 0, None) for number, part in given.items()}
-    doubted = {
-        number: check(polygons[number], given[number])
-        for number in doubtful(ragged(polygons), given)
-    }
-    return found | doubted
-
-
-def check(
-    polygon: Polygon, part: NDArray[np.int32]
-) -> tuple[NDArray[np.int32] | None, int, str | None]:
-    """Return the triangles if they are a triangulation, T-junctions, and what is wrong if not."""
+def check(polygon: Polygon, part: Rows) -> tuple[int, str]:
+    """Return T-junctions, and what is wrong with triangles that are no triangulation."""
     result = verify(polygon, part)
-    if not result.ok:
-        return None, 0, "; ".join(result.problems[:3])
-    return part, len(result.t_junctions), None
+    return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))
+
+
+TURNING = ("optimal", "flips")
+"""Triangulators that turn diagonals where a face is no polygon, too, as `triangulate` does."""
+
+
+def in_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
+    """Return the triangulation of a frame's pieces that follows from that of its flat faces.
+
+    A face is triangulated once, in its plane, and drawn so in each view. What no face has, the rest
+    of a view, keeps its triangles. By a recipe of `TURNING` a face gets what `triangulate` gives
+    it, also one that is no polygon. Seconds are those of the polygons, once.
+    """
+    viewing = frame.viewing
+    assert viewing is not None
+    sources = viewing.source.tolist()
+    turned = _turned(frame, viewing, flat.parts, recipe)
+
+    def triangles(piece: int, source: int) -> Rows | None:
+        if source in turned:
+            return turned[source]
+        return viewing.rest[piece] if piece in viewing.rest else flat.parts[source]
+
+    parts = [triangles(piece, source) for piece, source in enumerate(sources)]
+    skipped, failed = dict(flat.skipped), dict(flat.failed)
+    gaps: dict[int, float] = {}
+    if flat.gaps:
+        done = (face for face, part in enumerate(flat.parts) if part is not None)
+        gaps = dict(zip(done, flat.gaps, strict=True))
+        gaps |= {source: math.inf for source in turned if source > len(viewing.given)}
+    return replace(
+        flat,
+        parts=parts,
+        skipped=[(k, skipped[source]) for k, source in enumerate(sources) if source in skipped],
+        failed=[(k, failed[source]) for k, source in enumerate(sources) if source in failed],
+        t_junctions=[
+            0 if piece in viewing.rest else flat.t_junctions[source]
+            for piece, source in enumerate(sources)
+        ],
+        gaps=[
+            gaps.get(source, 0.0)
+            for source, part in zip(sources, parts, strict=True)
+            if gaps and part is not None
+        ],
+        predicted=predict_polygons(frame.polygons, parts),
+    )
+
+
+def _turned(
+    frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
+) -> dict[int, Rows]:
+    """Return by source what `triangulate` leaves or gives otherwise than a polygon's triangulator.
+
+    It leaves a face as it is where that costs no more, and turns diagonals where it is no polygon.
+    parts : triangles (m, 3) of each polygon
+    """
+    method, _, criterion = recipe.base.partition(":")
+    if method not in TURNING or recipe.calibration is not None or frame.flat is None:
+        return {}
+    from harness.models.diagonals import choose, cost_named, gains  # compiled code
+    from harness.models.flat_faces import Faces
+
+    try:
+        cost = cost_named(criterion)
+    except UsageError:  # its weights depend on the polygon
+        return {}
+    given, starts = viewing.given, frame.flat.offsets
+    own = [k for k, part in enumerate(parts) if part is not None and len(part) == len(given[k])]
+    before, begins = _moved([given[k] for k in own], starts[own])
+    after, _ = _moved([parts[k] for k in own], starts[own])
+    cheaper = gains(frame.flat.points.astype(np.float64), before, after, begins, cost)
+    turned = {k: given[k] for k, less in zip(own, cheaper.tolist(), strict=True) if not less}
+    if viewing.bound:
+        points = [each for each, _ in viewing.bound]
+        firsts = np.cumsum([0, *map(len, points)], dtype=np.int64)
+        triangles, begins = _moved([rows for _, rows in viewing.bound], firsts)
+        count = np.arange(firsts[-1])
+        faces = Faces(np.concatenate(points), count, triangles, np.arange(begins[-1]), begins)
+        chosen = np.split(choose(faces, criterion).triangles, begins[1:-1])
+        for face, (rows, first) in enumerate(zip(chosen, firsts, strict=False), len(given) + 1):
+            turned[face] = (rows - first).astype(np.int32)
+    return turned
+
+
+def _moved(
+    parts: Sequence[Rows | None], firsts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return triangles of faces whose vertices begin at `firsts`, and where each one's begin."""
+    begins = np.cumsum([0, *(len(rows) for rows in parts if rows is not None)], dtype=np.int64)
+    moved = [rows + first for rows, first in zip(parts, firsts, strict=False)]
+    none = np.empty((0, 3), np.int64)
+    return np.concatenate([none, *moved]).astype(np.int64), begins
+
+
+def original(frame: Frame) -> FrameTriangulation:
+    """Return the triangulation that a model came with, in all its views."""
+    assert frame.viewing is not None
+    given: list[Rows | None] = list(frame.viewing.given)
+    flat = FrameTriangulation(parts=given, t_junctions=[0] * len(given))
+    return in_views(frame, flat, Recipe(ORIGINAL))

@@ -19,8 +19,8 @@ from harness.rasterisers.reference import outlines, quads_of
 from harness.settings import MODEL_TRIANGULATORS
 from harness.stored.folder import read_arrays, read_run
 from harness.stored.schema import wrong_field
+from harness.triangulating.frames import original
 from harness.triangulating.recipes import parse_all
-from harness.triangulating.seen import original
 from tests.measuring.test_run import FAST, measure
 from tests.models.test_in_place import plate
 

@@ -10,7 +10,7 @@ from harness.models.in_place import opened, retriangulate
 from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, ball_of
 from harness.rasterisers.reference import predict
-from harness.triangulating.seen import original
+from harness.triangulating.frames import original
 from tests.models.various import solid
 
 

@@ -19,9 +19,13 @@ from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import submission
 from harness.rasterisers.reference import predict
-from harness.triangulating.frames import FrameTriangulation, triangulate_polygons
+from harness.triangulating.frames import (
+    FrameTriangulation,
+    in_views,
+    original,
+    triangulate_polygons,
+)
 from harness.triangulating.recipes import parse
-from harness.triangulating.seen import in_views, original
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
 from tests.models.test_in_place import plate
@@ -179,7 +183,8 @@ def test_what_is_no_face_is_the_rest_of_each_view(tmp_path):
         first, last = viewing.offsets[piece : piece + 2]
         assert sorted(np.unique(rows)) == list(range(last - first))
     frame = framed(scene)
-    done = in_views(frame, FrameTriangulation(parts=[None], skipped=[(0, "why")], t_junctions=[0]))
+    flat = FrameTriangulation(parts=[None], skipped=[(0, "why")], t_junctions=[0])
+    done = in_views(frame, flat, parse("original"))
     faces = [piece for piece in range(len(viewing.source)) if piece not in viewing.rest]
     assert done.skipped == [(piece, "why") for piece in faces]
     assert [done.parts[piece] is None for piece in faces] == [True] * len(faces)
@@ -226,10 +231,8 @@ def test_gaps_are_of_the_faces_that_have_triangles(tmp_path):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path), views=8))
     one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
-    done = in_views(
-        frame,
-        FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")]),
-    )
+    flat = FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")])
+    done = in_views(frame, flat, parse("original"))
     shown = [part is not None for part in done.parts]
     assert done.gaps == [0.25] * sum(shown)
     assert sum(shown) == len(shown) / 2 > 0

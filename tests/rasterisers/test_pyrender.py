@@ -17,7 +17,7 @@ from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, submission
 from harness.rasterisers.pyrender import extrude, next_in_ring
 from harness.rasterisers.reference import Reference
-from harness.triangulating.seen import original
+from harness.triangulating.frames import original
 from tests.models.test_in_place import plate
 from tests.rasterisers import pictures
 from triangulators import triangulate

@@ -17,9 +17,8 @@ from harness.measuring.worker import Worker
 from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.rasterisers.reference import disagreements
-from harness.triangulating.frames import triangulate_polygons
+from harness.triangulating.frames import in_views, original, triangulate_polygons
 from harness.triangulating.recipes import parse
-from harness.triangulating.seen import in_views, original
 from scenes.scene import Viewing
 from tests.models.test_in_place import plate
 from tests.rasterisers import pictures
@@ -37,7 +36,8 @@ def triangulations(frame: Frame, *names: str) -> list[np.ndarray]:
     assert frame.flat is not None
     parts = [original(frame).parts]
     for name in names:
-        parts.append(in_views(frame, triangulate_polygons(parse(name), frame.flat.polygons)).parts)
+        flat = triangulate_polygons(parse(name), frame.flat.polygons)
+        parts.append(in_views(frame, flat, parse("original")).parts)
     return [frame.join(each) for each in parts]
 
 

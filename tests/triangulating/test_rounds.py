@@ -26,7 +26,7 @@ def calls(monkeypatch):
         return dict.fromkeys(range(len(polygons)))
 
     monkeypatch.setattr(frames, "_batch", batch)
-    monkeypatch.setattr(frames, "warm_up", lambda recipe: None)
+    monkeypatch.setattr(frames, "warm_up", lambda *_: None)
     return found
 
 
