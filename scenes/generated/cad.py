@@ -14,7 +14,7 @@ from numpy.random import Generator
 
 from scenes.cleaning.clean import clean, in_rows, moved
 from scenes.readers.meshes import facets
-from scenes.real.glyphs import outline
+from scenes.real import outline
 from scenes.scene import Scene, SceneError
 
 Part = Callable[[Generator, int], shapely.Geometry]

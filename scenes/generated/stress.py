@@ -1,4 +1,4 @@
-"""Polygons that break triangulators: combs, spirals, needles, fractals, and random ones."""
+"""Single polygons: those that break triangulators (combs, needles, ...), and the paper's."""
 
 from __future__ import annotations
 
@@ -218,3 +218,18 @@ FAMILIES: dict[str, Callable[[Generator, int], Shape]] = {
     "random-monotone": random_monotone,
     "random-maze": random_maze,
 }
+
+# clockwise, as the paper numbers them
+_PAPER = ((3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2))
+
+
+def paper(*, seed: int = 0) -> Scene:  # noqa: ARG001 - every scene takes a seed
+    """The polygon of Kryvda and Sulema's Table 1, from its rows: 9 vertices, area 46."""
+    return Scene(
+        name="paper",
+        polygons=[shapely.orient_polygons(shapely.Polygon(_PAPER))],
+        units="units",
+        description="test polygon of the paper's Table 1",
+        licence="facts",
+        credit="reconstructed from Table 1 of Kryvda and Sulema",
+    )

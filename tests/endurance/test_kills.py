@@ -24,7 +24,7 @@ from pyarrow import parquet
 
 from harness.stored.folder import read_run
 from scenes import load
-from scenes.real.helsinki import FILE
+from scenes.tiles.read import FILE
 from tests.fuzz.targets.runs import sound
 from tests.models.test_in_place import plate
 from tests.page.conftest import result_of, saved_as

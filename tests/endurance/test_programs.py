@@ -32,8 +32,8 @@ import psutil
 import pytest
 
 from harness.stored.folder import read_run
-from scenes.real.helsinki import FILE
 from scenes.tiles.archives import PMTiles
+from scenes.tiles.read import FILE
 from tests.endurance.forked import Program
 from tests.endurance.test_tiles_and_models import HOSTILE, spoilt, spoilt_json
 from tests.models.various import MODELS

@@ -16,9 +16,9 @@ from harness.errors import UsageError
 from harness.models.in_place import retriangulate
 from harness.models.seen import read
 from scenes import SceneError, load
-from scenes.real.helsinki import FILE
 from scenes.slices import Chosen, cut_tiles, read_tiles
 from scenes.tiles.archives import Place, PMTiles
+from scenes.tiles.read import FILE
 from tests.models.various import MODELS
 from tests.scenes.test_tiles import Compression, three_archives
 

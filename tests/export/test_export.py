@@ -18,7 +18,7 @@ from harness.export import check_evidence, geo
 from harness.export.export import FORMATS, export_file
 from harness.export.mesh import heights
 from scenes import SceneError, load
-from scenes.real.helsinki import FILE
+from scenes.tiles.read import FILE
 
 CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")

@@ -93,7 +93,7 @@ class Recorded(Inline):
         self.name, self._log = name, log
 
     def call(self, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-        self._log.append((self.name, [str(recipe) for recipe in arguments[0]]))
+        self._log.append((self.name, [str(recipe) for recipe in arguments]))
 
     def close(self, *, at_once: bool = False) -> None:
         self._log.append((f"{self.name} closed", [str(at_once)]))

@@ -33,9 +33,9 @@ from harness.scaling.task_queue import Alone
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
-from scenes.real.helsinki import FILE
 from scenes.slices import MOST_TILES, chosen, cut_tiles
 from scenes.tiles.archives import Place, PMTiles, first_of, opened
+from scenes.tiles.read import FILE
 from tests.paths import ROOT
 from tests.scenes.test_tiles import COURT, encoded, three_archives
 

