@@ -7,6 +7,7 @@ draws the same faces, whatever the grid of 1/256 px makes of a face that is seen
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -137,15 +138,14 @@ def read(
         _, groups = opened(Path(path))
     except UsageError as error:
         raise SceneError(str(error)) from error
-    made = _Views(pixels, distance, depth)
     polygons: list[shapely.Polygon] = []
     given: list[NDArray[np.int32]] = []
     bound: list[tuple[Floats, NDArray[np.int32]]] = []
     things = []
     for part in (part for parts in groups for part in parts):
         flat = flat_of(part)
-        first = (len(polygons), len(bound))
-        things += [_thing(part, flat, first, matrix) for matrix in part.placements]
+        numbers = (len(polygons), len(bound))
+        things += [_thing(part, flat, numbers, matrix) for matrix in part.placements]
         count = len(flat.polygons)
         polygons += flat.polygons
         given += flat.given[:count]
@@ -153,8 +153,23 @@ def read(
     ball = ball_of([thing.corners.reshape(-1, 3) for thing in things])
     if ball is None:
         raise SceneError(f"{path} shows nothing: no triangle of it has an extent")
+    shown: list[_Pieces] = []
+    rest: dict[int, NDArray[np.int32]] = {}
+    first = [0]
+    vertices = 0
     for direction in directions()[:views]:
-        made.add(things, ball, direction, len(polygons))
+        last = first[-1]
+        for each in _pieces(things, _Camera(ball, direction, distance, pixels), len(polygons)):
+            last += len(each.sizes)
+            rest |= zip(range(last - len(each.given), last), each.given, strict=True)
+            vertices += len(each.points)
+            shown.append(each)
+        first.append(last)
+        if vertices > MOST:
+            raise SceneError(f"more than {MOST:,} vertices in all views: give fewer views=")
+        if last > MOST_PIECES:
+            raise SceneError(f"more than {MOST_PIECES:,} faces in all views: give fewer views=")
+    sizes = np.concatenate([each.sizes for each in shown])
     return Scene(
         name=Path(path).stem,
         polygons=polygons,
@@ -163,7 +178,21 @@ def read(
         licence="as the file's",
         parameters={"views": views, "pixels": pixels, "distance": distance, "depth": depth},
         notes=(_note(things, len(polygons), views),),
-        viewing=made.finished(tuple(given), tuple(bound)),
+        viewing=Viewing(
+            pixels=pixels,
+            names=tuple(" ".join(map(str, way)) for way in ways()[:views].tolist()),
+            points=np.concatenate([each.points for each in shown]),
+            depths=None if depth == "none" else np.concatenate([each.depths for each in shown]),
+            offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+            ring_ends=np.cumsum(np.concatenate([each.rings for each in shown])).astype(np.int64),
+            source=np.concatenate([each.sources for each in shown]),
+            first=np.array(first, np.int64),
+            given=tuple(given),
+            rest=rest,
+            bound=tuple(bound),
+            ranks=np.concatenate([each.ranks for each in shown]),
+            near_first=depth == "front",
+        ),
     )
 
 
@@ -229,137 +258,81 @@ def _note(things: list[_Thing], faces: int, views: int) -> str:
     return f"{note}; {views} views"
 
 
-class _Views:
-    """Collects the pieces of one view after another."""
+class _Camera(NamedTuple):
+    """A view of the ball round a model, as `projected` takes it."""
 
-    def __init__(self, pixels: int, distance: float, depth: str) -> None:
-        self._pixels, self._distance, self._depth = pixels, distance, depth
-        self._points: list[NDArray[np.int32]] = [np.empty((0, 2), np.int32)]
-        self._depths: list[NDArray[np.int32]] = [np.empty(0, np.int32)]
-        self._sizes: list[Ints] = [np.empty(0, np.int64)]
-        self._rings: list[Ints] = [np.empty(0, np.int64)]
-        self._sources: list[Ints] = [np.empty(0, np.int64)]
-        self._ranks: list[Ints] = [np.empty(0, np.int64)]
-        self._rest: dict[int, NDArray[np.int32]] = {}
-        self._first = [0]
-        self._total = 0
+    ball: Ball
+    direction: Floats
+    distance: float
+    pixels: int
 
-    def add(self, things: list[_Thing], ball: Ball, direction: Floats, rest: int) -> None:
-        """Add a view; rest : the number that the rest has, as if it were a polygon."""
-        eye = ball.middle + ball.radius * self._distance * direction
-        pieces, loose, base = self._first[-1], _Loose(), 0
-        for thing in things:
-            flat = thing.flat
-            grid, depths = self._on_grid((thing.points - ball.middle) / ball.radius, direction)
-            with np.errstate(invalid="ignore"):
-                turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
-                first = thing.points[flat.vertices[flat.begins[:-1]]]
-                front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
-            own = flat.vertices[np.repeat(front, np.diff(flat.begins))]
-            self._put(grid[own], depths[own])
-            self._sizes.append(np.diff(flat.begins)[front])
-            self._rings.append(flat.rings[np.repeat(front, flat.rings_of)])
-            count = len(flat.polygons)
-            bound = np.flatnonzero(front[count:])
-            of_bound = rest + 1 + thing.first[1] + bound
-            of_polygons = thing.first[0] + np.flatnonzero(front[:count])
-            self._sources.append(np.concatenate([of_polygons, of_bound]))
-            counts = [len(rows) for rows in flat.given]
-            self._ranks.append(base + flat.slots[np.repeat(front, counts)])
-            pieces += int(front.sum())
-            for piece, face in zip(range(pieces - len(bound), pieces), bound.tolist(), strict=True):
-                self._rest[piece] = flat.given[count + face]
-            seen = flat.loose[turned[flat.loose]]
-            loose.add(thing.part.mesh.triangles[seen], grid, depths, base + seen)
-            base += len(thing.corners)
-        triangles, points, depths, ranks = loose.joined()
-        if len(triangles):
-            self._rest[pieces] = triangles
-            self._put(points, depths)
-            self._sizes.append(np.array([len(points)]))
-            self._rings.append(np.array([len(points)]))
-            self._sources.append(np.array([rest]))
-            self._ranks.append(ranks)
-            pieces += 1
-        self._first.append(pieces)
-        if pieces > MOST_PIECES:
-            raise SceneError(f"more than {MOST_PIECES:,} faces in all views: give fewer views=")
-
-    def _put(self, points: NDArray[np.int32], depths: NDArray[np.int32]) -> None:
-        self._points.append(points)
-        self._depths.append(depths)
-        self._total += len(points)
-        if self._total > MOST:
-            raise SceneError(f"more than {MOST:,} vertices in all views: give fewer views=")
-
-    def _on_grid(
-        self, local: Floats, direction: Floats
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """(n, 2) points within the unit sphere in 1/256 px, and (n,) their depths."""
-        flat, away = projected(local, direction, self._distance)
-        near, far = self._distance - _AROUND, self._distance + _AROUND
+    def on_grid(self, points: Floats) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """(n, 2) points of the model in 1/256 px, and (n,) their depths."""
+        local = (points - self.ball.middle) / self.ball.radius
+        flat, away = projected(local, self.direction, self.distance)
+        near, far = self.distance - _AROUND, self.distance + _AROUND
         with np.errstate(invalid="ignore", divide="ignore"):
             deep = far * (away - near) / (away * (far - near)) * DEEPEST
-            grid = np.rint(flat * (self._pixels * SUBPIXEL))
+            grid = np.rint(flat * (self.pixels * SUBPIXEL))
         return np.nan_to_num(grid).astype(np.int32), np.nan_to_num(np.rint(deep)).astype(np.int32)
 
-    def finished(
-        self,
-        given: tuple[NDArray[np.int32], ...],
-        bound: tuple[tuple[Floats, NDArray[np.int32]], ...],
-    ) -> Viewing:
-        """Return all views."""
-        sizes = np.concatenate(self._sizes)
-        count = len(self._first) - 1
-        return Viewing(
-            pixels=self._pixels,
-            names=tuple(" ".join(map(str, way)) for way in ways()[:count].tolist()),
-            points=np.concatenate(self._points),
-            depths=None if self._depth == DEPTHS[0] else np.concatenate(self._depths),
-            offsets=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-            ring_ends=np.cumsum(np.concatenate(self._rings)).astype(np.int64),
-            source=np.concatenate(self._sources),
-            first=np.array(self._first, np.int64),
-            given=given,
-            rest=self._rest,
-            bound=bound,
-            ranks=np.concatenate(self._ranks),
-            near_first=self._depth == DEPTHS[2],
+
+class _Pieces(NamedTuple):
+    """Pieces of a view.
+
+    points, depths : (n, 2) and (n,) of their vertices
+    sizes, sources : (p,) how many vertices each has, and its `Viewing.source`
+    rings : how many each ring has; ranks : of the triangles, as `Viewing` has them
+    given : triangles of the last of them, which are no polygons
+    """
+
+    points: NDArray[np.int32]
+    depths: NDArray[np.int32]
+    sizes: Ints
+    rings: Ints
+    sources: Ints
+    ranks: Ints
+    given: list[NDArray[np.int32]]
+
+
+def _pieces(things: list[_Thing], camera: _Camera, rest: int) -> Iterator[_Pieces]:
+    """Yield the pieces of a view thing by thing, then the rest, if there is any.
+
+    rest : the number that the rest has, as if it were a polygon
+    """
+    eye = camera.ball.middle + camera.ball.radius * camera.distance * camera.direction
+    # triangles that are in no face, of all things: their corners are numbered on
+    points, depths, triangles, ranks = [], [], [], []
+    count = base = 0
+    for thing in things:
+        flat = thing.flat
+        grid, deep = camera.on_grid(thing.points)
+        with np.errstate(invalid="ignore"):
+            turned = ((eye - thing.corners[:, 0]) * thing.triangle_fronts).sum(axis=1) > 0.0
+            first = thing.points[flat.vertices[flat.begins[:-1]]]
+            front = ((eye - first) * thing.face_fronts).sum(axis=1) > 0.0
+        own = flat.vertices[np.repeat(front, np.diff(flat.begins))]
+        of_polygons = np.flatnonzero(front[: len(flat.polygons)])
+        bound = np.flatnonzero(front[len(flat.polygons) :])
+        yield _Pieces(
+            points=grid[own],
+            depths=deep[own],
+            sizes=np.diff(flat.begins)[front],
+            rings=flat.rings[np.repeat(front, flat.rings_of)],
+            sources=np.r_[thing.first[0] + of_polygons, rest + 1 + thing.first[1] + bound],
+            ranks=base + flat.slots[np.repeat(front, [len(rows) for rows in flat.given])],
+            given=[flat.given[len(flat.polygons) + face] for face in bound.tolist()],
         )
-
-
-class _Loose:
-    """Triangles of a view that are in no face."""
-
-    def __init__(self) -> None:
-        self._triangles: list[Ints] = [np.empty((0, 3), np.int64)]
-        self._points: list[NDArray[np.int32]] = [np.empty((0, 2), np.int32)]
-        self._depths: list[NDArray[np.int32]] = [np.empty(0, np.int32)]
-        self._ranks: list[Ints] = [np.empty(0, np.int64)]
-        self._count = 0
-
-    def add(
-        self,
-        triangles: Ints,
-        grid: NDArray[np.int32],
-        depths: NDArray[np.int32],
-        ranks: Ints,
-    ) -> None:
-        """Add triangles (m, 3) of points (n, 2) and their vertices' depths (n,)."""
-        used, own = np.unique(triangles, return_inverse=True)
-        self._triangles.append(own.reshape(-1, 3) + self._count)
-        self._points.append(grid[used])
-        self._depths.append(depths[used])
-        self._ranks.append(ranks)
-        self._count += len(used)
-
-    def joined(
-        self,
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], Ints]:
-        """Return triangles (m, 3), points (n, 2), depths (n,) and ranks (m,)."""
-        return (
-            np.concatenate(self._triangles).astype(np.int32),
-            np.concatenate(self._points),
-            np.concatenate(self._depths),
-            np.concatenate(self._ranks),
+        loose = flat.loose[turned[flat.loose]]
+        used, corner = np.unique(thing.part.mesh.triangles[loose], return_inverse=True)
+        points.append(grid[used])
+        depths.append(deep[used])
+        triangles.append((corner.reshape(-1, 3) + count).astype(np.int32))
+        ranks.append(base + loose)
+        count, base = count + len(used), base + len(thing.corners)
+    if count:
+        size, number = np.array([count]), np.array([rest])
+        corners = np.concatenate(points), np.concatenate(depths)
+        yield _Pieces(
+            *corners, size, size, number, np.concatenate(ranks), [np.concatenate(triangles)]
         )
