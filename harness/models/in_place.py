@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
 from harness.models.diagonals import choose, cost_named
@@ -26,25 +27,10 @@ CRITERION = "edge-length"
 """What is less in every view from afar: the mean half-perimeter over all rotations follows it."""
 
 
-class Model(Protocol):
-    """A model whose triangles can be replaced; left : what is in no part, by reason."""
+Model = GltfModel | ObjModel
+"""A model whose triangles can be replaced."""
 
-    left: Counter[str]
-
-    def groups(self) -> Iterator[list[Part]]:
-        """Yield parts whose triangles may touch."""
-        ...
-
-    def replace(self, part: Part, triangles: NDArray[np.int64]) -> None:
-        """Give a part other triangles (m, 3)."""
-        ...
-
-    def write(self, out: Path) -> list[Path]:
-        """Write the model; returns the files."""
-        ...
-
-
-FORMATS: dict[str, Callable[[Path], Model]] = {
+FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {
     ".glb": GltfModel,
     ".gltf": GltfModel,
     ".obj": ObjModel,
@@ -151,7 +137,7 @@ def opened(source: Path) -> tuple[Model, list[list[Part]]]:
         return model, list(model.groups())
 
 
-def _kind_of(source: Path) -> Callable[[Path], Model]:
+def _kind_of(source: Path) -> type[GltfModel] | type[ObjModel]:
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
         raise UsageError(f"{source}: models are read as {', '.join(FORMATS)}: export it")
@@ -199,8 +185,8 @@ def _made(part: Part, criterion: str, changes: Changes) -> _Made:
     owner = np.repeat(np.arange(len(chosen.changed)), np.diff(faces.starts))
     changed = chosen.changed[owner]
     made.face[faces.slots[changed]] = owner[changed]
-    after = _distinct(sides_of(chosen.triangles[changed]))
-    fresh = after[~_among(after, _distinct(sides_of(faces.triangles[changed])))]
+    after, before = (sides_of(each[changed]) for each in (chosen.triangles, faces.triangles))
+    fresh = pd.Index(after).difference(pd.Index(before)).to_numpy()
     ends = np.stack([fresh >> HALF, fresh & ((1 << HALF) - 1)], axis=1)
     face_of = np.zeros(len(faces.points), dtype=np.int64)
     face_of[faces.triangles] = owner[:, None]
@@ -216,16 +202,17 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
     """
     if not parts:
         return
-    points = np.concatenate([part.mesh.positions for part in parts])
-    place = np.unique(_mixed(points), return_inverse=True)[1]
+    points = np.concatenate([part.mesh.positions for part in parts]) + 0.0  # turns -0.0 into 0.0
+    # to sort rows takes several times as long as to sort numbers; two places that get the same one
+    # by chance would cost a face its new diagonals, and no more
+    place = np.unique(hash_pandas_object(pd.DataFrame(points), index=False), return_inverse=True)[1]
     places = np.split(place, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])
     before = [sides_of(at[part.mesh.triangles]) for part, at in zip(parts, places, strict=True)]
     after = [edge_numbers(at[each.diagonals]) for each, at in zip(made, places, strict=True)]
-    taken = _distinct(np.concatenate(before))
     own, times = np.unique(np.concatenate(after), return_counts=True)
-    shared = own[(times > 1) | _among(own, taken)]
+    shared = own[(times > 1) | pd.Index(own).isin(np.concatenate(before))]
     for part, each, edges in zip(parts, made, after, strict=True):
-        bad = np.unique(each.whose[_among(edges, shared)])
+        bad = np.unique(each.whose[pd.Index(edges).isin(shared)])
         gone = np.isin(each.face, bad)
         each.triangles[gone], each.face[gone] = part.mesh.triangles[gone], -1
         changed = each.face >= 0
@@ -234,38 +221,6 @@ def _revert_shared(parts: list[Part], made: list[_Made], changes: Changes) -> No
         changes.after += _length(part.mesh, each.triangles[changed])
         if len(bad):
             changes.left["a diagonal would be an edge of other triangles, too"] += len(bad)
-
-
-def _mixed(points: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """(n,) a number of 64 bits for each of points (n, 3), the same where they coincide.
-
-    To sort rows takes several times as long as to sort numbers. Two places that get the same one by
-    chance would cost a face its new diagonals, and no more. Source of the mixing: S. Vigna's
-    splitmix64, after G. L. Steele and others, "Fast splittable pseudorandom number generators",
-    OOPSLA 2014.
-    """
-    bits = np.ascontiguousarray(points + 0.0).view(np.uint64)  # + 0.0 turns -0.0 into 0.0
-    mixed = np.zeros(len(points), np.uint64)
-    for column in bits.T:
-        mixed = (mixed + np.uint64(0x9E3779B97F4A7C15)) ^ column
-        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        mixed ^= mixed >> np.uint64(31)
-    return mixed
-
-
-def _distinct(values: Ints) -> Ints:
-    """Return the sorted values, each once."""
-    values = np.sort(values)
-    return values[np.r_[True, values[1:] != values[:-1]][: len(values)]]
-
-
-def _among(values: Ints, known: Ints) -> NDArray[np.bool_]:
-    """Whether each value is among `known`, which are sorted."""
-    if len(known) == 0:
-        return np.zeros(len(values), dtype=np.bool_)
-    at = np.minimum(np.searchsorted(known, values), len(known) - 1)
-    return np.asarray(known[at] == values)
 
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:

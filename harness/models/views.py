@@ -85,47 +85,38 @@ def look(
 
     tick : told how many places of parts were looked at
     """
-    worlds = [
-        (part, placed(part.mesh.positions, matrix), np.linalg.det(matrix[:3, :3]) < 0)
-        for part in parts
-        for matrix in part.placements
-    ]
-    used = [world[part.mesh.triangles.reshape(-1)] for part, world, _ in worlds]
-    ball = ball_of(used)
+    points: list[NDArray[np.float64]] = []
+    kinds: tuple[list[NDArray[np.int64]], ...] = ([], [], [])
+    count = 0
+    for part in parts:
+        same = (part.triangles == part.mesh.triangles).all(axis=1)
+        rows = part.mesh.triangles[same], part.mesh.triangles[~same], part.triangles[~same]
+        for matrix in part.placements:
+            # In a mirror image triangles turn the other way.
+            turned = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0 else [0, 1, 2]
+            for kind, each in zip(kinds, rows, strict=True):
+                kind.append(each[:, turned] + count)
+            points.append(placed(part.mesh.positions, matrix))
+            count += len(points[-1])
+    if not points:
+        return []
+    places, world = len(points), np.concatenate(points)
+    kept, old, new = map(np.concatenate, kinds)
+    ball = ball_of([world[np.concatenate([kept, old]).reshape(-1)]])
     if ball is None:
         return []
+    local = (world - ball.middle) / ball.radius
     result = [Seen(pixels) for pixels in sizes]
-    done = 0
-    while done < len(worlds):
-        begun, points = done, 0
-        locals_: list[NDArray[np.float64]] = []
-        triangles: dict[str, list[NDArray[np.int64]]] = {"same": [], "old": [], "new": []}
-        while done < len(worlds) and points < _AT_A_TIME:
-            part, world, mirrored = worlds[done]
-            # In a mirror image triangles turn the other way.
-            turned = [0, 2, 1] if mirrored else [0, 1, 2]
-            same = (part.triangles == part.mesh.triangles).all(axis=1)
-            for name, rows in (
-                ("same", part.mesh.triangles[same]),
-                ("old", part.mesh.triangles[~same]),
-                ("new", part.triangles[~same]),
-            ):
-                triangles[name].append(rows[:, turned] + points)
-            locals_.append((world - ball.middle) / ball.radius)
-            points += len(world)
-            done += 1
-        local = np.concatenate(locals_)
-        joined = {name: np.concatenate(each) for name, each in triangles.items()}
-        for number, direction in enumerate(directions()):
-            tick(begun + (done - begun) * number // VIEWS)
-            flat, _ = projected(local, direction)
-            for seen in result:
-                grid = np.rint(np.nan_to_num(flat) * (seen.pixels * _UNITS)).astype(np.int32)
-                kept, old, new = (_count(grid, each) for each in joined.values())
-                seen.lanes_before += kept[0] + old[0]
-                seen.lanes_after += kept[0] + new[0]
-                seen.quads_before += kept[1] + old[1]
-                seen.quads_after += kept[1] + new[1]
+    for number, direction in enumerate(directions()):
+        tick(places * number // VIEWS)
+        flat, _ = projected(local, direction)
+        for seen in result:
+            grid = np.rint(np.nan_to_num(flat) * (seen.pixels * _UNITS)).astype(np.int32)
+            always, before, after = (_count(grid, each) for each in (kept, old, new))
+            seen.lanes_before += always[0] + before[0]
+            seen.lanes_after += always[0] + after[0]
+            seen.quads_before += always[1] + before[1]
+            seen.quads_after += always[1] + after[1]
     return result
 
 

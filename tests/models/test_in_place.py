@@ -15,7 +15,7 @@ from harness.errors import UsageError
 from harness.models.diagonals import choose
 from harness.models.flat_faces import Mesh, flat_faces, tolerance_of
 from harness.models.gltf import GltfModel
-from harness.models.in_place import _mixed, retriangulate
+from harness.models.in_place import retriangulate
 from scenes import SceneError
 from tests.harness.test_cli import assert_one_line
 from tests.models.build import KITE, LONG, Builder
@@ -341,17 +341,6 @@ def test_a_face_of_many_corners_and_holes_gets_flips(tmp_path, out):
     assert done.faces - done.optimal == done.changed == 2
     assert done.after < done.before
     assert trimesh.load_mesh(out).is_watertight
-
-
-def test_places_that_coincide_have_the_same_number_and_no_others():
-    """Neighbours in single precision, in three columns: their bits differ little."""
-    steps = np.float32(1.0) + np.arange(40, dtype=np.float32) * np.spacing(np.float32(1.0))
-    grid = np.stack(np.meshgrid(steps, -steps, steps), axis=-1).reshape(-1, 3).astype(float)
-    numbers = _mixed(grid)
-    assert len(np.unique(numbers)) == 40**3
-    assert np.array_equal(_mixed(grid[::-1])[::-1], numbers)
-    zeros = np.array([[0.0, 1.0, -0.0], [-0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    assert _mixed(zeros)[0] == _mixed(zeros)[1] != _mixed(zeros)[2]
 
 
 def test_where_optima_would_take_too_long_the_dearest_faces_get_flips(tmp_path, out, monkeypatch):
