@@ -40,9 +40,9 @@ NAMED = 10
 def crew_of(where: str | None, reporter: Reporter) -> Iterator[Crew]:
     """Give those who do the work; `where` is what --dask says, None for this process alone."""
     if not where:
-        from harness.scaling.task_queue import Alone
+        from harness.scaling.task_queue import Crew
 
-        yield Alone()
+        yield Crew()
         return
     from harness.scaling.cluster import DaskCrew  # which a command without --dask can do without
 

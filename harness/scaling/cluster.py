@@ -15,7 +15,7 @@ from harness.errors import INCONCLUSIVE, HarnessError, UsageError
 from harness.machine import system
 from harness.progress import Reporter
 from harness.scaling import task_queue
-from harness.scaling.task_queue import Answer, SchedulerLost, Task
+from harness.scaling.task_queue import Answer, Crew, SchedulerLost, Task
 from scenes.spec import install
 
 LOCAL = re.compile(r"local(?::(\d+))?")
@@ -57,7 +57,7 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-class DaskCrew:
+class DaskCrew(Crew):
     """Futures on Dask's distributed scheduler; a worker has one thread for each core it is given.
 
     where : `local` for a process on each core, `local:N` for N of them, or a scheduler's address
@@ -70,7 +70,7 @@ class DaskCrew:
         if no scheduler answers there
     """
 
-    threads_each: int | None = 1
+    threads_each = 1
 
     def __init__(self, where: str, reporter: Reporter) -> None:
         try:

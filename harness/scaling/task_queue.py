@@ -17,7 +17,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from harness.errors import HarnessError
 
@@ -56,24 +56,27 @@ class Answer:
     lost: bool = False
 
 
-class Crew(Protocol):
-    """Carries out tasks somewhere.
+class Crew:
+    """Carries out tasks in this very process, one after another; others do it elsewhere.
 
     threads_each : threads that a task may use; one for each core if None
     """
 
-    threads_each: int | None
+    threads_each: int | None = None
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[str, Task]] = deque()
 
     @property
     def room(self) -> int:
         """How many tasks it may have at a time."""
-        ...
+        return 1
 
     def start(self, name: str, task: Task) -> None:
-        """Begin a task; raises SchedulerLost."""
-        ...
+        """Begin a task; raises SchedulerLost. Here `ended` carries it out."""
+        self._waiting.append((name, task))
 
-    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:
+    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:  # noqa: ARG002 - others wait
         """Return tasks that ended since the last call, [] after `timeout_s`.
 
         Raises
@@ -81,32 +84,6 @@ class Crew(Protocol):
         SchedulerLost
             if tasks were lost that did not end
         """
-        ...
-
-    def reconnect(self) -> None:
-        """Find a new scheduler after `SchedulerLost`; raises HarnessError if there is none."""
-        ...
-
-    def close(self) -> None:
-        """Give back what it has taken."""
-        ...
-
-
-class Alone:
-    """Carries out tasks in this very process, one after another."""
-
-    room = 1
-    threads_each: int | None = None
-
-    def __init__(self) -> None:
-        self._waiting: deque[tuple[str, Task]] = deque()
-
-    def start(self, name: str, task: Task) -> None:
-        """Note the task; `ended` carries it out."""
-        self._waiting.append((name, task))
-
-    def ended(self, timeout_s: float) -> list[tuple[str, Answer]]:  # noqa: ARG002 - as a crew does
-        """Carry out a task, and return what became of it."""
         if not self._waiting:
             return []
         name, (function, arguments) = self._waiting.popleft()
@@ -116,10 +93,10 @@ class Alone:
             return [(name, Answer(failed=str(error)))]
 
     def reconnect(self) -> None:
-        """Nothing can be lost."""
+        """Find a new scheduler after `SchedulerLost`; raises HarnessError if there is none."""
 
     def close(self) -> None:
-        """Nothing was taken."""
+        """Give back what it has taken."""
 
 
 def work_through(

@@ -16,7 +16,7 @@ from harness.scaling.census import COUNTING, Options, gains, on_pixels
 from harness.scaling.census_report import at_least, below, quantile_of
 from harness.scaling.dataset import Dataset
 from harness.scaling.sums import GAINED, MEASURES, total, whole
-from harness.scaling.task_queue import Alone
+from harness.scaling.task_queue import Crew
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
 
@@ -27,7 +27,7 @@ OPTIONS = Options(NAMES, units_per_pixel=0.25, cell=100.0)
 
 def census(pattern, out, options=OPTIONS):
     dataset = Dataset(str(pattern), out, options, COUNTING)
-    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    summary = dataset.complete(Crew(), Reporter(quiet=True))
     keys = [part.key for part in dataset.cut.parts]
     return summary, whole(total(out, keys), len(options.triangulators))
 

@@ -16,7 +16,7 @@ import shapely
 
 from harness.progress import Reporter
 from harness.scaling.dataset import Dataset
-from harness.scaling.task_queue import ATTEMPTS, Alone, work_through
+from harness.scaling.task_queue import ATTEMPTS, Crew, work_through
 from harness.scaling.triangulated import TRIANGLES, Options
 from tests.paths import ROOT
 from tests.scaling import tasks
@@ -62,7 +62,7 @@ def test_a_killed_worker_loses_nothing_and_blames_nobody(two_workers, tmp_path):
 def test_workers_write_what_one_process_writes_byte_by_byte(two_workers, parts, tmp_path):
     pattern = str(parts / "*.parquet")
     alone = Dataset(pattern, tmp_path / "alone", OPTIONS, TRIANGLES)
-    alone.complete(Alone(), quiet())
+    alone.complete(Crew(), quiet())
     spread = Dataset(pattern, tmp_path / "spread", OPTIONS, TRIANGLES)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6

@@ -16,7 +16,7 @@ from harness.errors import UsageError
 from harness.export.apart import triangulate_many
 from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
-from harness.scaling.task_queue import Alone
+from harness.scaling.task_queue import Crew
 from harness.scaling.triangulated import TRIANGLES, Options
 from harness.stored import atomic
 from tests.scaling.conftest import EVERY, contents, ids, parts_in, rows, write_parquet
@@ -25,7 +25,7 @@ OPTIONS = Options("optimal:half-perimeter")
 
 
 def complete(pattern, out, options=OPTIONS):
-    return Dataset(str(pattern), out, options, TRIANGLES).complete(Alone(), Reporter(quiet=True))
+    return Dataset(str(pattern), out, options, TRIANGLES).complete(Crew(), Reporter(quiet=True))
 
 
 def test_each_footprint_is_there_once_with_its_triangles(parts, tmp_path, footprints):
@@ -141,7 +141,7 @@ def test_a_full_disk_costs_its_part_and_the_rerun_makes_it(parts, tmp_path, monk
     dataset = Dataset(str(parts), out, OPTIONS, TRIANGLES)
     chosen = dataset.missing[2].key
     monkeypatch.setattr(atomic, "move", full)
-    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    summary = dataset.complete(Crew(), Reporter(quiet=True))
     assert len(refused) == 3
     ((which, why),) = summary.set_aside.items()
     assert which == dataset.cut.parts[2].label

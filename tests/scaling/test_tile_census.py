@@ -29,7 +29,7 @@ from harness.rasterisers.reference import predict
 from harness.scaling.census import TILE_COUNTING, TileOptions, also_found
 from harness.scaling.dataset import Dataset
 from harness.scaling.sums import MEASURES, total
-from harness.scaling.task_queue import Alone
+from harness.scaling.task_queue import Crew
 from harness.triangulating.frames import triangulate_polygons
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
@@ -47,7 +47,7 @@ def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> Any:
     """The sums of each zoom and layer, what else the parts say, and the summary."""
     name, what = chosen(text)
     dataset = Dataset(name, out, TileOptions(names, what), TILE_COUNTING)
-    summary = dataset.complete(Alone(), Reporter(quiet=True))
+    summary = dataset.complete(Crew(), Reporter(quiet=True))
     return total(out, dataset.keys_done), also_found(out, dataset.keys_done), summary
 
 
@@ -237,7 +237,7 @@ def test_what_vanishes_is_lost_and_rounding_is_told(tmp_path):
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
     name, what = chosen(path)
     dataset = Dataset(name, tmp_path / "5000", TileOptions(NAMES, what), TILE_COUNTING)
-    dataset.complete(Alone(), reporter)
+    dataset.complete(Crew(), reporter)
     assert "1/5000 of 512 px" in told[0]
 
 

@@ -11,8 +11,8 @@ from harness.errors import UsageError
 from harness.scaling.task_queue import (
     ATTEMPTS,
     LOSSES,
-    Alone,
     Answer,
+    Crew,
     SchedulerLost,
     Task,
     work_through,
@@ -137,6 +137,6 @@ def test_alone_a_failure_is_an_answer_and_a_defect_is_not():
     def worse(name: str) -> None:
         raise ZeroDivisionError
 
-    assert work_through({"a": (bad, ("why",))}, Alone(), lambda *_: None) == {"a": "why"}
+    assert work_through({"a": (bad, ("why",))}, Crew(), lambda *_: None) == {"a": "why"}
     with pytest.raises(ZeroDivisionError):
-        work_through({"a": (worse, ("why",))}, Alone(), lambda *_: None)
+        work_through({"a": (worse, ("why",))}, Crew(), lambda *_: None)
