@@ -36,8 +36,9 @@ class GeoJsonWriter:
         self._about = about
         self._stream = output.file(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
-        if code := _authority(about.crs):
-            name = f"urn:ogc:def:crs:{code.replace(':', '::')}"
+        # EPSG:4326 is GeoJSON's own and needs no name
+        if about.crs and about.crs.startswith("EPSG:") and about.crs != "EPSG:4326":
+            name = f"urn:ogc:def:crs:{about.crs.replace(':', '::')}"
             self._stream.write(
                 f'"crs":{json.dumps({"type": "name", "properties": {"name": name}})},'
             )
@@ -137,13 +138,6 @@ class GeoParquetWriter:
             known = system(self._about.crs)
             column["crs"] = None if known is None else known.to_json_dict()
         return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
-
-
-def _authority(crs: str | None) -> str | None:
-    """EPSG:4326 and its like are GeoJSON's own and need no name."""
-    if crs is None or crs in ("EPSG:4326", "OGC:CRS84") or not crs.startswith("EPSG:"):
-        return None
-    return crs
 
 
 def _fitted(table: Any, schema: Any, pa: Any) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-import zipfile
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import IO, Any, Protocol
@@ -143,19 +142,11 @@ class NpzWriter:
 
     def finish(self) -> None:
         """Pack the spooled arrays."""
-        with zipfile.ZipFile(self._output.file(), "w", allowZip64=True) as archive:
-            for name, (spool, kind, shape) in self._spools.items():
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    header = {
-                        "descr": np.lib.format.dtype_to_descr(kind),
-                        "fortran_order": False,
-                        "shape": (self._lengths[name], *shape),
-                    }
-                    np.lib.format.write_array_header_1_0(member, header)
-                    append(member, spool)
-            for name, array in self._small().items():
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    np.lib.format.write_array(member, array, allow_pickle=False)
+        arrays: dict[str, NDArray[Any]] = {}
+        for name, (spool, kind, shape) in self._spools.items():
+            spool.flush()
+            arrays[name] = np.memmap(spool, kind, "r", shape=(self._lengths[name], *shape))
+        np.savez(self._output.file(), allow_pickle=False, **arrays, **self._small())
 
     def _spool(self, name: str, array: NDArray[Any]) -> None:
         if name not in self._spools:

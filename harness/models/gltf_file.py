@@ -113,12 +113,8 @@ class GltfFile:
             values = np.zeros((about["count"], width), kind)
         if "sparse" in about:
             sparse = about["sparse"]
-            places = self._view(
-                sparse["indices"],
-                _kind(sparse["indices"]),
-                1,
-                sparse["count"],
-            )
+            at = sparse["indices"]
+            places = self._view(at, _kind(at), 1, sparse["count"])
             values[places[:, 0]] = self._view(sparse["values"], kind, width, sparse["count"])
         return values
 
@@ -129,12 +125,7 @@ class GltfFile:
         first = view.get("byteOffset", 0) + about.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
         last = first + (count - 1) * stride + kind.itemsize * width
-        if (
-            count < 0
-            or first < 0
-            or stride < 0
-            or last > view.get("byteOffset", 0) + view["byteLength"]
-        ):
+        if min(count, first, stride) < 0 or last > view.get("byteOffset", 0) + view["byteLength"]:
             raise ValueError("an accessor reaches beyond its buffer view")
         buffer = self.buffers[index(view["buffer"])]
         return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
@@ -143,13 +134,10 @@ class GltfFile:
         """Give primitives, which have one accessor of indices, others in its place, (k,)."""
         number = primitives[0].get("indices")
         if number is None:  # a strip or fan of vertices in their order
-            wide = int(indices.max()) > 0xFFFE
-            self._refer(
-                primitives, self._append(indices, {"componentType": 5125 if wide else 5123})
-            )
+            kind = 5125 if int(indices.max()) > 0xFFFE else 5123
+            self._refer(primitives, self._append(indices, {"componentType": kind}))
             return
         about = self.json["accessors"][number]
-        kind = _kind(about)
         every = [each for mesh in self.json["meshes"] for each in mesh["primitives"]]
         using = sum(1 for each in every if each.get("indices") == number)
         if (
@@ -159,7 +147,7 @@ class GltfFile:
             and using == len(primitives)
             and self._alone(number)
         ):
-            self._view(about, kind, 1, len(indices))[:, 0] = indices
+            self._view(about, _kind(about), 1, len(indices))[:, 0] = indices
             self._changed.add(self.json["bufferViews"][about["bufferView"]]["buffer"])
             return
         self._refer(primitives, self._append(indices, about))
@@ -177,17 +165,16 @@ class GltfFile:
         accessors, views = self.json["accessors"], self.json["bufferViews"]
         own = accessors[accessor]["bufferView"]
         first, last = self._span(accessors[accessor])
-        others = [
-            each
-            for number, each in enumerate(accessors)
-            if number != accessor and each.get("bufferView") == own
-        ]
         sparse = [
             each["sparse"][part] for each in accessors if "sparse" in each for part in _SPARSE
         ]
         if any(each.get("bufferView") == own for each in (*self.json.get("images", []), *sparse)):
             return False
-        spans = [self._span(each) for each in others] + [
+        spans = [
+            self._span(each)
+            for number, each in enumerate(accessors)
+            if number != accessor and each.get("bufferView") == own
+        ] + [
             (view.get("byteOffset", 0), view.get("byteOffset", 0) + view["byteLength"])
             for number, view in enumerate(views)
             if number != own and view["buffer"] == views[own]["buffer"]
@@ -203,30 +190,19 @@ class GltfFile:
 
     def _append(self, indices: NDArray[np.int64], like: dict[str, Any]) -> int:
         """Put indices behind the first buffer; returns their accessor."""
-        number = 0
         packed = indices.astype(_kind(like)).tobytes()
-        buffer = self.buffers[number]
+        buffer, views = self.buffers[0], self.json["bufferViews"]
+        accessors = self.json["accessors"]
         buffer += b"\0" * (-len(buffer) % 4)
-        view = {
-            "buffer": number,
-            "byteOffset": len(buffer),
-            "byteLength": len(packed),
-            "target": ELEMENT_ARRAY_BUFFER,
-        }
+        place = {"buffer": 0, "byteOffset": len(buffer), "byteLength": len(packed)}
         buffer += packed
-        self.json["buffers"][number]["byteLength"] = len(buffer)
-        self.json["bufferViews"].append(view)
-        self.json["accessors"].append(
-            {
-                "bufferView": len(self.json["bufferViews"]) - 1,
-                "componentType": like["componentType"],
-                "count": len(indices),
-                "type": "SCALAR",
-            }
-        )
-        self._changed.add(number)
-        self._grown.add(number)
-        return len(self.json["accessors"]) - 1
+        self.json["buffers"][0]["byteLength"] = len(buffer)
+        views.append(place | {"target": ELEMENT_ARRAY_BUFFER})
+        about = {"bufferView": len(views) - 1, "componentType": like["componentType"]}
+        accessors.append(about | {"count": len(indices), "type": "SCALAR"})
+        self._changed.add(0)
+        self._grown.add(0)
+        return len(accessors) - 1
 
     def write(self, out: Path) -> list[Path]:
         """Write the model, as .glb or .gltf like the one that was read; returns the files."""
@@ -269,11 +245,8 @@ class GltfFile:
             if uri is None or number not in self._changed:
                 continue
             if uri.startswith("data:"):
-                about["uri"] = (
-                    uri.partition(_DATA)[0]
-                    + _DATA
-                    + base64.b64encode(self.buffers[number]).decode()
-                )
+                packed = base64.b64encode(self.buffers[number]).decode()
+                about["uri"] = uri.partition(_DATA)[0] + _DATA + packed
             else:
                 suffix = f".{number}.bin"
                 with output.file(suffix) as file:

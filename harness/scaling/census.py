@@ -294,7 +294,9 @@ def on_pixels(
     offsets = np.repeat(shift, counts, axis=0)
     near = shapely.set_coordinates(scaled, shapely.get_coordinates(scaled) - offsets)
     grid = shapely.transform(near, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
-    good = shapely.is_valid(grid) & (shapely.area(grid) > 0) & ~_with_repeats(grid)
+    good = shapely.is_valid(grid) & (shapely.area(grid) > 0)
+    plain = shapely.remove_repeated_points(grid[good])
+    good[good] = shapely.get_num_coordinates(plain) == counts[good]
     pieces: list[Any] = []
     source: list[int] = []
     for number in np.flatnonzero(~good).tolist():
@@ -305,16 +307,6 @@ def on_pixels(
     owners = np.r_[np.flatnonzero(good), np.array(source, dtype=np.int64)].astype(np.int64)
     order = np.argsort(owners, kind="stable")
     return shapely.orient_polygons(made[order]), owners[order]
-
-
-def _with_repeats(polygons: NDArray[Any]) -> NDArray[np.bool_]:
-    """(p,) whether a vertex follows itself."""
-    rings, owner = shapely.get_rings(polygons, return_index=True)
-    xy, ring = shapely.get_coordinates(rings, return_index=True)
-    same = (xy[1:] == xy[:-1]).all(axis=1) & (ring[1:] == ring[:-1])
-    found = np.zeros(len(polygons), dtype=bool)
-    found[owner[ring[1:][same]]] = True
-    return found
 
 
 def _added_up(table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64]) -> Sums:

@@ -69,7 +69,11 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     """
     _refuse_other_scenes(runs)
     _refuse_one_run_twice(runs)
-    _refuse_other_processors(runs)
+    if mixed := groups.several_processors(runs):
+        raise UsageError(
+            f"times of a software rasteriser are the processor's: {groups.processor_words(mixed)}; "
+            "keep the runs apart with --hosts"
+        )
     found = _by_key(runs)
     _refuse_other_counters(found)
     facts = _facts(runs)
@@ -146,14 +150,6 @@ def _refuse_other_counters(found: Iterable[_Found]) -> None:
         raise UsageError(
             f"hosts count differently: {_first(differing)}; "
             "see that they have the same version of raster-harness and of the driver"
-        )
-
-
-def _refuse_other_processors(runs: Sequence[Run]) -> None:
-    if mixed := groups.several_processors(runs):
-        raise UsageError(
-            f"times of a software rasteriser are the processor's: {groups.processor_words(mixed)}; "
-            "keep the runs apart with --hosts"
         )
 
 

@@ -167,21 +167,14 @@ def _unpacked(task: bytes) -> bytes:
     return pickle.dumps(function(*arguments))
 
 
-def allow_children() -> None:
-    """Let this process have processes of its own.
-
-    Dask's nanny starts its workers as daemons, which may not; there is no public way to say that
-    these end with their parent.
-    """
-    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
-
-
 def _process() -> Worker:
     worker: Worker | None = getattr(_own, "worker", None)
     if worker is None:
         from harness.measuring.worker import Worker  # what has no crew does without
 
-        allow_children()
+        # Dask starts its workers as daemons, which may have no processes of their own; there
+        # is no public way to say that these end with their parent.
+        multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
         worker = _own.worker = Worker("the part's process")
         atexit.register(worker.close, at_once=True)
     return worker

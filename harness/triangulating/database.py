@@ -220,16 +220,11 @@ def key(
 
     coordinates: (n, 2), rings one after another and not closed; ring_ends: where each ends.
     """
-    digest = prefix(triangulator, parameters).copy()
+    about = [SCHEMA, triangulator, sorted(parameters.items()), triangulators_version()]
+    digest = hashlib.blake2b(json.dumps(about).encode(), digest_size=20)
     digest.update(np.asarray(ring_ends, dtype="<i8").tobytes())
     digest.update(np.ascontiguousarray(coordinates, dtype="<f8").tobytes())
     return digest.digest()
-
-
-def prefix(triangulator: str, parameters: dict[str, Any]) -> Any:
-    """A hash begun with what the triangulations of one batch have in common."""
-    about = [SCHEMA, triangulator, sorted(parameters.items()), triangulators_version()]
-    return hashlib.blake2b(json.dumps(about).encode(), digest_size=20)
 
 
 @once

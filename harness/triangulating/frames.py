@@ -111,23 +111,17 @@ def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> Fra
 
 def predict_polygons(polygons: Sequence[Polygon], parts: Sequence[Rows | None]) -> Prediction:
     """Sum every criterion over each polygon's (m, 3) triangles; 0 where there are none."""
+    if not polygons:
+        return Prediction({}, {})
     empty = np.empty((0, 3), np.int32)
+    arrays = ragged(polygons)
+    ends = arrays.ring_ends[arrays.polygon_ends - 1]
     rows = [
         predict(points, empty if part is None else part)
-        for points, part in zip(_points_of(polygons), parts, strict=True)
+        for points, part in zip(np.split(arrays.coordinates, ends[:-1]), parts, strict=True)
     ]
-    names = list(rows[0]) if rows else []
-    columns = {name: np.array([row[name] for row in rows], np.float64) for name in names}
+    columns = {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
     return Prediction(columns, {name: float(column.sum()) for name, column in columns.items()})
-
-
-def _points_of(polygons: Sequence[Polygon]) -> list[NDArray[np.float64]]:
-    """Return each polygon's (n, 2) vertices."""
-    if not polygons:
-        return []
-    arrays = ragged(polygons)
-    ends = np.asarray(arrays.ring_ends)[np.asarray(arrays.polygon_ends) - 1]
-    return np.split(arrays.coordinates, ends[:-1])
 
 
 def triangulate_polygons(

@@ -57,22 +57,18 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
         districts = _districts(rng, radius)
         polygons = np.concatenate([_district(rng, d, radius) for d in districts])
         radius *= 1.2
+    # from the centre on, with a ragged edge of the city
+    distance = np.hypot(*shapely.get_coordinates(shapely.centroid(polygons)).T)
+    ragged = distance + rng.normal(0.0, 12.0, len(polygons))
+    innermost = np.argsort(ragged, kind="stable")
     return Scene(
         name="city",
-        polygons=list(_innermost(rng, polygons, buildings)),
+        polygons=list(polygons[innermost[:buildings]]),
         units="m",
         description="generated city plan: blocks, streets, footprints",
         licence="generated, no rights reserved",
         parameters={"buildings": buildings, "seed": seed},
     )
-
-
-def _innermost(rng: Generator, polygons: NDArray[Any], count: int) -> NDArray[Any]:
-    """The `count` footprints nearest the centre, with a ragged edge of the city."""
-    middle = shapely.get_coordinates(shapely.centroid(polygons))
-    distance = np.hypot(*middle.T)
-    ragged = distance + rng.normal(0.0, 12.0, len(polygons))
-    return polygons[np.argsort(ragged, kind="stable")[:count]]
 
 
 def _districts(rng: Generator, radius: float) -> NDArray[Any]:
@@ -241,7 +237,10 @@ def _footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
         counts.append(len(made))
     plans = _polygons(rings, counts, lots)
     # a building inside its lot need not be clipped, and most are: lots are mostly rectangles
-    whole = _is_box(lots.polygons) & _inside(lots.boxes, shapely.bounds(lots.polygons))
+    around = shapely.bounds(lots.polygons)
+    area = (around[:, 2] - around[:, 0]) * (around[:, 3] - around[:, 1])
+    low, high = lots.boxes[:, :2] >= around[:, :2] - 1e-9, lots.boxes[:, 2:] <= around[:, 2:] + 1e-9
+    whole = (shapely.area(lots.polygons) > area * (1 - 1e-9)) & (low & high).all(axis=1)
     clipped = shapely.intersection(plans[~whole], lots.polygons[~whole])
     return np.concatenate([plans[whole], _largest_parts(clipped)])
 
@@ -268,17 +267,6 @@ def _polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
     coordinates[:, 0] += x0
     coordinates[:, 1] = np.where(up, y0 + coordinates[:, 1], y1 - coordinates[:, 1])
     return shapely.from_ragged_array(shapely.GeometryType.POLYGON, coordinates, (ends, owners))
-
-
-def _is_box(polygons: NDArray[Any]) -> NDArray[np.bool_]:
-    bounds = shapely.bounds(polygons)
-    boxes = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
-    return np.asarray(shapely.area(polygons) > boxes * (1 - 1e-9))
-
-
-def _inside(boxes: NDArray[np.float64], around: NDArray[np.float64]) -> NDArray[np.bool_]:
-    low = boxes[:, :2] >= around[:, :2] - 1e-9
-    return np.asarray((low & (boxes[:, 2:] <= around[:, 2:] + 1e-9)).all(axis=1))
 
 
 def _largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:

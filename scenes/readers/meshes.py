@@ -44,8 +44,9 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
         if _sound(face, len(vertices), f"face {number}", dropped)
     ]
     if kept and all(len(face) == 3 for _, face in kept):
-        triangles = np.array([face for _, face in kept])
-        joined = _joined(*_merged(vertices, triangles))
+        # the same triangles over vertices that are there once: neighbours share them
+        points, at = np.unique(vertices, axis=0, return_inverse=True)
+        joined = _joined(points, at.reshape(-1)[np.array([face for _, face in kept])])
         yield replace(joined, dropped=dropped + joined.dropped)
         return
     polygons, labels, repaired = [], [], []
@@ -117,14 +118,6 @@ def _triangles(source: Source) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if len(triangles) == 0:
         raise SceneError(f"{source.path} holds no face: give a model with faces")
     return np.asarray(model.vertices, dtype=float), triangles
-
-
-def _merged(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The same triangles over vertices that are there once: neighbours share them."""
-    points, at = np.unique(vertices, axis=0, return_inverse=True)
-    return points, at.reshape(-1)[triangles]
 
 
 def _joined(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
