@@ -203,7 +203,8 @@ def load(
     found = entry(name)
     function = _function(found)
     arguments = arguments_for(name, function, parameters)
-    if _takes_seed(function):
+    declared = inspect.signature(function).parameters.values()
+    if any(each.name == "seed" or each.kind is each.VAR_KEYWORD for each in declared):
         arguments["seed"] = seed
     made = function(**arguments) if name in ENTRIES else _called(name, function, arguments)
     scene = _as_scene(name, made, {**parameters, "seed": seed})
@@ -272,11 +273,6 @@ def _function(scene: Entry) -> Callable[..., Any]:
 
 def _placed(scene: Entry) -> str:
     return scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
-
-
-def _takes_seed(function: Callable[..., Any]) -> bool:
-    declared = inspect.signature(function).parameters
-    return "seed" in declared or any(p.kind is p.VAR_KEYWORD for p in declared.values())
 
 
 def _called(name: str, function: Callable[..., Any], arguments: dict[str, Any]) -> Any:

@@ -220,13 +220,13 @@ class GltfWriter:
         grid = np.rint((vertices - middle) / step)
         feature = mesh.vertex_owners.astype("<f4")
         attributes = {
-            "POSITION": self._accessor(grid.astype("<f4"), "VEC3", _FLOAT, _VERTICES, True),
-            "_FEATURE_ID_0": self._accessor(feature, "SCALAR", _FLOAT, _VERTICES, False),
+            "POSITION": self._accessor(grid.astype("<f4")),
+            "_FEATURE_ID_0": self._accessor(feature),
         }
         indices = mesh.triangles.astype("<u4").ravel()
         primitive = {
             "attributes": attributes,
-            "indices": self._accessor(indices, "SCALAR", _UNSIGNED, _INDICES, False),
+            "indices": self._accessor(indices),
         }
         matrix = np.diag([*step, 1.0])
         matrix[:3, 3] = middle - self._origin
@@ -294,22 +294,19 @@ class GltfWriter:
             stream.write(struct.pack("<I4s", length, b"BIN\0"))
             append(stream, self._data)
 
-    def _accessor(
-        self, values: NDArray[Any], shape: str, kind: int, target: int, bounded: bool
-    ) -> int:
-        offset = self._data.tell()
-        data = values.tobytes()
-        self._data.write(data)
-        self._views.append(
-            {"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target}
-        )
+    def _accessor(self, values: NDArray[Any]) -> int:
+        """Add an accessor of indices, or of numbers or positions of vertices."""
+        of_indices, of_places = values.dtype.kind == "u", values.ndim == 2
+        view = {"buffer": 0, "byteOffset": self._data.tell(), "byteLength": values.nbytes}
+        self._data.write(values.tobytes())
+        self._views.append(view | {"target": _INDICES if of_indices else _VERTICES})
         accessor: dict[str, Any] = {
             "bufferView": len(self._views) - 1,
-            "componentType": kind,
+            "componentType": _UNSIGNED if of_indices else _FLOAT,
             "count": len(values),
-            "type": shape,
+            "type": "VEC3" if of_places else "SCALAR",
         }
-        if bounded:  # glTF requires the bounds of positions
+        if of_places:  # glTF requires the bounds of positions
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._accessors.append(accessor)
         return len(self._accessors) - 1

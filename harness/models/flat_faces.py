@@ -63,10 +63,6 @@ class Mesh:
         sides = np.diff(self.positions[self.triangles], axis=1)
         return np.asarray(np.cross(sides[:, 0], sides[:, 1]))
 
-    def with_triangles(self, triangles: NDArray[np.int64]) -> Mesh:
-        """Return others of the same vertices."""
-        return replace(self, triangles=triangles)
-
 
 @dataclass(frozen=True)
 class Part:
@@ -161,7 +157,7 @@ def _neighbours(mesh: Mesh) -> tuple[Ints, Counter[str]]:
     a, b, c = mesh.triangles.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     if len(whole) < len(mesh.triangles):
-        pairs, left = _neighbours(mesh.with_triangles(mesh.triangles[whole]))
+        pairs, left = _neighbours(replace(mesh, triangles=mesh.triangles[whole]))
         return whole[pairs], left
     thick = _thick(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)

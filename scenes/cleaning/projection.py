@@ -116,7 +116,10 @@ class Projection:
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
         near = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(REACH))
-        return cls(crs, centre if near and not _has_long_edges(geometries) else None)
+        step, middle, _ = _steps(geometries)
+        step = np.abs(step)
+        long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
+        return cls(crs, None if not near or (long & (np.abs(middle) < _POLE)).any() else centre)
 
     def __str__(self) -> str:
         if self.centre is None:
@@ -233,10 +236,3 @@ def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], N
     same = ring[1:] == ring[:-1]
     middle = (xy[1:, 1] + xy[:-1, 1]) / 2
     return np.diff(xy[:, 0])[same], middle[same], owner[inner][polygonal][part][ring[1:]][same]
-
-
-def _has_long_edges(geometries: Any) -> bool:
-    step, lat, _ = _steps(geometries)
-    step, lat = np.abs(step), np.abs(lat)
-    long = ((step > LONG_EDGE) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
-    return bool((long & (lat < _POLE)).any())

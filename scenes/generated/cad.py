@@ -169,9 +169,8 @@ def _name_plate(rng: Generator, segments: int) -> shapely.Geometry:
     """A plate from which a part number is cut out."""
     face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
     letters, x = [], 0.0
-    for (
-        character
-    ) in f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}":
+    name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
+    for character in name:
         cleaned, advance = outline(face, character, max(2, segments // 8))
         letters += [moved(p, x, 0.0) for p in cleaned.polygons]
         x += 1.08 * advance

@@ -131,6 +131,7 @@ def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[s
     >>> table["name"][0], notes
     ('K\ufffdln', ('text of name is not UTF-8: what cannot be read became U+FFFD',))
     """
+    import pandas as pd
     import pyarrow as pa
 
     arrays, broken = [], []
@@ -141,18 +142,12 @@ def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[s
             broken.append(field.name)
             column = _mended(column)
         arrays.append(column)
-    if not broken:
-        return _table(batch, exact), ()
-    table = _table(pa.RecordBatch.from_arrays(arrays, names=batch.schema.names), exact)
-    note = f"text of {', '.join(broken)} is not UTF-8: what cannot be read became U+FFFD"
-    return table, (note,)
-
-
-def _table(batch: Any, exact: bool) -> pd.DataFrame:
-    import pandas as pd
-
-    table: pd.DataFrame = batch.to_pandas(types_mapper=pd.ArrowDtype if exact else None)
-    return table
+    notes: tuple[str, ...] = ()
+    if broken:
+        batch = pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
+        text = f"text of {', '.join(broken)} is not UTF-8: what cannot be read became U+FFFD"
+        notes = (text,)
+    return batch.to_pandas(types_mapper=pd.ArrowDtype if exact else None), notes
 
 
 def _mended(column: Any) -> Any:

@@ -205,7 +205,13 @@ def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
     if source.layer is not None and source.layer not in known:
         hint = suggestion(source.layer, known, "it has")
         raise SceneError(f"{source.path} has no layer {source.layer!r}; {hint}")
-    layer = source.layer or _first_with_polygons(layers)
+    # the first that has polygons, or else may have some, or else the first
+    kinds = [str(kind) for _, kind in layers]
+    likely = [
+        ("Polygon" in kind or "Surface" in kind, kind in ("Unknown", "GeometryCollection"))
+        for kind in kinds
+    ]
+    layer = source.layer or known[likely.index(max(likely))]
     others = [name for name in known if name != layer]
     notes = [f"layer {layer} (others: {', '.join(others)})"] if others else []
     if source.path.is_dir() and source.path.suffix.lower() != ".gdb":
@@ -216,16 +222,6 @@ def layer_of(source: Source) -> tuple[str, tuple[str, ...]]:
             more = f" and {len(unread) - 1} more are" if len(unread) > 1 else " is"
             notes.append(f"of the folder's files, {unread[0]}{more} not read: name a file")
     return layer, tuple(notes)
-
-
-def _first_with_polygons(layers: NDArray[Any]) -> str:
-    for name, kind in layers:
-        if kind is not None and any(word in kind for word in ("Polygon", "Surface")):
-            return str(name)
-    for name, kind in layers:
-        if kind in ("Unknown", "GeometryCollection"):
-            return str(name)
-    return str(layers[0][0])
 
 
 def _true_crs(path: Path, crs: str | None) -> str | None:

@@ -5,6 +5,7 @@ Of each tile what can be drawn exactly is kept, in px, with a note on all else.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -161,24 +162,6 @@ MOST = 100_000
 """Tiles of one scene."""
 
 
-@dataclass
-class _Found:
-    """What was read so far: for each polygon its tile, its layer, its name in messages.
-
-    absent : tiles that the archive has not
-    """
-
-    polygons: list[shapely.Polygon] = field(default_factory=list)
-    layers: list[str] = field(default_factory=list)
-    tiles: list[str] = field(default_factory=list)
-    first: list[int] = field(default_factory=lambda: [0])
-    dropped: list[Note] = field(default_factory=list)
-    repaired: list[Note] = field(default_factory=list)
-    extents: set[int] = field(default_factory=set)
-    known: dict[str, None] = field(default_factory=dict)
-    absent: int = 0
-
-
 def read(
     path: str,
     *,
@@ -203,41 +186,58 @@ def read(
     Raises SceneError if the file is missing, cannot be read, or holds no polygon for this.
     """
     check_pixels(pixels)
-    found = _Found()
     file = existing(path)
+    asked = None if layers is None else layers.split(",")
     with guard.clear_errors(path, "map tiles"):
         archive = opened(file)
         zoom = archive.zooms_of(path, None if zoom is None else (zoom, zoom))[-1]
         runs = list(archive.runs(zoom))
-        there = sum(run.times for run in runs)
-        chosen = _chosen(archive, runs, tiles, zoom)
-        for name in chosen:
-            _add(found, archive, name, layers, pixels)
-    if not found.polygons:
-        raise SceneError(_nothing(path, found, layers, tiles))
+        names = _chosen(archive, runs, tiles, zoom)
+        tiles_read = [(str(name), parts_of(archive, name, asked, pixels)) for name in names]
+    polygons: list[shapely.Polygon] = []
+    of_tile: list[str] = []
+    of_layer: list[str] = []
+    dropped: list[Note] = []
+    repaired: list[Note] = []
+    for name, parts in tiles_read:
+        for own in parts.layers:
+            place = f"{name} {own.name}"
+            dropped += ((f"{place} {which}", why) for which, why in own.dropped)
+            repaired += ((f"{place} {which}", why) for which, why in own.repaired)
+            polygons += list(own.polygons)
+            of_tile += [name] * len(own.polygons)
+            of_layer += [own.name] * len(own.polygons)
+        dropped += ((f"{name} {layer}".strip(), why) for layer, why in parts.damaged)
+        if parts.damage:
+            dropped.append((f"tile {name}", parts.damage))
+    if not polygons:
+        known = dict.fromkeys(layer for _, parts in tiles_read for layer in parts.known)
+        raise SceneError(_nothing(path, dropped, known, layers, tiles))
+    sizes = Counter(of_tile)
     at = "" if zoom is None else f" of zoom {zoom}"
-    read = f"{len(chosen) - found.absent} of {there} tiles{at}, {len(found.tiles)} with polygons"
-    layers_read = f"layers {', '.join(dict.fromkeys(found.layers))}"
+    there, found = sum(run.times for run in runs), sum(not parts.absent for _, parts in tiles_read)
+    notes = [f"{found} of {there} tiles{at}, {len(sizes)} with polygons"]
+    notes.append(f"layers {', '.join(dict.fromkeys(of_layer))}")
+    notes += rounding({own.extent for _, parts in tiles_read for own in parts.layers}, pixels)
     table = None
     if attributes:
         import pandas as pd  # a census, which loads this module, can do without
 
-        of = np.repeat(np.array(found.tiles, dtype=object), np.diff(found.first))
-        table = pd.DataFrame({"tile": of, "layer": found.layers})
+        table = pd.DataFrame({"tile": np.array(of_tile, dtype=object), "layer": of_layer})
     wanted = {"zoom": zoom, "layers": layers, "tiles": tiles, "pixels": pixels, "limit": limit}
     scene = Scene(
         name=Path(path).stem,
-        polygons=found.polygons,
+        polygons=polygons,
         units="px",
         description=str(path),
         licence="as the file's",
         credit=archive.attribution,
         parameters={key: value for key, value in wanted.items() if value is not None},
-        dropped=found.dropped,
-        repaired=found.repaired,
+        dropped=dropped,
+        repaired=repaired,
         attributes=table,
-        notes=(read, layers_read, *rounding(found.extents, pixels)),
-        tiling=Tiling(pixels, tuple(found.tiles), np.array(found.first, np.int64)),
+        notes=tuple(notes),
+        tiling=Tiling(pixels, tuple(sizes), np.cumsum([0, *sizes.values()], dtype=np.int64)),
     )
     return scene if limit is None else scene.head(limit)
 
@@ -273,38 +273,16 @@ def _chosen(archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None)
     return [archive.name_of(last + middle) for last, middle in zip(lasts, middles, strict=True)]
 
 
-def _add(found: _Found, archive: Archive, name: Any, layers: str | None, pixels: int) -> None:
-    """Read one tile: add what is usable, in px, and note what is not."""
-    wanted = None if layers is None else layers.split(",")
-    parts = parts_of(archive, name, wanted, pixels)
-    found.absent += parts.absent
-    found.known |= dict.fromkeys(parts.known)
-    before = len(found.polygons)
-    for own in parts.layers:
-        place = f"{name} {own.name}"
-        found.extents.add(own.extent)
-        found.dropped += [(f"{place} {which}", why) for which, why in own.dropped]
-        found.repaired += [(f"{place} {which}", why) for which, why in own.repaired]
-        found.polygons += list(own.polygons)
-        found.layers += [own.name] * len(own.polygons)
-    found.dropped += [(f"{name} {layer}".strip(), why) for layer, why in parts.damaged]
-    if parts.damage:
-        found.dropped.append((f"tile {name}", parts.damage))
-    if len(found.polygons) > before:
-        found.tiles.append(str(name))
-        found.first.append(len(found.polygons))
-
-
-def _nothing(path: str, found: _Found, layers: str | None, tiles: str) -> str:
+def _nothing(
+    path: str, dropped: list[Note], known: Collection[str], layers: str | None, tiles: str
+) -> str:
     """Why there is no polygon, in one line."""
-    unknown = [each for each in (layers or "").split(",") if each and each not in found.known]
-    if unknown and found.known:
-        return (
-            f"{path} has no layer {unknown[0]!r}; {suggestion(unknown[0], found.known, 'it has')}"
-        )
-    if found.dropped:
-        which, why = found.dropped[0]
-        more = f" (and {len(found.dropped) - 1} more)" if len(found.dropped) > 1 else ""
+    unknown = [each for each in (layers or "").split(",") if each and each not in known]
+    if unknown and known:
+        return f"{path} has no layer {unknown[0]!r}; {suggestion(unknown[0], known, 'it has')}"
+    if dropped:
+        which, why = dropped[0]
+        more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
         return f"{path} holds no usable polygon: {which} {why}{more}"
     return f"{path} holds no polygon in what tiles={tiles} choose: give more, or another zoom"
 
