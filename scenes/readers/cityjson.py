@@ -30,7 +30,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     model = _model(str(source.path), source.path.read_bytes)
     found = _Surfaces(source)
     found.add(dict(model["CityObjects"]), _vertices(model, model))
-    yield found.taken(_crs(model))
+    yield found.raw(_crs(model))
 
 
 def read_sequence(source: Source, size: int) -> Iterator[Raw]:
@@ -51,12 +51,13 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
                     raise ValueError(f"its type is {feature['type']}, not CityJSONFeature")
                 found.add(dict(feature["CityObjects"]), _vertices(feature, head))
             if number % size == 0:
-                yield found.taken(crs)
-    yield found.taken(crs)
+                yield found.raw(crs)
+                found = _Surfaces(source)
+    yield found.raw(crs)
 
 
 class _Surfaces:
-    """The wanted surfaces of city objects, gathered until they are taken."""
+    """The wanted surfaces of city objects, gathered."""
 
     def __init__(self, source: Source) -> None:
         if source.layer not in (None, *_WANTED):
@@ -64,9 +65,6 @@ class _Surfaces:
                 f"{source.path} has no layer {source.layer!r}; give {' or '.join(_WANTED)}"
             )
         self._wanted = _WANTED if source.layer is None else (source.layer,)
-        self._clear()
-
-    def _clear(self) -> None:
         self.dropped: list[Note] = []
         self._geometries: list[Any] = []
         self._labels: list[str] = []
@@ -83,13 +81,10 @@ class _Surfaces:
                         kinds = {"id": identifier, "type": thing.get("type"), "surface": kind}
                         self._rows.append({**kinds, "height": height})
 
-    def taken(self, crs: str | None) -> Raw:
-        """What was gathered since the last call."""
-        columns = ["id", "type", "surface", "height"]
-        table = pd.DataFrame(self._rows, columns=columns)
-        raw = Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
-        self._clear()
-        return raw
+    def raw(self, crs: str | None) -> Raw:
+        """What was gathered, as a reader yields it."""
+        table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
+        return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
 
 
 def _model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
@@ -133,9 +128,8 @@ def _surfaces(
     values = _flat(semantics.get("values"), depth)
     for number, rings in enumerate(_flat(shape["boundaries"], depth)):
         points = [vertices[_indices(ring, len(vertices))] for ring in rings]
-        kind = (
-            kinds[values[number]] if number < len(values) and values[number] is not None else None
-        )
+        known = number < len(values) and values[number] is not None
+        kind = kinds[values[number]] if known else None
         if not kinds:
             kind = _by_slope(points[0])
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
