@@ -16,7 +16,6 @@ import os
 import sqlite3
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import cache as once
 from pathlib import Path
@@ -174,27 +173,28 @@ class ModelDatabase:
         with self.path.with_name(self.path.name + ".lock").open("wb") as stream:
             # one process at a time: SQLite does not wait while another turns the log on
             system.lock(stream)
-            if damage is None:
-                try:
-                    return self._connected()
-                except sqlite3.OperationalError:
+            try:
+                # another process may have begun a damaged file anew already
+                return self._connected(looked_through=damage is not None)
+            except sqlite3.DatabaseError as error:
+                if damage is None and isinstance(error, sqlite3.OperationalError):
                     raise
-                except sqlite3.DatabaseError as error:
-                    damage = error
-            if not _sound(self.path):  # unless another process has begun it anew already
-                for suffix in ("", "-wal", "-shm"):
-                    self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
-                self._say(f"model database {self.path} was damaged ({damage}) and is begun anew")
+                damage = damage or error
+            for suffix in ("", "-wal", "-shm"):
+                self.path.with_name(self.path.name + suffix).unlink(missing_ok=True)
+            self._say(f"model database {self.path} was damaged ({damage}) and is begun anew")
             return self._connected()
 
-    def _connected(self) -> sqlite3.Connection:
+    def _connected(self, *, looked_through: bool = False) -> sqlite3.Connection:
+        """Connect; raises sqlite3.DatabaseError for a damaged file, which a look at all finds."""
+        begun = looked_through and self.path.exists()
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
         try:
             database.execute("PRAGMA journal_mode=WAL")
             # a crash may lose the last entries, which are computed again, but not the file
             database.execute("PRAGMA synchronous=NORMAL")
             (version,) = database.execute("PRAGMA user_version").fetchone()
-            if version not in (0, SCHEMA):
+            if version != SCHEMA and (begun or version != 0):
                 raise sqlite3.DatabaseError(f"its schema is {version}, not {SCHEMA}")
             with database:
                 database.execute(
@@ -204,6 +204,8 @@ class ModelDatabase:
                 )
                 database.execute(f"PRAGMA user_version={SCHEMA}")
             database.execute("SELECT key, triangulator, value FROM model LIMIT 1").fetchone()
+            if looked_through and database.execute("PRAGMA quick_check").fetchone()[0] != "ok":
+                raise sqlite3.DatabaseError("a look at all of it found damage")
         except BaseException:
             database.close()
             raise
@@ -259,20 +261,6 @@ def _unsealed(key: bytes, value: Any) -> Timed | None:
         return None
     triangles = np.frombuffer(data[:-8], "<i4").reshape(-1, 3).astype(np.int32)
     return Timed(triangles, *struct.unpack("<d", data[-8:]))
-
-
-def _sound(path: Path) -> bool:
-    """Whether SQLite finds nothing wrong with the file, or there is none."""
-    if not path.exists():
-        return True
-    try:
-        with closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
-            (version,) = database.execute("PRAGMA user_version").fetchone()
-            answer = database.execute("PRAGMA quick_check").fetchone()[0]
-            database.execute("SELECT key, triangulator, value FROM model LIMIT 1").fetchone()
-            return bool(answer == "ok" and version == SCHEMA)
-    except sqlite3.Error:
-        return False
 
 
 KEEP_S = 0.5e-3
