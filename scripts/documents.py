@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from docs.generate import filled
 from docs.held import ROOT, differences, written
-from docs.held.charts import CHARTS
+from docs.held.charts import CHARTS, svg
 from docs.held.documents import DOCUMENTS
 
 if __name__ == "__main__":
@@ -27,4 +27,4 @@ if __name__ == "__main__":
     for page in (ROOT / "docs").rglob("*.md"):
         page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
     for name, draw in CHARTS.items():
-        (ROOT / "docs" / "images" / f"{name}.svg").write_text(draw(), encoding="utf-8")
+        (ROOT / "docs" / "images" / f"{name}.svg").write_text(svg(draw()), encoding="utf-8")

@@ -1,20 +1,20 @@
 """Figures that the documents cite, each held against the file of results that it comes from.
 
-A `Sentence` is a piece of a document's text in which `{}` stands for a figure; a `Table` is a table
-of a document, named by its first line; a `Block` is the text of a file. All say how their figures
-follow from the files under `results/`. `tests/docs/test_held.py` compares; `scripts/documents.py`
-writes the figures anew.
+What is `Held` is a piece of a document's text, with what returns its figures from the files under
+`results/`. `{}`, or `{:.2f}` and the like, stands for a figure; lines may break between any two
+words, and `...` is any text within a paragraph. A text without a figure is the first line of a
+table, or of a block that holds a file; all lines below it are returned.
+`tests/docs/test_held.py` compares; `scripts/documents.py` writes the figures anew.
 
     lookups    one figure, or one row, of a file
-    findings, readme, others, profiles   the figures of each document
-    claims     those that `raster-harness study all` sets beside what it finds
+    findings, flips, profiles, simulated, charts   the figures of each document
+    documents  which document cites which; those of single pages, and of `raster-harness study all`
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -28,108 +28,82 @@ _CODE = re.compile(
     re.DOTALL,
 )
 
+_FIELD = re.compile(r"\{:?(.*?)\}")
+_ANY = r"(?:(?!\n\n)[\s\S])*?"
 
-@dataclass(frozen=True)
-class Sentence:
-    """Text with `{}` for each figure, and the figures; line breaks may lie anywhere."""
-
-    text: str
-    figures: Callable[[], Sequence[str]]
-
-    def find(self, document: str) -> re.Match[str] | None:
-        """Return where the text stands in a document, whatever its figures are."""
-        words = [re.escape(word) for word in self.text.split()]
-        return re.search(r"\s+".join(words).replace(r"\{\}", f"({NUMBER})"), document)
+Span = tuple[int, int]
+Held = Mapping[str, Callable[[], Iterable[object]]]
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table by its first line; `rows` are all lines below the line of dashes."""
-
-    header: str
-    rows: Callable[[], Sequence[str]]
-
-    def span(self, document: str) -> tuple[int, int]:
-        """Return where its rows begin and end; raises `ValueError` if it is not there once."""
-        if document.count(self.header + "\n") != 1:
-            raise ValueError(f"there is no such table, or several: {self.header}")
-        start = document.index(self.header)
-        for _ in range(2):
-            start = document.index("\n", start) + 1
-        end = document.find("\n\n", start)
-        return start, len(document) - 1 if end < 0 else end
+def shown(value: object, spec: str = "") -> str:
+    """Write a figure as Python's format does, but -0 as 0, and a share in per cent without its
+    sign; `%` alone gives it two figures where it is small.
+    """
+    if spec.endswith("%"):
+        share = 100.0 * float(str(value))
+        digits = spec[1:-1] or ("0" if abs(share) >= 9.95 else "1")
+        return f"{share:z.{digits}f}"
+    return format(value, f"z{spec}" if spec.endswith("f") else spec)
 
 
-@dataclass(frozen=True)
-class Block:
-    """A fenced block that holds a file of `results/reference`, by how it begins."""
+def spans(document: str, text: str) -> list[Span]:
+    """Return where the figures of a text stand in a document, whatever they are.
 
-    start: str
-    file: str
-
-    def span(self, document: str) -> tuple[int, int]:
-        """Return where its text begins and ends; raises `ValueError` if it is not there once."""
-        if document.count(f"```text\n{self.start}") != 1:
-            raise ValueError(f"there is no such block, or several: {self.start}")
-        start = document.index(f"```text\n{self.start}") + len("```text\n")
-        return start, document.index("```", start)
-
-    def rows(self) -> list[str]:
-        """Return the file's lines, and what ends the last one."""
-        file = ROOT / "results" / "reference" / self.file
-        return file.read_text(encoding="utf-8").split("\n")
-
-
-Held = Sentence | Table | Block
+    Raises `ValueError` if the text is not there, or a first line several times.
+    """
+    if "{" not in text:
+        if document.count(text + "\n") != 1:
+            raise ValueError(f"there is no such table, or several: {text}")
+        # Below the first line of a table is one of dashes.
+        start = document.index(text) + len(text) + 1
+        start = document.index("\n", start) + 1 if text.startswith("|") else start
+        return [(start, start + re.search(r"\n(?:\n|```|$)", document[start:]).start())]
+    parts = _FIELD.split(text)[::2]
+    words = [r"\s+".join(map(re.escape, part.split(" "))) for part in parts]
+    pattern = f"({NUMBER})".join(words).replace(r"\s+\.\.\.\s+", _ANY)
+    found = re.search(pattern, document)
+    if found is None:
+        raise ValueError(f"not in the document: {text}")
+    return [found.span(number) for number in range(1, len(parts))]
 
 
-def differences(document: str, held: Sequence[Held]) -> Iterator[str]:
-    """Yield a line for each figure that is not what its file says, and for each missing text."""
-    for each in held:
-        if isinstance(each, Table | Block):
-            start, end = each.span(document)
-            there = document[start:end].split("\n")
-            expected = list(each.rows())
-            yield from (f"stands: {row}" for row in there if row not in expected)
-            yield from (f"should: {row}" for row in expected if row not in there)
-            continue
-        found = each.find(document)
-        if found is None:
-            yield f"not in the document: {each.text}"
-        elif (figures := list(each.figures())) != list(found.groups()):
-            yield f"{each.text}: stands {found.groups()}, should be {figures}"
+def figures(text: str, values: Iterable[object]) -> list[str]:
+    """Return the figures of a text as its formats write them; of a first line, what is below it."""
+    specs = _FIELD.split(text)[1::2]
+    if specs:
+        return [shown(value, spec) for value, spec in zip(values, specs, strict=True)]
+    return ["\n".join(map(str, values))]
 
 
-def written(document: str, held: Sequence[Held]) -> str:
+def differences(document: str, held: Held) -> Iterator[str]:
+    """Yield a line for each text whose figures are not what their file says."""
+    for text, values in held.items():
+        there = [document[start:end] for start, end in spans(document, text)]
+        if there != (expected := figures(text, values())):
+            yield f"{text}: stands {there}, should be {expected}"
+
+
+def written(document: str, held: Held) -> str:
     """Return the document with every figure as its file says."""
-    for each in held:
-        if isinstance(each, Table | Block):
-            start, end = each.span(document)
-            document = document[:start] + "\n".join(each.rows()) + document[end:]
-        elif found := each.find(document):
-            for number, figure in reversed(list(enumerate(each.figures(), start=1))):
-                start, end = found.span(number)
-                document = document[:start] + figure + document[end:]
+    for text, values in held.items():
+        pairs = zip(spans(document, text), figures(text, values()), strict=True)
+        for (start, end), figure in reversed(list(pairs)):
+            document = document[:start] + figure + document[end:]
     return document
 
 
-def not_held(document: str, held: Sequence[Held], definitions: Sequence[str]) -> list[str]:
+def not_held(document: str, held: Held, definitions: Iterable[str]) -> list[str]:
     """Return the figures of a document that nothing holds, each with the words around it.
 
     Code and links are passed over. `definitions` are patterns of what is no result of measuring:
     sizes that were chosen, years, numbers of a definition.
     """
-    spans = [match.span() for match in _CODE.finditer(document)]
-    for pattern in definitions:
-        anywhere = pattern.replace(" ", r"\s+")  # lines may break between any two words
-        spans += [match.span() for match in re.finditer(anywhere, document)]
-    for each in held:
-        if isinstance(each, Table | Block):
-            spans.append(each.span(document))
-        elif found := each.find(document):
-            spans += [found.span(number) for number in range(1, len(found.groups()) + 1)]
+    # Lines may break between any two words.
+    patterns = [_CODE, *(re.compile(each.replace(" ", r"\s+")) for each in definitions)]
+    passed = [match.span() for pattern in patterns for match in pattern.finditer(document)]
+    passed += [span for text in held for span in spans(document, text)]
     return [
         document[max(0, cited.start() - 40) : cited.end() + 30].replace("\n", " ")
         for cited in _CITED.finditer(document)
-        if not any(start <= cited.start() < end for start, end in spans)
+        if not any(start <= cited.start() < end for start, end in passed)
     ]

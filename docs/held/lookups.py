@@ -1,35 +1,32 @@
-"""Single figures of the files under `results/`, and how documents write them."""
+"""Rows and figures of the files under `results/`, and how tables of documents show them."""
 
 from __future__ import annotations
 
-import csv
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from itertools import product
 from typing import Any, TypeVar
 
-from docs.held import ROOT
+import pandas as pd
+
+from docs.held import ROOT, shown
 
 REFERENCE = ROOT / "results" / "reference"
 
-BEST_FOR_H = "optimal:half-perimeter"
-
-Row = dict[str, str]
 K, C = TypeVar("K"), TypeVar("C")
 
 
 @cache
-def rows(file: str) -> list[Row]:
-    """Return the rows of a CSV file under `results/reference`.
+def table(file: str) -> pd.DataFrame:
+    """Return a CSV file under `results/reference`.
 
     Criteria are named as columns are, with underscores; newer files have hyphens.
     """
-    with (REFERENCE / file).open(encoding="utf-8", newline="") as stream:
-        found = list(csv.DictReader(stream))
-    for row in found:
-        if "criterion" in row:
-            row["criterion"] = row["criterion"].replace("-", "_")
+    found = pd.read_csv(REFERENCE / file)
+    if "criterion" in found:
+        found["criterion"] = found["criterion"].str.replace("-", "_")
     return found
 
 
@@ -39,77 +36,43 @@ def values(file: str) -> Any:
     return json.loads((ROOT / "results" / file).read_text(encoding="utf-8"))
 
 
-@cache
-def text(file: str) -> str:
-    """Return a text file under `results/reference`."""
-    return (REFERENCE / file).read_text(encoding="utf-8")
+def some(file: str, **where: object) -> pd.DataFrame:
+    """Return the rows whose columns are as `where` says."""
+    found = table(file)
+    return found[(found[list(where)] == list(where.values())).all(axis=1)]
 
 
-def some(file: str, **where: object) -> list[Row]:
-    """Return the rows whose columns are as `where` says; numbers are compared as numbers."""
-    return list(_some(file, tuple(where.items())))
-
-
-@cache
-def _some(file: str, where: tuple[tuple[str, object], ...]) -> list[Row]:
-    return [row for row in rows(file) if all(_equal(row[k], v) for k, v in where)]
-
-
-def one(file: str, **where: object) -> Row:
+def one(file: str, **where: object) -> pd.Series[Any]:
     """Return the only such row; raises `LookupError` if there is none or several."""
     found = some(file, **where)
     if len(found) != 1:
         raise LookupError(f"{file}: {len(found)} rows where {where}")
-    return found[0]
-
-
-def _equal(cell: str, value: object) -> bool:
-    if isinstance(value, int | float):
-        return cell not in ("", None) and float(cell) == value
-    return cell == str(value)
+    return found.iloc[0]
 
 
 def matched(file: str, pattern: str) -> tuple[str, ...]:
     """Return the groups of a pattern that a text file has once."""
-    found = re.findall(pattern, text(file))
+    found = list(re.finditer(pattern, (REFERENCE / file).read_text(encoding="utf-8")))
     if len(found) != 1:
         raise LookupError(f"{file}: {pattern!r} is there {len(found)} times")
-    return found[0] if isinstance(found[0], tuple) else (found[0],)
+    return found[0].groups()
 
 
-def fixed(value: object, digits: int) -> str:
-    """Write with so many digits after the point, and commas between thousands."""
-    shown = f"{float(str(value)):,.{digits}f}"
-    return shown.lstrip("-") if float(shown.replace(",", "")) == 0.0 else shown
+def ends(found: Iterable[float]) -> tuple[float, float]:
+    """Return the least and the largest."""
+    each = list(found)
+    return min(each), max(each)
 
 
-def two(value: object) -> str:
-    """Write with two digits."""
-    return fixed(value, 2)
+def crossed(first: Mapping[K, str], second: Mapping[C, str], join: str) -> dict[tuple[K, C], str]:
+    """Return a label for each pair."""
+    pairs = product(first.items(), second.items())
+    return {(one, other): f"{label}{join}{more}" for (one, label), (other, more) in pairs}
 
 
-def three(value: object) -> str:
-    """Write with three digits."""
-    return fixed(value, 3)
-
-
-def whole(value: object) -> str:
-    """Write as a whole number."""
-    return fixed(value, 0)
-
-
-def percent(value: object, digits: int | None = None) -> str:
-    """Write a share as per cent, without the sign: two figures where it is small."""
-    share = 100.0 * float(str(value))
-    if digits is None:
-        digits = 0 if abs(share) >= 9.95 else 1
-    shown = f"{share:.{digits}f}"
-    return shown.lstrip("-") if float(shown) == 0.0 else shown
-
-
-def bold(cells: list[str], marked: set[int]) -> list[str]:
-    """Set the cells at some places in bold."""
-    return [f"**{cell}**" if place in marked else cell for place, cell in enumerate(cells)]
+def bold(text: str, when: object) -> str:
+    """Return a cell, in bold where something is so."""
+    return f"**{text}**" if when else text
 
 
 def table_row(*cells: str) -> str:
@@ -119,20 +82,28 @@ def table_row(*cells: str) -> str:
 
 def grid(
     labels: Mapping[K, str],
-    columns: Sequence[C],
-    cell: Callable[[K, C], str],
+    columns: Iterable[C],
+    cell: Callable[[K, C], object],
+    spec: str = "",
     least: str = "",
-    more: Callable[[K], list[str]] = lambda _: [],
-) -> list[str]:
-    """Return the lines of a table: a label, a cell for each column, and what `more` says of a row.
+    more: Callable[[K], Iterable[str]] = lambda _: (),
+) -> Callable[[], list[str]]:
+    """Return what makes the lines of a table: a label, a cell for each column, and `more` of a row.
 
+    spec : how a cell that is no text is written
     least : of what the least cell is in bold: "row", "column", or none
     """
-    cells = {key: [cell(key, column) for column in columns] for key in labels}
-    lines = []
-    for key, label in labels.items():
-        own = cells[key]
-        among = [own] * len(own) if least == "row" else list(zip(*cells.values(), strict=True))
-        marked = {place for place, text in enumerate(own) if least and text == min(among[place])}
-        lines.append(table_row(label, *bold(own, marked), *more(key)))
+    keys = list(columns)
+
+    def lines() -> list[str]:
+        rows = [[cell(key, column) for column in keys] for key in labels]
+        cells = pd.DataFrame(rows, dtype=object).map(
+            lambda each: each if isinstance(each, str) else shown(each, spec)
+        )
+        if least:
+            marked = cells.eq(cells.min(axis=int(least == "row")), axis=int(least == "column"))
+            cells = cells.mask(marked, "**" + cells + "**")
+        texts = zip(labels.items(), cells.to_numpy().tolist(), strict=True)
+        return [table_row(label, *row, *more(key)) for (key, label), row in texts]
+
     return lines

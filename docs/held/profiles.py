@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from operator import itemgetter
 from statistics import median
 from typing import Any
 
-from docs.held import Held, Sentence, Table
-from docs.held.lookups import Row, grid, one, percent, some, table_row, three, two, values
+import pandas as pd
+
+from docs.held import Held, shown
+from docs.held.lookups import bold, crossed, grid, one, some, table, values
 from harness.profile.words import amount
 from scripts.studies.missing_terms import KEPT, TILE
 
@@ -25,62 +28,15 @@ SOFTPIPE, SWIFTSHADER = "opengl-softpipe.refused", "webgpu-swiftshader"
 TIMED = {**PROFILES, SOFTPIPE: "softpipe"}
 """Those, and one whose law explains too little: its times are measured all the same."""
 
-PAGE = "webgpu-swiftshader-chromium"
-SHOWN = {**PROFILES, PAGE: "SwiftShader in Chromium"}
+SHOWN = {**PROFILES, "webgpu-swiftshader-chromium": "SwiftShader in Chromium"}
 """Those with a law, and the same device as a page measured it."""
 
+AREAS = {area: f"{area} px^2" for area in (8, 64)}
 JUDGED = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 WHO = (
     *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw"),
     *("earcut-refine", "optimal:calibrated"),
 )
-
-
-WALKED = ("half_perimeter", "near", "rows", "blocks", "coarse_blocks", "further_tiles")
-
-
-def profile(name: str) -> Any:
-    """Return what a profile's file holds."""
-    return values(f"reference/profiles/{name}.json")
-
-
-def processor() -> list[str]:
-    """Return family, model and vector bits of the processor that all profiles are of."""
-    (label,) = {profile(name)["device"]["cpu"] for name in TIMED}
-    found = re.fullmatch(r"AMD EPYC (\d+)/(\d+), (\d+)-bit", label)
-    assert found, label
-    return list(found.groups())
-
-
-def term(name: str, of: str) -> str:
-    """Return what a term costs, "-" where no cost is shown."""
-    found = next(each for each in profile(name)["terms"] if each["name"] == of)
-    return amount(found["cost"]) if found["shown"] else "-"
-
-
-def laws() -> list[str]:
-    """Return the table of what each costs, by device."""
-    shown = ("triangles", "set_up", "covering", "vertices", "fragments", "helper_lanes")
-    columns = (*shown, *WALKED, "bbox_tests")
-    return grid(SHOWN, columns, term, more=explained)
-
-
-def thin() -> list[str]:
-    """Return the table of thin triangles' times, by device and area."""
-    lines = []
-    for name, label in SHOWN.items():
-        for each in profile(name)["aspects"]:
-            places = [each["aspects"].index(aspect) for aspect in (8, 64)]
-            ratios = [f"{each['ratios'][place]:.2f}" for place in places]
-            doubled = f"{each['doubled_at'][0]:.0f}:1" if each["doubled_at"] else "-"
-            lanes, *_ = each["shares"].get("helper_lanes", [0.0])
-            others = {of: share for of, (share, _, _) in each["shares"].items()}
-            others.pop("helper_lanes", None)
-            most, part = max(others.items(), key=itemgetter(1), default=("-", 0.0))
-            cells = (doubled, percent(lanes) + " %", f"{NOUNS.get(most, most)}, {percent(part)} %")
-            lines.append(table_row(f"{label}, {each['area']} px^2", *ratios, *cells))
-    return lines
-
 
 NOUNS = {
     "half_perimeter": "H",
@@ -96,176 +52,165 @@ NOUNS = {
     "-": "nothing",
 }
 
-
-def judged() -> list[str]:
-    """Return the table of how laws predict polygons that they have not seen."""
-    labels = {
-        (name, scene): f"{label}, {title}"
-        for name, label in TIMED.items()
-        for scene, title in JUDGED.items()
-    }
-
-    def cell(of: tuple[str, str], column: str) -> str:
-        if column not in WHO:
-            return three(first_judged(*of)[column])
-        row = judged_rows(*of)[column]
-        shown = f"{percent(row['regret'], 1)} %"
-        return f"**{shown}**" if row["advice"] == "1" else shown
-
-    def above(of: tuple[str, str]) -> list[str]:
-        row = next(row for row in judged_rows(*of).values() if row["advice"] == "1")
-        value, low, high = (percent(row[key], 1) for key in ("above", "above_low", "above_high"))
-        return [f"{value} % ({low} to {high})"]
-
-    return grid(labels, ("law_over", "law_within", "r2_most", *WHO), cell, more=above)
-
-
-def judged_rows(name: str, scene: str) -> dict[str, Row]:
-    """Return what a profile's judgement says of a scene, by triangulator."""
-    file = f"profiles/{name}-judged.csv"
-    return {row["triangulator"]: row for row in some(file, scene=scene)}
-
-
-def first_judged(name: str, scene: str) -> Row:
-    """Return the first row of a scene, whose R2 is that of all."""
-    return next(iter(judged_rows(name, scene).values()))
-
-
-def most_above() -> list[str]:
-    """Return the most that what is advised takes above the best of H, Q and A, in per cent."""
-    found = [row for name in TIMED for scene in JUDGED for row in judged_rows(name, scene).values()]
-    advised = [row for row in found if row["advice"] == "1"]
-    return [percent(max(float(row[end]) for row in advised), 1) for end in ("above", "above_high")]
-
-
-RULED = {
-    "opengl-llvmpipe": "llvmpipe",
-    SWIFTSHADER: "SwiftShader",
-    SOFTPIPE: "softpipe",
-    "bounding-box-llvmpipe": "our walk of boxes",
+RULES = {
+    (8, 64): "PowerVR: 32 px or more a triangle | a pixel at 32 px, beside one at 2,048",
+    (4, 64): "Arm: 10 to 20 px or more | a pixel at 8 px, beside one at 2,048",
+    (16, 64): "- | a pixel at 128 px, beside one at 2,048",
+    8: "Godot: not thinner than 8:1 | 8:1 beside 1:1, of 8 and of 64 px^2",
+    16: "- | 16:1 beside 1:1, the same",
+    64: "Android: no long thin triangles | 64:1 beside 1:1, the same",
+    "twice": "- | from which aspect on twice",
 }
-"""Rasterisers that share no code, and how the table of rules calls them."""
+"""Rules of thumb, each with what it would say here: of two sides of triangles, or an aspect."""
 
 
-def _a_pixel(name: str, side: int) -> float:
-    """Return seconds a pixel that triangles of side x side / 2 px^2 cover take."""
-    of = profile(name)
-    draw = next(e for e in of["times"] if (e["kind"], e["name"]) == ("size", f"{side} px"))
-    return (median(draw["epochs"]) - of["empty"]) / draw["counters"]["fragments"]
+def profile(name: str) -> Any:
+    """Return what a profile's file holds."""
+    return values(f"reference/profiles/{name}.json")
 
 
-def _at(name: str, aspect: int) -> str:
-    ratios = (e["ratios"][e["aspects"].index(aspect)] for e in profile(name)["aspects"])
-    return ", ".join(map(two, ratios))
+def _processor() -> tuple[str, ...]:
+    """Return family, model and vector bits of the processor that all profiles are of."""
+    (label,) = {profile(name)["device"]["cpu"] for name in TIMED}
+    found = re.fullmatch(r"AMD EPYC (\d+)/(\d+), (\d+)-bit", label)
+    assert found, label
+    return found.groups()
 
 
-def _twice(name: str) -> str:
-    ends = (e["doubled_at"] for e in profile(name)["aspects"])
-    return ", ".join(f"{found[0]:.0f}:1" if found else "never" for found in ends)
-
-
-def rules() -> list[str]:
-    """Return the table of rules of thumb, each with what it would say here."""
-    lines = []
-    for who, what, of in (
-        ("PowerVR: 32 px or more a triangle", "a pixel at 32 px, beside one at 2,048", (8, 64)),
-        ("Arm: 10 to 20 px or more", "a pixel at 8 px, beside one at 2,048", (4, 64)),
-        ("-", "a pixel at 128 px, beside one at 2,048", (16, 64)),
-    ):
-        small, large = of
-        cells = [f"{_a_pixel(name, small) / _a_pixel(name, large):.1f}" for name in RULED]
-        lines.append(table_row(who, what, *cells))
-    for who, what, aspect in (
-        ("Godot: not thinner than 8:1", "8:1 beside 1:1, of 8 and of 64 px^2", 8),
-        ("-", "16:1 beside 1:1, the same", 16),
-        ("Android: no long thin triangles", "64:1 beside 1:1, the same", 64),
-    ):
-        lines.append(table_row(who, what, *(_at(name, aspect) for name in RULED)))
-    lines.append(table_row("-", "from which aspect on twice", *map(_twice, RULED)))
-    return lines
-
-
-def coverage() -> list[str]:
-    """Return how often intervals held the truth: goes, and the least shares of any term."""
-    rows = some("law-coverage.csv")
-    whole = one("law-coverage.csv", term="all")
-    within = min(float(row["within"]) for row in rows)
-    false = 1.0 - float(whole["nothing_shown"])
-    return [f"{int(whole['goes']):,}", *(percent(e, 1) for e in (whole["within"], within, false))]
-
-
-def doubled(name: str) -> list[str]:
-    """Return from which aspects on thin triangles of either area take twice as long."""
-    return [f"{each['doubled_at'][0]:.0f}" for each in profile(name)["aspects"]]
-
-
-def lanes_shaded() -> list[str]:
-    """Return lanes of the thinnest triangles in ratio to those of the widest, by area."""
-    first = profile("opengl-llvmpipe")
-    return [f"{each['lanes'][-1]:.1f}" for each in first["aspects"]]
-
-
-def explained(name: str) -> list[str]:
+def _explained(name: str) -> list[float]:
     """Return R2 of a profile's law over all draws and within groups."""
-    return [three(profile(name)[key]) for key in ("r2_over", "r2_within")]
+    return [profile(name)[key] for key in ("r2_over", "r2_within")]
 
 
-def otherwise(name: str, law: str) -> list[str]:
+def _term(name: str, of: str) -> str:
+    """Return what a term costs, "-" where no cost is shown."""
+    found = next(each for each in profile(name)["terms"] if each["name"] == of)
+    return amount(found["cost"]) if found["shown"] else "-"
+
+
+def _twice(of: Any) -> str:
+    """Return from which aspect on thin triangles take twice as long."""
+    return f"{of['doubled_at'][0]:.0f}:1" if of["doubled_at"] else ""
+
+
+def _ratio(of: Any, aspect: int) -> str:
+    """Return the time of thin triangles in ratio to that of wide ones."""
+    return f"{of['ratios'][of['aspects'].index(aspect)]:.2f}"
+
+
+def _thin(of: tuple[str, int], column: int | str) -> str:
+    """Return a cell of the table of thin triangles' times."""
+    (found,) = (each for each in profile(of[0])["aspects"] if each["area"] == of[1])
+    shares = {NOUNS.get(term, term): share for term, (share, *_) in found["shares"].items()}
+    lanes = shares.pop("helper_lanes", 0.0)
+    if isinstance(column, int):
+        return _ratio(found, column)
+    if column == "twice":
+        return _twice(found) or "-"
+    if column == "lanes":
+        return f"{shown(lanes, '%')} %"
+    most, part = max(shares.items(), key=itemgetter(1), default=("nothing", 0.0))
+    return f"{most}, {shown(part, '%')} %"
+
+
+def _judged(name: str, scene: str) -> pd.DataFrame:
+    """Return what a profile's judgement says of a scene, by triangulator."""
+    return some(f"profiles/{name}-judged.csv", scene=scene).set_index("triangulator")
+
+
+def _judgement(of: tuple[str, str], column: str) -> str:
+    """Return a cell of the table of how laws predict polygons that they have not seen."""
+    rows = _judged(*of)
+    if column == "above":
+        row = rows[rows["advice"] == 1].iloc[0]
+        ends = (shown(row[key], ".1%") for key in ("above", "above_low", "above_high"))
+        return "{} % ({} to {})".format(*ends)
+    if column not in WHO:
+        return f"{rows[column].iloc[0]:.3f}"
+    return bold(f"{shown(rows['regret'][column], '.1%')} %", rows["advice"][column] == 1)
+
+
+def _above() -> pd.Series[float]:
+    """Return the most that what is advised takes above the best of H, Q and A, and the most that
+    an interval allows.
+    """
+    found = pd.concat([table(f"profiles/{name}-judged.csv") for name in TIMED])
+    return found[found["advice"] == 1][["above", "above_high"]].max()
+
+
+def _rule(rule: Any, name: str) -> str:
+    """Return a cell of the table of rules of thumb."""
+    of = profile(name)
+    if rule == "twice":
+        return ", ".join(_twice(each) or "never" for each in of["aspects"])
+    if isinstance(rule, int):
+        return ", ".join(_ratio(each, rule) for each in of["aspects"])
+    timed = {each["name"]: each for each in of["times"] if each["kind"] == "size"}
+    draws = [timed[f"{side} px"] for side in rule]
+    small, large = (
+        (median(each["epochs"]) - of["empty"]) / each["counters"]["fragments"] for each in draws
+    )
+    return f"{small / large:.1f}"
+
+
+def _coverage() -> list[float]:
+    """Return how often intervals held the truth: goes, and the least shares of any term."""
+    whole = one("law-coverage.csv", term="all")
+    least = table("law-coverage.csv")["within"].min()
+    return [whole["goes"], whole["within"], least, 1.0 - whole["nothing_shown"]]
+
+
+def _otherwise(name: str, law: str) -> list[float]:
     """Return R2 of a law with other terms, over all and within groups."""
     row = one("profile-terms.csv", profile=name)
-    return [f"{float(row[f'{law}_{of}']):.3f}" for of in ("over", "within")]
+    return [row[f"{law}_{of}"] for of in ("over", "within")]
 
 
-FIRST: list[Held] = [
-    Sentence(
-        "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {}:1 and {}:1 on",
-        lambda: doubled("opengl-llvmpipe"),
-    ),
-    Sentence("though even at 64:1 they shade about {} and {} times the lanes", lanes_shaded),
-]
+FIRST: Held = {
+    "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {:.0f}:1 and {:.0f}:1"
+    " on": lambda: [each["doubled_at"][0] for each in profile("opengl-llvmpipe")["aspects"]],
+    "though even at 64:1 they shade about {:.1f} and {:.1f} times the lanes": lambda: [
+        each["lanes"][-1] for each in profile("opengl-llvmpipe")["aspects"]
+    ],
+}
 """The first page's."""
 
-TABLES: list[Held] = [
-    Sentence("All devices here are software, on an AMD EPYC {}/{}, {}-bit;", processor),
-    Table(
-        "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
-        " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"
-        " | R2 over | R2 within |",
-        laws,
+TABLES: Held = {
+    "All devices here are software, on an AMD EPYC {}/{}, {}-bit;": _processor,
+    "| device | triangle | set-up | covering | vertex | pixel | helper lane | H, a px"
+    " | H to 16 px, a px | row | 4x4 block | block of a large one | further tile | box, a px"
+    " | R2 over | R2 within |": grid(
+        SHOWN,
+        (
+            *("triangles", "set_up", "covering", "vertices", "fragments", "helper_lanes"),
+            *("half_perimeter", "near", "rows", "blocks", "coarse_blocks", "further_tiles"),
+            "bbox_tests",
+        ),
+        _term,
+        more=lambda name: [f"{each:.3f}" for each in _explained(name)],
     ),
-    Table("| device, area | 8:1 | 64:1 | twice from | helper lanes | most |", thin),
-    Table(
-        "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |", rules
+    "| device, area | 8:1 | 64:1 | twice from | helper lanes | most |": grid(
+        crossed(SHOWN, AREAS, ", "), (8, 64, "twice", "lanes", "most"), _thin
     ),
-    Table(
-        "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
-        " | advised above H, Q, A |",
-        judged,
+    "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
+        RULES, ("opengl-llvmpipe", SWIFTSHADER, SOFTPIPE, "bounding-box-llvmpipe"), _rule
     ),
-    Sentence(
-        "What is advised takes, as a mean, at most {} % more time than the best of H, Q and A; the"
-        " interval that reaches farthest ends at {} %.",
-        most_above,
+    "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
+    " | advised above H, Q, A |": grid(
+        crossed(TIMED, JUDGED, ", "),
+        ("law_over", "law_within", "r2_most", *WHO, "above"),
+        _judgement,
     ),
-    Sentence(
-        "On softpipe the law explains {} of the variance over all draws and {} within groups",
-        lambda: explained(SOFTPIPE),
+    "What is advised takes, as a mean, at most {:.1%} % more time than the best of H, Q and A; the"
+    " interval that reaches farthest ends at {:.1%} %.": _above,
+    "On softpipe the law explains {:.3f} of the variance over all draws and {:.3f} within"
+    " groups": partial(_explained, SOFTPIPE),
+    "softpipe keeps {} tiles of {}x{} pixels at hand": lambda: [KEPT, TILE, TILE],
+    "With the tiles that it fetches as one more term, the law would explain {:.3f} and"
+    " {:.3f}": partial(_otherwise, SOFTPIPE, "tiles"),
+    "Without rows and covering triangles its law would explain {:.3f} and {:.3f}": partial(
+        _otherwise, SWIFTSHADER, "no_rows"
     ),
-    Sentence(
-        "softpipe keeps {} tiles of {}x{} pixels at hand",
-        lambda: [str(value) for value in (KEPT, TILE, TILE)],
-    ),
-    Sentence(
-        "With the tiles that it fetches as one more term, the law would explain {} and {}",
-        lambda: otherwise(SOFTPIPE, "tiles"),
-    ),
-    Sentence(
-        "Without rows and covering triangles its law would explain {} and {}",
-        lambda: otherwise(SWIFTSHADER, "no_rows"),
-    ),
-    Sentence(
-        "In {} synthetic devices, {} % of costs are within their interval, of each term {} % or"
-        " more; a cost that is not there is shown in {} % of the devices",
-        coverage,
-    ),
-]
+    "In {:,} synthetic devices, {:.1%} % of costs are within their interval, of each term {:.1%} %"
+    " or more; a cost that is not there is shown in {:.1%} % of the devices": _coverage,
+}
