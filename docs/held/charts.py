@@ -7,16 +7,20 @@ reader's system prefers dark.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from docs.held import findings, profiles, simulated
-from docs.held.findings import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, DEVICES, ON_DEVICES, SCENES
+from docs.held.findings import SCENES
 from docs.held.lookups import some
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, NAMES, scenes
+from docs.held.tables import DEVICES, ON_DEVICES, device_view
+
+K = TypeVar("K")
 
 INK = "#24292f"
 SOFT = "#8c959f"
@@ -24,14 +28,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Those of Okabe and Ito, which colour-blind readers can tell apart."""
 MARKS = ("o", "s", "D", "^", "v", "P")
 
-LABELS = {
-    BEST_FOR_H: "best for H",
-    findings.REFINED: "refined",
-    BEST_FOR_Q: "best for Q",
-    BEST_FOR_A: "best for A",
-    "delaunay": "Delaunay",
-    "greedy": "greedy",
-}
+LABELS = {name: NAMES[name].strip("`") for name in (*ON_DEVICES, "greedy")}
 
 _DARK = (
     "<style>@media (prefers-color-scheme: dark) {"
@@ -43,8 +40,8 @@ _DARK = (
 
 def choice() -> Figure:
     """Draw times in ratio to ear clipping's, with their intervals."""
-    figure, axes = _figure(SCENES.values(), "draw time, ear clipping = 1")
-    for ax, scene in zip(axes, SCENES, strict=True):
+    figure, panels = _panels(SCENES, "draw time, ear clipping = 1")
+    for scene, ax in panels.items():
         rows = some(findings.run_of(scene), resolution=1024).set_index("triangulator")
         points = [
             (place, *findings.time_ratio(rows.loc[name]), place)
@@ -75,10 +72,9 @@ def predicted() -> Figure:
 
 def regret() -> Figure:
     """Draw helper lanes above the fewest there are, by criterion."""
-    unit = "helper lanes above the fewest, 1024 px"
-    figure, axes = _figure(SCENES.values(), unit, one_scale=False)
+    figure, panels = _panels(SCENES, "helper lanes above the fewest, 1024 px", one_scale=False)
     chosen = ["Q", "H", "E", "A", "D"]
-    for ax, scene in zip(axes, SCENES, strict=True):
+    for scene, ax in panels.items():
         points = []
         for place, who in enumerate(chosen):
             row = findings.regret(scene, 1024, who)[["mean", "ci_low", "ci_high"]]
@@ -92,10 +88,10 @@ def regret() -> Figure:
 def devices() -> Figure:
     """Draw times on four rasterisers."""
     unit = "draw time, ear clipping = 1; in each row city above, Helsinki below"
-    figure, axes = _figure(DEVICES.values(), unit)
-    for ax, device in zip(axes, DEVICES, strict=True):
+    figure, panels = _panels(DEVICES, unit)
+    for device, ax in panels.items():
         views = {
-            shift: findings.device_view(device, scene)["triangulators"]
+            shift: device_view(device, scene)["triangulators"]
             for shift, scene in ((-0.14, "city"), (0.14, "helsinki"))
         }
         points = [
@@ -110,8 +106,9 @@ def devices() -> Figure:
 def thin() -> Figure:
     """Draw thin triangles' times on devices, at equal area."""
     first = profiles.profile(next(iter(profiles.PROFILES)))["aspects"]
-    titles = [f"triangles of {each['area']} px^2" for each in first]
-    figure, axes = _figure(titles, "base in ratio to height")
+    titles = {each["area"]: f"triangles of {each['area']} px^2" for each in first}
+    figure, panels = _panels(titles, "base in ratio to height")
+    axes = list(panels.values())
     for place, (name, label) in enumerate(profiles.TIMED.items()):
         for ax, each in zip(axes, profiles.profile(name)["aspects"], strict=True):
             ax.plot(each["aspects"], each["ratios"], label=label, linewidth=1.5, **_line(place))
@@ -123,7 +120,6 @@ def thin() -> Figure:
         ax.set_yscale("log", base=2)
         ax.set_yticks([1, 2, 4, 8], ["1", "2", "4", "8"])
         ax.minorticks_off()
-        _plain(ax)
     axes[0].set_ylabel("time, 1:1 = 1", color=INK)
     axes[0].legend(frameon=False, labelcolor=INK, fontsize=8)
     return figure
@@ -131,10 +127,10 @@ def thin() -> Figure:
 
 def hidden() -> Figure:
     """Draw cycles over ear clipping's, by cycles that a quad is shaded for."""
-    figure, axes = _figure(simulated.SCENES.values(), "cycles that a quad is shaded for")
+    figure, panels = _panels(simulated.SCENES, "cycles that a quad is shaded for")
     names = (BEST_FOR_H, "flips:l1", BEST_FOR_A)
     designs = {"0": "skybox"} | {f"{k:g}": f"skybox:shader={k:g}" for k in simulated.SHADERS}
-    for ax, scene in zip(axes, simulated.SCENES, strict=True):
+    for scene, ax in panels.items():
         for kind, name in enumerate(names):
             values = [simulated.saved(scene, name, device) for device in designs.values()]
             label = simulated.LABELS[name].strip("`")
@@ -142,24 +138,23 @@ def hidden() -> Figure:
         quads = simulated.saved(scene, BEST_FOR_H, of="quads")
         ax.axhline(quads, color=SOFT, linewidth=1, linestyle="--", zorder=0)
         ax.set_xticks(range(len(designs)), list(designs))
-        _plain(ax)
-    axes[0].set_ylabel("cycles, ear clipping = 1", color=INK, fontsize=9)
-    axes[-1].legend(fontsize=8, frameon=False, labelcolor=INK)
+    panels["helsinki"].set_ylabel("cycles, ear clipping = 1", color=INK, fontsize=9)
+    panels["stress"].legend(fontsize=8, frameon=False, labelcolor=INK)
     return figure
 
 
 def hardware() -> Figure:
     """Draw cycles in ratio to ear clipping's on simulated designs."""
-    scenes = [name for name in simulated.SCENES if name in simulated.OF_ATTILA]
-    titles = [simulated.SCENES[name] for name in scenes]
-    figure, axes = _figure(titles, "cycles at 256 px, ear clipping = 1")
+    figure, panels = _panels(
+        scenes("helsinki", "glyphs", "cad"), "cycles at 256 px, ear clipping = 1"
+    )
     designs: dict[str, Callable[[str, str], float]] = {
         "Skybox's raster slice": simulated.saved,
         "and 8 cycles a quad": lambda *of: simulated.saved(*of, "skybox:shader=8"),
         "ATTILA, a whole GPU": lambda *of: simulated.in_whole(of[0], "shipped", of[1])["ratio"],
     }
     names = simulated.LABELS
-    for ax, scene in zip(axes, scenes, strict=True):
+    for scene, ax in panels.items():
         for kind, (label, ratio) in enumerate(designs.items()):
             values = [ratio(scene, name) for name in names]
             style = _line(kind) | {"markersize": 5, "linestyle": "none"}
@@ -167,8 +162,7 @@ def hardware() -> Figure:
         ax.axvline(1.0, color=SOFT, linewidth=1, linestyle="--", zorder=0)
         ax.set_yticks(range(len(names)), [label.strip("`") for label in names.values()])
         ax.set_ylim(len(names) - 0.5, -2.7)  # room for the legend
-        _plain(ax)
-    axes[-1].legend(fontsize=8, frameon=False, labelcolor=INK, loc="upper left")
+    panels["cad"].legend(fontsize=8, frameon=False, labelcolor=INK, loc="upper left")
     return figure
 
 
@@ -183,16 +177,16 @@ CHARTS: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _figure(
-    titles: Iterable[str], unit: str, one_scale: bool = True
-) -> tuple[Figure, Sequence[Axes]]:
-    titles = list(titles)
+def _panels(
+    titles: Mapping[K, str], unit: str, one_scale: bool = True
+) -> tuple[Figure, dict[K, Axes]]:
     figure = Figure(figsize=(9.0, 2.9))
     axes = figure.subplots(1, len(titles), sharey=True, sharex=one_scale)
-    for ax, title in zip(axes, titles, strict=True):
+    for ax, title in zip(axes, titles.values(), strict=True):
         ax.set_title(title, color=INK, fontsize=10)
+        _plain(ax)
     figure.supxlabel(unit, color=INK, fontsize=10)
-    return figure, axes
+    return figure, dict(zip(titles, axes, strict=True))
 
 
 def _line(kind: int) -> dict[str, Any]:
@@ -213,7 +207,6 @@ def _dots(
         ax.axvline(one, color=SOFT, linewidth=1, linestyle="--", zorder=0)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.5, -0.5)
-    _plain(ax)
 
 
 def _plain(ax: Axes) -> None:

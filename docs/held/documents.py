@@ -7,18 +7,10 @@ from __future__ import annotations
 
 from functools import cache
 
-from docs.held import Held, findings, flips, simulated
-from docs.held.findings import (
-    BEST_FOR_A,
-    BEST_FOR_H,
-    SCENES,
-    correlation,
-    gain,
-    ordered,
-    regret,
-    rotated,
-)
+from docs.held import Held, findings, flips, simulated, tables
+from docs.held.findings import SCENES, correlation, gain, ordered, regret, rotated
 from docs.held.lookups import REFERENCE
+from docs.held.names import BEST_FOR_A, BEST_FOR_H
 from harness.frame import View, make_frame
 from harness.rasterisers import Options, find_device, get
 from harness.triangulating.frames import triangulate_polygons
@@ -49,10 +41,12 @@ README: Held = {
     "Thin triangles cause many of them: {:,} on the left, {:,} on the right.": lambda: _picture()[
         1:
     ],
-    "drawn in {:.2f} of ear clipping's time for city footprints, {:.2f} for Helsinki's, {:.2f} for"
-    " letters and {:.2f} for counties.": lambda: [gain(s, 1024, BEST_FOR_H) for s in SCENES],
-    "say a scene's helper lanes, in ratio to ear clipping's, to {:.1f} % (root mean square"
-    " over": lambda: [findings.error_of_prediction("by_quads")],
+    "in {:.2f} of ear clipping's time for city ... {:.2f} ... {:.2f} ... {:.2f} for": lambda: [
+        gain(s, 1024, BEST_FOR_H) for s in SCENES
+    ],
+    "say a scene's helper lanes, in ratio to ear clipping's, to {:.1f} %": lambda: [
+        findings.error_of_prediction("by_quads")
+    ],
     "| after earcut, L1 flips | city | letters | U.S. states |": flips.IN_SHORT,
     "city, 500 polygons, 1024 px: opengl on llvmpipe": lambda: (
         (REFERENCE / "llvmpipe/city/table.txt").read_text().splitlines()[1:]
@@ -116,7 +110,7 @@ DOCUMENTS: dict[str, tuple[Held, tuple[str, ...]]] = {
         ),
     ),
     "docs/findings.md": (findings.FIRST, findings.DEFINITIONS),
-    "docs/findings-tables.md": (findings.TABLES, findings.DEFINITIONS),
+    "docs/findings-tables.md": (tables.TABLES, findings.DEFINITIONS),
     "docs/flips.md": (flips.HELD, flips.DEFINITIONS),
     "docs/studies/skybox.md": (simulated.HELD, simulated.DEFINITIONS),
     "docs/studies/whole-gpu.md": (simulated.WHOLE_HELD, simulated.WHOLE_DEFINITIONS),

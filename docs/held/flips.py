@@ -10,29 +10,18 @@ import pandas as pd
 
 from docs.held import Held
 from docs.held.lookups import bold, crossed, ends, grid, matched, one, some
+from docs.held.names import BEST_FOR_H, REFINED, scenes
 
-LABELS = {
-    "city": "city",
-    "glyphs": "letters",
-    "helsinki": "Helsinki",
-    "counties:level=state": "U.S. states",
-    "counties": "counties",
-    "cad": "cad",
-}
-MEASURED = {
-    scene: LABELS[scene]
-    for scene in ("city", "helsinki", "glyphs", "counties:level=state", "counties")
-}
+STATES = "counties:level=state"
+LABELS = scenes("city", "glyphs", "helsinki", STATES, "counties", "cad")
+MEASURED = scenes("city", "helsinki", "glyphs", STATES, "counties")
 """Scenes that flips were timed on."""
 
-TIMED = ("city", "glyphs", "counties:level=state", "counties")
+TIMED = scenes("city", "glyphs", STATES, "counties")
 """Scenes of `scripts/flips_times.py`."""
 
-SIZES = {px: str(px) for px in (64, 512, 1024)}
-L1, EUCLIDEAN, REFINED, BEST_FOR_H = (
-    *("flips:l1", "flips:euclidean"),
-    *("refined:half-perimeter", "optimal:half-perimeter"),
-)
+SIZES = (64, 512, 1024)
+L1, EUCLIDEAN = "flips:l1", "flips:euclidean"
 COUNTED = ("earcut-refine", "flips:beauty", L1, EUCLIDEAN, REFINED, BEST_FOR_H)
 
 
@@ -95,7 +84,7 @@ IN_SHORT = grid(
         True: "helper lanes in ratio to earcut's, 512 px a polygon",
         False: "time to triangulate in ratio to earcut's, JavaScript",
     },
-    ("city", "glyphs", "counties:level=state"),
+    ("city", "glyphs", STATES),
     lambda lanes, scene: (
         _counted(scene, 512, L1)
         if lanes
@@ -134,13 +123,11 @@ HELD: Held = {
     "was run on {} polygons without holes ... made those of `flips:beauty` for {} of them, and sums"
     " differ by up to {:.1f} in a billion. ... made them for {}. ... its sum is {:.2%} % smaller as"
     " a mean, {:%} % in the worst one, and on the others up to {:.2g} %": _blenders,
-    "Over the rows of the first table, Euclidean flips have {:%} to {:%} % more helper lanes"
-    " than L1 flips, Delaunay's {:%} to {:%} % more.": lambda: [
+    "Euclidean flips have {:%} to {:%} % more helper lanes than ... {:%} to {:%} % more.": lambda: [
         *_beyond_l1(EUCLIDEAN),
         *_beyond_l1("delaunay"),
     ],
-    "Trusting E costs a mean of {:%} % more helper lanes than the fewest on 96 city polygons at"
-    " 1024 px, and H {:%} %; on eight counties {:%} % and {:%} %.": lambda: [
+    "Trusting E costs a mean of {:%} % ... and H {:%} %; on ... {:%} % and {:%} %.": lambda: [
         one(f"cpu/regret-{scene}/regret.csv", resolution=1024, measure="helper_lanes", name=who)[
             "mean"
         ]
@@ -180,7 +167,7 @@ HELD: Held = {
     ),
     "| scene | npm earcut | `refine` | L1 flips | earcut.hpp | L1 flips | mapbox_earcut |"
     " with L1 flips | all at once |": grid(
-        {scene: LABELS[scene] for scene in TIMED},
+        TIMED,
         (
             *(("JavaScript", "earcut", ""), ("JavaScript", "refine", "")),
             *(("JavaScript", "l1", "refine"), ("C++", "earcut", ""), ("C++", "l1", "earcut")),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import product
 from typing import Any, TypeVar
@@ -19,7 +19,7 @@ K, C = TypeVar("K"), TypeVar("C")
 
 
 @cache
-def table(file: str) -> pd.DataFrame:
+def _table(file: str) -> pd.DataFrame:
     """Return a CSV file under `results/reference`.
 
     Criteria are named as columns are, with underscores; newer files have hyphens.
@@ -38,7 +38,7 @@ def values(file: str) -> Any:
 
 def some(file: str, **where: object) -> pd.DataFrame:
     """Return the rows whose columns are as `where` says."""
-    found = table(file)
+    found = _table(file)
     return found[(found[list(where)] == list(where.values())).all(axis=1)]
 
 
@@ -64,10 +64,13 @@ def ends(found: Iterable[float]) -> tuple[float, float]:
     return min(each), max(each)
 
 
-def crossed(first: Mapping[K, str], second: Mapping[C, str], join: str) -> dict[tuple[K, C], str]:
-    """Return a label for each pair."""
-    pairs = product(first.items(), second.items())
-    return {(one, other): f"{label}{join}{more}" for (one, label), (other, more) in pairs}
+def crossed(
+    first: Mapping[K, str], second: Mapping[C, str] | Sequence[C], join: str
+) -> dict[tuple[K, C], str]:
+    """Return a label for each pair; what has none is its own."""
+    more = second if isinstance(second, Mapping) else {each: str(each) for each in second}
+    pairs = product(first.items(), more.items())
+    return {(one, other): f"{a}{join}{b}" for (one, a), (other, b) in pairs}
 
 
 def bold(text: str, when: object) -> str:
@@ -84,22 +87,22 @@ def grid(
     labels: Mapping[K, str],
     columns: Iterable[C],
     cell: Callable[[K, C], object],
-    spec: str = "",
+    spec: str | Sequence[str] = "",
     least: str = "",
     more: Callable[[K], Iterable[str]] = lambda _: (),
 ) -> Callable[[], list[str]]:
     """Return what makes the lines of a table: a label, a cell for each column, and `more` of a row.
 
-    spec : how a cell that is no text is written
+    spec : how a cell that is no text is written, or those of each column; shares have their sign
     least : of what the least cell is in bold: "row", "column", or none
     """
     keys = list(columns)
 
     def lines() -> list[str]:
-        rows = [[cell(key, column) for column in keys] for key in labels]
-        cells = pd.DataFrame(rows, dtype=object).map(
-            lambda each: each if isinstance(each, str) else shown(each, spec)
-        )
+        specs = [spec] * len(keys) if isinstance(spec, str) else spec
+        pairs = list(zip(keys, specs, strict=True))
+        rows = [[_text(cell(key, column), each) for column, each in pairs] for key in labels]
+        cells = pd.DataFrame(rows, dtype=object)
         if least:
             marked = cells.eq(cells.min(axis=int(least == "row")), axis=int(least == "column"))
             cells = cells.mask(marked, "**" + cells + "**")
@@ -107,3 +110,9 @@ def grid(
         return [table_row(label, *row, *more(key)) for (key, label), row in texts]
 
     return lines
+
+
+def _text(value: Any, spec: str) -> str:
+    if isinstance(value, str):
+        return value
+    return "-" if pd.isna(value) else shown(value, spec) + " %" * spec.endswith("%")

@@ -11,7 +11,8 @@ from typing import Any
 import pandas as pd
 
 from docs.held import Held, shown
-from docs.held.lookups import bold, crossed, grid, one, some, table, values
+from docs.held.lookups import bold, crossed, grid, one, some, values
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, scenes
 from harness.profile.words import amount
 from scripts.studies.missing_terms import KEPT, TILE
 
@@ -31,12 +32,7 @@ TIMED = {**PROFILES, SOFTPIPE: "softpipe"}
 SHOWN = {**PROFILES, "webgpu-swiftshader-chromium": "SwiftShader in Chromium"}
 """Those with a law, and the same device as a page measured it."""
 
-AREAS = {area: f"{area} px^2" for area in (8, 64)}
-JUDGED = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
-WHO = (
-    *("optimal:half-perimeter", "optimal:expected-quads", "optimal:overdraw"),
-    *("earcut-refine", "optimal:calibrated"),
-)
+WHO = (BEST_FOR_H, BEST_FOR_Q, BEST_FOR_A, "earcut-refine", "optimal:calibrated")
 
 NOUNS = {
     "half_perimeter": "H",
@@ -49,7 +45,6 @@ NOUNS = {
     "covering": "triangles that cover a pixel",
     "rows": "rows of pixels",
     "fragments": "covered pixels",
-    "-": "nothing",
 }
 
 RULES = {
@@ -113,14 +108,9 @@ def _thin(of: tuple[str, int], column: int | str) -> str:
     return f"{most}, {shown(part, '%')} %"
 
 
-def _judged(name: str, scene: str) -> pd.DataFrame:
-    """Return what a profile's judgement says of a scene, by triangulator."""
-    return some(f"profiles/{name}-judged.csv", scene=scene).set_index("triangulator")
-
-
 def _judgement(of: tuple[str, str], column: str) -> str:
     """Return a cell of the table of how laws predict polygons that they have not seen."""
-    rows = _judged(*of)
+    rows = some(f"profiles/{of[0]}-judged.csv", scene=of[1]).set_index("triangulator")
     if column == "above":
         row = rows[rows["advice"] == 1].iloc[0]
         ends = (shown(row[key], ".1%") for key in ("above", "above_low", "above_high"))
@@ -134,7 +124,7 @@ def _above() -> pd.Series[float]:
     """Return the most that what is advised takes above the best of H, Q and A, and the most that
     an interval allows.
     """
-    found = pd.concat([table(f"profiles/{name}-judged.csv") for name in TIMED])
+    found = pd.concat([some(f"profiles/{name}-judged.csv") for name in TIMED])
     return found[found["advice"] == 1][["above", "above_high"]].max()
 
 
@@ -156,7 +146,7 @@ def _rule(rule: Any, name: str) -> str:
 def _coverage() -> list[float]:
     """Return how often intervals held the truth: goes, and the least shares of any term."""
     whole = one("law-coverage.csv", term="all")
-    least = table("law-coverage.csv")["within"].min()
+    least = some("law-coverage.csv")["within"].min()
     return [whole["goes"], whole["within"], least, 1.0 - whole["nothing_shown"]]
 
 
@@ -167,8 +157,9 @@ def _otherwise(name: str, law: str) -> list[float]:
 
 
 FIRST: Held = {
-    "on llvmpipe thin triangles of 8 and of 64 px^2 take twice as long from {:.0f}:1 and {:.0f}:1"
-    " on": lambda: [each["doubled_at"][0] for each in profile("opengl-llvmpipe")["aspects"]],
+    "triangles of 8 and of 64 px^2 take twice as long from {:.0f}:1 and {:.0f}:1 on": lambda: [
+        each["doubled_at"][0] for each in profile("opengl-llvmpipe")["aspects"]
+    ],
     "though even at 64:1 they shade about {:.1f} and {:.1f} times the lanes": lambda: [
         each["lanes"][-1] for each in profile("opengl-llvmpipe")["aspects"]
     ],
@@ -190,27 +181,30 @@ TABLES: Held = {
         more=lambda name: [f"{each:.3f}" for each in _explained(name)],
     ),
     "| device, area | 8:1 | 64:1 | twice from | helper lanes | most |": grid(
-        crossed(SHOWN, AREAS, ", "), (8, 64, "twice", "lanes", "most"), _thin
+        crossed(SHOWN, {area: f"{area} px^2" for area in (8, 64)}, ", "),
+        (8, 64, "twice", "lanes", "most"),
+        _thin,
     ),
     "| rule | what was timed | llvmpipe | SwiftShader | softpipe | our walk of boxes |": grid(
         RULES, ("opengl-llvmpipe", SWIFTSHADER, SOFTPIPE, "bounding-box-llvmpipe"), _rule
     ),
     "| device, scene | R2 over | R2 within | by noise alone | H | Q | A | `refine` | calibrated"
     " | advised above H, Q, A |": grid(
-        crossed(TIMED, JUDGED, ", "),
+        crossed(TIMED, scenes("city", "helsinki", "glyphs", "counties"), ", "),
         ("law_over", "law_within", "r2_most", *WHO, "above"),
         _judgement,
     ),
-    "What is advised takes, as a mean, at most {:.1%} % more time than the best of H, Q and A; the"
-    " interval that reaches farthest ends at {:.1%} %.": _above,
-    "On softpipe the law explains {:.3f} of the variance over all draws and {:.3f} within"
-    " groups": partial(_explained, SOFTPIPE),
+    "What is advised takes, as a mean, at most {:.1%} % ... farthest ends at {:.1%} %.": _above,
+    "On softpipe the law explains {:.3f} of the variance ... and {:.3f} within": partial(
+        _explained, SOFTPIPE
+    ),
     "softpipe keeps {} tiles of {}x{} pixels at hand": lambda: [KEPT, TILE, TILE],
-    "With the tiles that it fetches as one more term, the law would explain {:.3f} and"
-    " {:.3f}": partial(_otherwise, SOFTPIPE, "tiles"),
+    "as one more term, the law would explain {:.3f} and {:.3f}": partial(
+        _otherwise, SOFTPIPE, "tiles"
+    ),
     "Without rows and covering triangles its law would explain {:.3f} and {:.3f}": partial(
         _otherwise, SWIFTSHADER, "no_rows"
     ),
-    "In {:,} synthetic devices, {:.1%} % of costs are within their interval, of each term {:.1%} %"
-    " or more; a cost that is not there is shown in {:.1%} % of the devices": _coverage,
+    "In {:,} synthetic devices, {:.1%} % of costs ... of each term {:.1%} % ... shown in {:.1%} %"
+    " of the": _coverage,
 }

@@ -7,29 +7,25 @@ from typing import Any
 
 import pandas as pd
 
-from docs.held import Held, shown
-from docs.held.lookups import crossed, ends, grid, one, some, table
+from docs.held import Held
+from docs.held.lookups import crossed, ends, grid, one, some
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, NAMES, scenes
 
-BEST_FOR_H = "optimal:half-perimeter"
-SCENES = {"helsinki": "Helsinki", "glyphs": "letters", "cad": "cad", "stress": "stress"}
+SCENES = scenes("helsinki", "glyphs", "cad", "stress")
 LABELS = {
-    "delaunay": "Delaunay",
-    "earcut-refine": "`earcut-refine`",
-    "flips:l1": "`flips:l1`",
-    BEST_FOR_H: "best for H",
-    "optimal:overdraw": "best for A",
-    "optimal:expected-quads": "best for Q",
+    name: NAMES[name]
+    for name in ("delaunay", "earcut-refine", "flips:l1", BEST_FOR_H, BEST_FOR_A, BEST_FOR_Q)
 }
 SHADERS = (0.5, 1, 2, 4, 8)
 PARAMETERS = {
-    "": "as published",
-    ":output_quads=1": "one quad a cycle",
-    ":tile=16": "tiles of 16 px",
-    ":tile=64": "tiles of 64 px",
-    ":block=8": "blocks of 8 px",
-    ":bins=exact": "exact bins",
-    ":fetch=16": "16 cycles between triangles",
-    ":fetch=64": "64 cycles between triangles",
+    "skybox": "as published",
+    "skybox:output_quads=1": "one quad a cycle",
+    "skybox:tile=16": "tiles of 16 px",
+    "skybox:tile=64": "tiles of 64 px",
+    "skybox:block=8": "blocks of 8 px",
+    "skybox:bins=exact": "exact bins",
+    "skybox:fetch=16": "16 cycles between triangles",
+    "skybox:fetch=64": "64 cycles between triangles",
 }
 
 
@@ -42,12 +38,6 @@ def saved(scene: str, name: str, device: str = "skybox", of: str = "cycles") -> 
 def mean_saved(name: str, device: str = "skybox", of: str = "cycles") -> float:
     """Return the same, the geometric mean over the scenes."""
     return geometric_mean(saved(scene, name, device, of) for scene in SCENES)
-
-
-def _rank(of: tuple[str, int], name: str) -> float:
-    """Return a criterion's correlation with cycles."""
-    where = {"device": "skybox", "scene": of[0], "resolution": of[1], "criterion": name}
-    return float(one("skybox/ranks.csv", **where)["median"])
 
 
 def _thin(aspect: int, device: str = "skybox") -> float:
@@ -63,14 +53,13 @@ def _shaded(shader: float, column: str) -> float:
 
 
 IN_SHORT: Held = {
-    "takes {:.2f} of ear clipping's cycles on footprints of Helsinki, {:.2f} on letters, {:.2f} on"
-    " sheet metal parts and {:.2f} on hostile polygons": lambda: [
+    "{:.2f} of ear clipping's cycles on footprints ... {:.2f} ... {:.2f} ... {:.2f} on": lambda: [
         saved(scene, BEST_FOR_H) for scene in SCENES
     ]
 }
 
 WITH_SHADER: Held = {
-    "With a shader of eight cycles a quad it saves {:.1%} %, and its quads are {:.1%} %": lambda: [
+    "a shader of eight cycles a quad it saves {:.1%} %, and its quads are {:.1%} %": lambda: [
         1 - _shaded(8, column) for column in ("cycles", "quads")
     ]
 }
@@ -85,19 +74,21 @@ HELD: Held = {
         ".3f",
     ),
     "| scene | px | H | A | quads, counted | E |": grid(
-        crossed(SCENES, {px: str(px) for px in (64, 256, 1024)}, " | "),
+        crossed(SCENES, (64, 256, 1024), " | "),
         ("half_perimeter", "overdraw", "quads", "edge_length"),
-        _rank,
+        lambda of, by: one(
+            "skybox/ranks.csv", device="skybox", scene=of[0], resolution=of[1], criterion=by
+        )["median"],
         ".3f",
     ),
     "| parameter | Delaunay | `flips:l1` | best for H | best for A"
     " | cycles a pixel of H | R^2 |": grid(
         PARAMETERS,
-        ("delaunay", "flips:l1", BEST_FOR_H, "optimal:overdraw"),
-        lambda more, name: mean_saved(name, f"skybox{more}"),
+        ("delaunay", "flips:l1", BEST_FOR_H, BEST_FOR_A),
+        lambda device, name: mean_saved(name, device),
         ".3f",
-        more=lambda more: [
-            f"{one('skybox/slopes.csv', device=f'skybox{more}', resolution=256)[column]:.2f}"
+        more=lambda device: [
+            f"{one('skybox/slopes.csv', device=device, resolution=256)[column]:.2f}"
             for column in ("cycles_per_px", "r_squared")
         ],
     ),
@@ -114,7 +105,7 @@ HELD: Held = {
         ".1f",
         more=lambda aspect: [f"{_thin(aspect) / _thin(1):.2f}"],
     ),
-    "In {:,} draws it misses the cycles by {} to {},": lambda: table("skybox/squares.csv").agg(
+    "In {:,} draws it misses the cycles by {} to {},": lambda: some("skybox/squares.csv").agg(
         {"draws": "sum", "least": "min", "most": "max"}
     ),
     "Flips stay behind the best for H by {:.1%} % on Helsinki and {:.1%} % on sheet": lambda: [
@@ -131,7 +122,7 @@ DEFINITIONS = (
 """What was registered, and the names of rows and columns."""
 
 BOUNDS = {bound: f"`{bound}`" for bound in ("shipped", "shading", "fill", "setup")}
-OF_ATTILA = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "cad": "cad"}
+OF_ATTILA = scenes("city", "helsinki", "glyphs", "cad")
 
 
 def in_whole(scene: str, bound: str, name: str = BEST_FOR_H, of: str = "cycles") -> pd.Series[Any]:
@@ -144,18 +135,6 @@ def _whole_best(of: tuple[str, str], scene: str) -> str:
     row = in_whole(scene, of[1], of=of[0])
     interval = f" ({row['low']:.3f} to {row['high']:.3f})" * (of[0] == "cycles")
     return f"{row['ratio']:.3f}{interval}"
-
-
-def _whole_rank(of: tuple[str, str], by: str) -> str:
-    """Return a cell of the table of correlations with cycles within polygons."""
-    median = one("attila/ranks.csv", bound=of[0], scene=of[1], by=by)["median"]
-    return "-" if pd.isna(median) else f"{median:.2f}"
-
-
-def _whole_order(of: tuple[str, str], column: str) -> str:
-    """Return a cell of the table of how much order matters beside the triangulation."""
-    value = one("attila/orders.csv", bound=of[0], scene=of[1])[column]
-    return f"{value:.3f}" if column in ("walk", "shuffled") else f"{shown(value, '.2%')} %"
 
 
 IN_WHOLE: Held = {
@@ -188,12 +167,14 @@ WHOLE_HELD: Held = {
             *("half_perimeter", "overdraw", "expected_quads"),
             *("quads", "busiest_pipe_quads", "colour_misses"),
         ),
-        _whole_rank,
+        lambda of, by: one("attila/ranks.csv", bound=of[0], scene=of[1], by=by)["median"],
+        ".2f",
     ),
     "| what binds | scene | between triangulations | between orders | walk | shuffled |": grid(
         crossed(BOUNDS, OF_ATTILA, " | "),
         ("triangulation", "order", "walk", "shuffled"),
-        _whole_order,
+        lambda of, column: one("attila/orders.csv", bound=of[0], scene=of[1])[column],
+        (".2%", ".2%", ".3f", ".3f"),
     ),
 }
 

@@ -1,0 +1,329 @@
+"""The figures of docs/findings-tables.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from docs.held import Held, findings, flips, profiles, shown
+from docs.held.findings import Q_H_A, SCENES, correlation, gain, ordered, regret, run_of, time_ratio
+from docs.held.lookups import bold, crossed, ends, grid, matched, one, some, table_row, values
+from docs.held.names import BEST_FOR_A, BEST_FOR_H, BEST_FOR_Q, NAMES, REFINED
+from harness.figures.intervals import RUN_SCATTER
+from harness.frame import View, make_frame
+from harness.rasterisers.reference import predict
+from harness.study.regret import why_no_interval
+from scenes import load
+from triangulators import criteria, vertices
+from triangulators.methods.exhaustive import enumerate_triangulations
+from triangulators.verify import verify
+
+CALIBRATED = "optimal:calibrated"
+DEVICES = {
+    "opengl-llvmpipe": "llvmpipe by OpenGL",
+    "webgpu-lavapipe": "lavapipe by WebGPU",
+    "swiftshader-chromium": "SwiftShader in Chromium",
+    "opengl-softpipe": "softpipe",
+}
+
+PEERS = (
+    *("delaunay", "earcut-refine", "greedy", "manifold", BEST_FOR_A, BEST_FOR_Q),
+    *("flips:beauty", "flips:l1", REFINED, BEST_FOR_H, CALIBRATED),
+)
+"""Columns of the table of draw times."""
+CRITERIA = {
+    "expected_quads": "**Q**, expected quads",
+    "half_perimeter": "**H**, half-perimeter",
+    "edge_length": "E, edge length",
+    "overdraw": "**A**, the paper's overdraw",
+    "shape": "D, shape deviation",
+    "beauty": "B, Blender's beauty",
+}
+ON_DEVICES = (BEST_FOR_H, REFINED, BEST_FOR_Q, BEST_FOR_A, "delaunay")
+ORDERED = (BEST_FOR_H, REFINED, "greedy", BEST_FOR_Q, BEST_FOR_A, "delaunay")
+BESIDE = {
+    "quiet": "nothing",
+    "loop": "an endless loop",
+    "loops": "four of them",
+    "copying": "a program that copies memory",
+    "compiling": "a compiler",
+    "midway": "two loops, from midway on",
+    "half-core": "a loop, on the only core",
+}
+"""States of `scripts/states_matrix.py`, whose tables these are."""
+PRODUCERS = {
+    "mean over polygons": "mean over polygons: regret, gains, what is advised",
+    "ratio over tiles": "ratio of sums over polygons or tiles",
+    "correlation": "rank correlation, median over polygons",
+    "criteria compared": "difference of two criteria's correlations",
+    "regret of times": "regret by draw times",
+    "median time": "draw time",
+    "ratio of times": "ratio of draw times, its processes and runs",
+    "ratio of times in use": "the same, beside other programs",
+    "the best of seven": "what the fastest of seven saves",
+    "break-even": "draws until triangulating pays",
+    "two runs compared": "growth from one run to another (`compare`)",
+    "share of A/A pairs": "share of pairs called a regression",
+}
+"""Rows of `coverage.csv` by what they are of."""
+KEPT = 0.93
+"""What an interval of 95 % is asked to hold the truth in."""
+
+
+def device_view(device: str, scene: str) -> Any:
+    """Return what a device measured of a scene at 1024 px."""
+    views = values(f"devices/{device}.json")["views"]
+    return next(v for v in views if v["scene"] == scene and v["resolution"] == 1024)
+
+
+def _limit() -> list[float]:
+    """Return lanes of the city in one piece, by the best for H and by ear clipping, and what the
+    choice saves of the diagonals' price.
+    """
+    rows = some(run_of("city"), resolution=1024).set_index("triangulator")
+    best, clipped = rows.loc[BEST_FOR_H], rows.loc["ear-clipping"]
+    outline = 4.0 * best["outline_quads"] - best["fragments"]
+    lanes = best["helper_lanes"], clipped["helper_lanes"]
+    return [outline, *lanes, (lanes[1] - lanes[0]) / (lanes[1] - outline)]
+
+
+def _widest() -> list[float]:
+    """Return the half width of the widest interval of the table of draw times: of scenes but
+    counties up to 1024 px, and of all other views.
+    """
+    halves: dict[bool, list[float]] = {True: [], False: []}
+    for scene in SCENES:
+        for _, row in some(run_of(scene)).iterrows():
+            if row["resolution"] in (256, 1024, 4096) and row["triangulator"] in PEERS:
+                _, low, high = time_ratio(row)
+                halves[scene != "counties" and row["resolution"] <= 1024].append(high - low)
+    return [math.ceil(500 * max(halves[small])) / 1000 for small in (True, False)]
+
+
+def _fronts(rasteriser: str, verdict: str = "") -> int:
+    """Count the points of the city's fronts that are not their end, of a verdict if one is told."""
+    file = "llvmpipe/pareto-city/pareto.csv"
+    rows = some(file, rasteriser=rasteriser, kind="front", same_as_end=False)
+    return sum(rows["verdict"].str.startswith(verdict))
+
+
+def _of_the_paper() -> list[float]:
+    """Return partial quads of the paper's worst by A beside its best: of all, of conforming."""
+    (polygon,) = make_frame(load("paper").polygons, View(512)).polygons
+    corners = vertices(polygon)
+    points = np.rint(corners * 256.0).astype(np.int32)
+    ways = [
+        (
+            criteria.predict(corners, triangles)["overdraw"],
+            float(predict(points, triangles)["partial_quads"].sum()),
+            verify(polygon, triangles).conforming,
+        )
+        for triangles in enumerate_triangulations(polygon, "paper")
+    ]
+    return [max(few)[1] / min(few)[1] for few in (ways, [way for way in ways if way[2]])]
+
+
+def _on_the_device() -> list[str]:
+    """Return how many footprints, and how often the scenes' rings, a device solved."""
+    file = "llvmpipe/optimum-equality.txt"
+    (rows,) = matched(file, r"(?s)((?:[^\n]* px, [^\n]*\n)+)")
+    solved = sum(int(row.split()[-2].replace(",", "")) for row in rows.splitlines())
+    return [*matched(file, r"footprints on the device: ([\d,]+)"), f"{solved:,}"]
+
+
+def _apart() -> list[int]:
+    """Return of how many pairs of quiet runs' ratios how many differ more than chance lets them."""
+    rows = some("states/ratios.csv", state="quiet")
+    rows = rows.assign(log=np.log(rows["ratio"]), half=np.log(rows["high"] / rows["low"]) / 2)
+    pairs = [
+        abs(one["log"] - other["log"]) > math.hypot(one["half"], other["half"])
+        for _, group in rows.groupby(["scene", "kind", "triangulator"])
+        for one, other in combinations(group.to_dict("records"), 2)
+    ]
+    return [sum(pairs), len(pairs)]
+
+
+def _predicts() -> Callable[[], list[str]]:
+    """Return what makes the table of rank correlations within a polygon."""
+
+    def cell(criterion: str, of: tuple[str, str]) -> str:
+        row = correlation(criterion, *of)
+        best = row["value"] == max(correlation(each, *of)["value"] for each in CRITERIA)
+        interval = f" ({row['ci_low']:.3f}-{row['ci_high']:.3f})" * (of[1] == "opengl")
+        return bold(f"{row['value']:.3f}", best) + interval
+
+    columns = [
+        *product(("helper_lanes", "partial_quads", "time_work_0", "time_work_8"), ("opengl",)),
+        *product(("bbox_tests", "time_work_0"), ("bounding-box",)),
+    ]
+    return grid(CRITERIA, columns, cell)
+
+
+def _sizes(measure: str) -> Callable[[], list[str]]:
+    """Return what makes the table of rank correlations with a counter by the viewport's size."""
+
+    def cell(px: int, of: tuple[str, str]) -> str:
+        file = f"cpu/validate-{of[0]}-sizes/correlations_by_resolution.csv"
+        where = {"resolution": px, "criterion": of[1], "measure": measure}
+        value = one(file, statistic="spearman_within", **where)["value"]
+        return bold(f"{value:.3f}", of[1] == "expected_quads")
+
+    labels = {px: f"{px} px" for px in (64, 256, 1024)}
+    return grid(labels, product(("city", "helsinki"), Q_H_A), cell)
+
+
+def _regrets(*scenes: str) -> Callable[[], list[str]]:
+    """Return what makes the table of helper lanes above the fewest there are."""
+
+    def cell(who: str, of: tuple[str, int]) -> str:
+        row = regret(*of, who)
+        digits = "%" if row["mean"] >= 0.001 else ".2%"
+        mean, low, high = (shown(row[name], digits) for name in ("mean", "ci_low", "ci_high"))
+        why = why_no_interval(row) if math.isnan(row["ci_low"]) else f"{low}-{high}"
+        return f"{mean} % ({why})"
+
+    labels = {who: f"**{who}**" if who == "Q" else who for who in findings.TRUSTED}
+    return grid(labels, product(scenes, (256, 1024)), cell)
+
+
+def _states() -> list[str]:
+    """Return a row for each state: its runs, what they are called, and what is said of them."""
+    lines = []
+    for state, what in BESIDE.items():
+        runs = some("states/states.csv", state=state)
+        planted = some("states/planted.csv", state=state)["compare"]
+        best = some("states/ratios.csv", state=state, scene="city", triangulator=BEST_FOR_H)
+        calls = [sum(runs["told"] == each) for each in ("quiet", "disturbed", "not to be trusted")]
+        draws = "{:.2f} to {:.2f}".format(*ends(runs[runs["scene"] == "city"]["reference_ms"]))
+        ratios = "{:.3f} to {:.3f}".format(*ends(best["ratio"]))
+        said = sum(runs["compare"] == 1), sum(runs["wrong"])
+        cells = (len(runs), *calls, draws, ratios, *said, f"{sum(planted == 1)} of {len(planted)}")
+        lines.append(table_row(what, *map(str, cells)))
+    return lines
+
+
+def _intervals() -> list[str]:
+    """Return a row for each producer of intervals: how often they hold the truth, and where not."""
+    lines = []
+    for name, label in PRODUCERS.items():
+        rows = some("coverage.csv", interval=name)
+        lost = rows[rows["covered"] < KEPT]
+        least = rows["covered"].drop(lost.index).min()
+        simpler = f"{rows['before'].min():.3f}" if rows["before"].any() else ""
+        told = (f"{row['data']}: {row['covered']:.3f}" for _, row in lost.iterrows())
+        lines.append(table_row(label, str(len(rows)), f"{least:.3f}", simpler, "; ".join(told)))
+    laws = some("law-coverage-profiles.csv")
+    lost = laws[laws["within"] < KEPT]
+    told = (
+        f"as {row['profile']} misses it: {row['within']:.3f}, a false cost in"
+        f" {shown(1 - row['nothing_shown'], '%')} % of devices"
+        for _, row in lost.iterrows()
+    )
+    kept = [one("law-coverage.csv", term="all")["within"], *laws["within"].drop(lost.index)]
+    cells = (str(1 + len(laws)), f"{min(kept):.3f}", "", "; ".join(told))
+    return [*lines, table_row("a cost of a device's law (`profile`)", *cells)]
+
+
+TABLES: Held = {
+    "| | helper lanes | partial quads | time, work 0 | time, work 8 | box tests"
+    " | time, box walk |": _predicts(),
+    "| helper lanes, viewport | city: Q | H | A | Helsinki: Q | H | A |": _sizes("helper_lanes"),
+    "| partial quads, viewport | city: Q | H | A | Helsinki: Q | H | A |": _sizes("partial_quads"),
+    "With helper lanes H has {:.3f}, D {:.3f} and A {:.3f}. Q, ... has {:.3f},": lambda: [
+        correlation(each, "helper_lanes", statistic="spearman_pooled")["value"]
+        for each in ("half_perimeter", "shape", "overdraw", "expected_quads")
+    ],
+    "over {:.0f} polygons of the city ... {:.0f} ... {:.0f} letters and {:.0f} counties": lambda: [
+        regret(scene, 1024, "H")["polygons"] for scene in SCENES
+    ],
+    "| chosen by | city, 256 px | city, 1024 px | Helsinki, 256 px | Helsinki, 1024 px |": _regrets(
+        "city", "helsinki"
+    ),
+    "| chosen by | letters, 256 px | letters, 1024 px | counties, 256 px"
+    " | counties, 1024 px |": _regrets("glyphs", "counties"),
+    "at most {:.2%} % more quads than the best possible at 1024 px ... at most {:.2%} % more at"
+    " 256 px. ... is {:.2%} % for H's choice and {:.2%} % for A's.": lambda: [
+        max(regret(scene, px, who, "quads")["mean"] for scene in SCENES)
+        for px, who in ((1024, "Q"), (256, "Q"), (1024, "H"), (1024, "A"))
+    ],
+    "at 1024 px have {:,.0f} helper lanes. The optimum for H has {:,.0f}, ear clipping {:,.0f}."
+    " ... saves {:%} % of the price": _limit,
+    "reach at most {:.3f} to either side up to 1024 px on ... at most {:.3f} elsewhere.": _widest,
+    "| scene, px | Delaunay | `refine` | greedy | manifold | best for A | best for Q |"
+    " `flips:beauty` | L1 flips | `refined` | best for H | **calibrated** |"
+    " calibrated over Delaunay |": grid(
+        crossed(SCENES, (256, 1024, 4096), ", "),
+        PEERS,
+        lambda of, name: gain(*of, name),
+        ".3f",
+        least="row",
+        more=lambda of: [f"{gain(*of, CALIBRATED, 'delaunay'):.3f}"],
+    ),
+    "it takes {:.2f}, the best for H takes {:.2f} and Delaunay {:.2f}. On one that walks rows,"
+    " ... H takes {:.2f} and {:.2f}, the best for A {:.2f} and {:.2f}.": lambda: [
+        gain("city", px, name, rasteriser=rasteriser)
+        for rasteriser, names, sizes in (
+            ("bounding-box", (BEST_FOR_A, BEST_FOR_H, "delaunay"), (1024,)),
+            ("scanline", (BEST_FOR_H, BEST_FOR_A), (256, 1024)),
+        )
+        for name, px in product(names, sizes)
+    ],
+    "| | city: own | cache | walk | Helsinki: own | cache | walk | letters: own | cache | walk"
+    " | counties: own | cache | walk |": grid(
+        {name: bold(NAMES[name], name == BEST_FOR_H) for name in ORDERED},
+        product(SCENES, ("own", "vertex-cache", "walk")),
+        lambda name, of: ordered(of[0], name)[of[1]],
+        ".3f",
+        least="column",
+    ),
+    "its ratio is {:.0%} % above that of a walk on the city, {:.0%} % ... {:.0%} % ... {:.0%} %"
+    " on counties": lambda: [
+        row["own"] / row["walk"] - 1 for row in (ordered(s, "delaunay") for s in SCENES)
+    ],
+    "With one iteration, the calibrated optimum takes {:.2f} ... With 64 it takes {:.2f}; there"
+    " the best for Q takes {:.2f}. With 4 samples and one iteration it takes {:.2f}.": lambda: [
+        gain("city", 1024, name, work=work, samples=samples)
+        for name, work, samples in (
+            *((CALIBRATED, 1, 1), (CALIBRATED, 64, 1), (BEST_FOR_Q, 64, 1), (CALIBRATED, 1, 4)),
+        )
+    ],
+    "In partial quads, counted later, it is {:.2f} and {:.2f}.": _of_the_paper,
+    "{} points of the Pareto fronts of A and D were drawn": lambda: [_fronts("opengl")],
+    "{} of them are shown to be faster ... On OpenGL, {} are faster and {} are slower.": lambda: [
+        _fronts("bounding-box", "faster"),
+        _fronts("opengl", "faster"),
+        _fronts("opengl", "slower"),
+    ],
+    "for each of {} generated footprints and the scenes' rings, solved {} times": _on_the_device,
+    "they rise from {:.2f} of ear clipping's to {:.2f}.": lambda: [
+        findings.rotated(BEST_FOR_A + "@0").iloc[0],
+        findings.rotated(BEST_FOR_A + "@0").max(),
+    ],
+    **flips.PARTIAL,
+    **flips.PAID,
+    "| | best for H | refined | best for Q | best for A | Delaunay | Q | H | A |": grid(
+        {
+            (device, scene): f"{SCENES[scene]}: {label}"
+            for scene, (device, label) in product(("city", "helsinki"), DEVICES.items())
+        },
+        ON_DEVICES,
+        lambda of, name: device_view(*of)["triangulators"][name]["time"][0],
+        ".2f",
+        least="row",
+        more=lambda of: [f"{device_view(*of)['ranks'][name]:.2f}" for name in Q_H_A],
+    ),
+    "Of 11 findings, {}, {}, {} and {} hold on them.": lambda: [
+        matched("llvmpipe/study/findings.md", rf"\| {name} \| (\d+) \|")[0]
+        for name in ("poly2tri-testbed", "earcut-fixtures", "helsinki-areas", "cad")
+    ],
+    "| beside the run | runs | quiet | disturbed | not to be trusted | reference draw, ms"
+    " | best for H | false regressions | wrong sentences | planted, found |": _states,
+    "{} of {} pairs of quiet runs' ratios to ear clipping differ": _apart,
+    "from one run to the next: {:g} %": lambda: [100 * RUN_SCATTER],
+    **profiles.TABLES,
+    "| interval of | kinds of data | holds, least | a simpler one | not kept |": _intervals,
+}
