@@ -18,14 +18,16 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from scenes import load
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FILE = HERE.with_suffix(".html")
 PORT = ROOT / "ports" / "javascript"
 EARCUT = PORT / "node_modules" / "earcut"
 SIZE = 64
-
-sys.path.insert(0, str(ROOT))
 
 STYLES = (ROOT / "harness/report/static/report.css", HERE / "page.css")
 GEOMETRY = (
@@ -36,6 +38,8 @@ GEOMETRY = (
     HERE / "triangles.js",
 )
 """What needs no page, in this order."""
+
+ELEMENTS = ROOT / "harness/report/static/elements.js"
 
 EXAMPLES = (
     ("A footprint", "city", 438),
@@ -51,19 +55,18 @@ GRID = 2**20
 
 def page() -> str:
     """Return the text of docs/try.html."""
-    version = json.loads((EARCUT / "package.json").read_text())["version"]
-    scripts = [*GEOMETRY, ROOT / "harness/report/static/elements.js"]
+    examples = [
+        (name, link(load(scene, attributes=False).polygons[number]))
+        for name, scene, number in EXAMPLES
+    ]
+    data = (
+        f"const EXAMPLES = {json.dumps(examples, ensure_ascii=False)};\n"
+        f"const PROFILE = {json.dumps(profile())};"
+    )
     parts = {
-        "style": "\n".join(file.read_text().strip() for file in STYLES),
-        "earcut": version,
-        "script": "\n".join(
-            [
-                *(file.read_text().strip() for file in scripts),
-                f"const EXAMPLES = {json.dumps(examples(), ensure_ascii=False)};",
-                f"const PROFILE = {json.dumps(profile())};",
-                (HERE / "main.js").read_text().strip(),
-            ]
-        ),
+        "style": joined(*STYLES),
+        "earcut": json.loads((EARCUT / "package.json").read_text())["version"],
+        "script": f"{joined(*GEOMETRY, ELEMENTS)}\n{data}\n{joined(HERE / 'main.js')}",
     }
     text = (HERE / "page.html").read_text()
     for name, part in parts.items():
@@ -71,14 +74,9 @@ def page() -> str:
     return text
 
 
-def examples() -> list[tuple[str, str]]:
-    """Return names and links of the examples."""
-    from scenes import load
-
-    return [
-        (name, link(load(scene, attributes=False).polygons[number]))
-        for name, scene, number in EXAMPLES
-    ]
+def joined(*files: Path) -> str:
+    """Return the texts of files, one after the other."""
+    return "\n".join(file.read_text().strip() for file in files)
 
 
 def profile() -> str:
@@ -91,23 +89,20 @@ def profile() -> str:
     return base64.b64encode(gzip.compress(text, mtime=0)).decode()
 
 
-def link(polygon: shapely.Polygon, size: int = SIZE, rotation: int = 0) -> str:
+def link(polygon: shapely.Polygon) -> str:
     """Return the end of a link to a polygon, as polygon.js reads it."""
     rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    low, high = (np.concatenate(rings).min(axis=0), np.concatenate(rings).max(axis=0))
-    scale = GRID / (high - low).max()
-    middle = (low + high) / 2
+    left, bottom, right, top = polygon.bounds
+    scale = GRID / max(right - left, top - bottom)
+    middle = np.array([left + right, bottom + top]) / 2
     at, written = np.zeros(2, np.int64), []
     for ring in rings:
         whole = np.rint((ring - middle) * scale + GRID / 2).clip(0, GRID).astype(np.int64)
-        steps = np.diff(whole, axis=0, prepend=at[None])
+        steps = np.diff(whole, axis=0, prepend=at[None]).ravel()
         at = whole[-1]
-        written.append("-".join(_digits(int(step)) for step in steps.ravel()))
-    return f"{size}/{rotation}/{'.'.join(written)}/"
-
-
-def _digits(step: int) -> str:
-    return np.base_repr(-2 * step - 1 if step < 0 else 2 * step, 36).lower()
+        codes = np.where(steps < 0, -2 * steps - 1, 2 * steps)  # the sign in the last bit
+        written.append("-".join(np.base_repr(code, 36).lower() for code in codes))
+    return f"{SIZE}/0/{'.'.join(written)}/"
 
 
 if __name__ == "__main__":
