@@ -34,29 +34,21 @@ from triangulators.polygon import rings_of
 SCENES = ("city", "glyphs", "counties:level=state", "counties")
 
 
-def least(rounds: int, *candidates: Callable[[], Any]) -> list[float]:
-    """Return the least time of each candidate, in ms, over rounds of all."""
-    best = [float("inf")] * len(candidates)
-    for _ in range(rounds):
-        for number, candidate in enumerate(candidates):
-            start = time.perf_counter()
-            candidate()
-            best[number] = min(best[number], (time.perf_counter() - start) * 1e3)
-    return best
-
-
 def in_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) -> None:
     """Print the rows of Python; rings: (points, ring ends) of each polygon."""
     arrays = ragged(polygons)
-    times = least(
-        rounds,
-        lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
-        lambda: [triangulate_float64(*each) for each in rings],
-        lambda: triangulate_many(arrays, "flips:l1"),
-    )
-    show(
-        scene, "Python", dict(zip(("earcut", "with flips", "batch with flips"), times, strict=True))
-    )
+    candidates: dict[str, Callable[[], Any]] = {
+        "earcut": lambda: [mapbox_earcut.triangulate_float64(*each) for each in rings],
+        "with flips": lambda: [triangulate_float64(*each) for each in rings],
+        "batch with flips": lambda: triangulate_many(arrays, "flips:l1"),
+    }
+    best = dict.fromkeys(candidates, float("inf"))
+    for _ in range(rounds):
+        for name, candidate in candidates.items():
+            start = time.perf_counter()
+            candidate()
+            best[name] = min(best[name], (time.perf_counter() - start) * 1e3)
+    show(scene, "Python", best)
 
 
 def show(scene: str, language: str, times: dict[str, float]) -> None:

@@ -41,12 +41,17 @@ def main() -> int:
     out = options.out.resolve()
     project = project_of_a_user(out / "project")
     file = out / "pairs.csv"
-    done = _done(file)
+    done = {(row["number"], row["share"]) for row in _rows(file)}
     wanted = [(n, 0.0) for n in range(options.pairs)]
     wanted += [(n, options.share) for n in range(options.slower)]
-    for number, share in wanted:
-        if (str(number), str(share)) not in done:
-            _append(file, _pair(project, out / "reports", number, share, options.run))
+    with file.open("a", newline="") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        if not done:
+            writer.writeheader()
+        for number, share in wanted:
+            if (str(number), str(share)) not in done:
+                writer.writerow(_pair(project, out / "reports", number, share, options.run))
+                stream.flush()
     rows = _rows(file)
     equal = Counter(row["exit_code"] for row in rows if float(row["share"]) == 0)
     slower = Counter(row["exit_code"] for row in rows if float(row["share"]) > 0)
@@ -117,20 +122,6 @@ def _rows(file: Path) -> list[dict[str, str]]:
         return []
     with file.open(newline="") as stream:
         return list(csv.DictReader(stream))
-
-
-def _done(file: Path) -> set[tuple[str, str]]:
-    return {(row["number"], row["share"]) for row in _rows(file)}
-
-
-def _append(file: Path, row: dict[str, object]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    new = not file.exists()
-    with file.open("a", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
-        if new:
-            writer.writeheader()
-        writer.writerow(row)
 
 
 if __name__ == "__main__":

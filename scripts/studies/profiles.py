@@ -29,19 +29,22 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.figures.intervals import Ratio, mean_interval
-from harness.frame import on_coarser_grid
+from harness.errors import NothingMeasured
+from harness.figures.intervals import Ratio, mean_interval, paired_ratio
+from harness.frame import Frame, View, make_frame, on_coarser_grid
 from harness.measuring.loading import load_scene
 from harness.measuring.processes import Backend, Bench
+from harness.measuring.timing import EMPTY, REFERENCE
 from harness.measuring.worker import Worker
 from harness.profile import design
 from harness.profile import profile as profiles
@@ -50,10 +53,18 @@ from harness.profile.law import COSTS, costs_of, r_squared, r_squared_within
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
-from harness.settings import TimingSettings
+from harness.settings import StudySize, TimingSettings
 from harness.study.regret import regret_ends, regret_interval
-from scripts.studies.held_out import Draw, HeldOut, held_out_draws, time_draws
+from harness.study.subjects import choose_polygons
+from harness.triangulating.recipes import parse
 from scripts.studies.missing_terms import drawn
+
+Draw = tuple[Frame, NDArray[np.int32]]
+
+GROUP = 24
+"""Draws timed together: enough to interleave, few enough for many rounds."""
+
+HALVES = ["first", "second"]
 
 OWN = "optimal:calibrated"
 TEN = (
@@ -126,57 +137,49 @@ def refitted(profile: dict[str, Any]) -> dict[str, Any]:
 
 def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> Iterator[Any]:
     """Yield a row of `COLUMNS` for each of `ALWAYS`."""
-    reporter = Reporter(quiet=True)
     device = profile["device"]
     kind = device["rasteriser"]
     backend = Backend(kind, rasterisers.find_device(kind, device["name"]))
     bench = Bench(Worker, timeout_s=600)
     try:
-        loaded = [load_scene(scene, given.seed, reporter)]
-        names = (*TEN, OWN, *RANDOM)
-        draws, polygons, ways = held_out_draws(
-            bench, loaded, given.resolution, given.seed, names, profile["coefficients"]
-        )
-        settings = TimingSettings(
-            precision=0.002, budget_s=given.budget, warm_up_s=0.02, min_batch_s=3e-3, paired=False
-        )
-        options = Options(order="walk")
-        timed = time_draws(backend, bench, settings, options, reporter, draws, scene, polygons)
+        draws, polygons, ways = held_out(bench, scene, given, profile["coefficients"])
+        table, empty = timed(backend, bench, given.budget, draws, polygons)
     finally:
         bench.close()
-    seconds = timed.ratios * float(np.median(timed.reference_s))
-    empty = float(np.median(timed.empty_s))
+    table = table.assign(polygon=polygons, triangulator=ways)
+    seconds = table["seconds"].to_numpy()
     cost = costs_of(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
     by_law, _ = as_predicted(seconds, empty, law_of(profile, draws))
     predicted, speed = as_predicted(seconds, empty, cost)
-    held = HeldOut(seconds, timed.halves, polygons)
     common = {
         "scene": scene,
         "resolution": given.resolution,
-        "polygons": len(held.rows),
+        "polygons": table["polygon"].nunique(),
         "draws": len(draws),
         **explained("law", seconds, by_law, polygons),
         **explained("r2", seconds, predicted, polygons),
-        "r2_most": f"{reliability(held):.4f}",
+        "r2_most": f"{reliability(table):.4f}",
         "speed": f"{speed:.3f}",
     }
     advice = profile["advice"]["triangulator"] if profile.get("advice") else ""
-    logs = {name: logs_of(held, ways, name) for name in ALWAYS}
-    best = min(CHOICES, key=lambda name: float(logs[name].mean()))
+    each = table.assign(log=np.log(table[HALVES]).mean(axis=1))
+    logs = each.pivot(index="polygon", columns="triangulator", values="log")
+    best = logs[list(CHOICES)].mean().idxmin()
+    rivals = table[~table["triangulator"].str.startswith("random")].groupby("polygon")
     for name in ALWAYS:
-        ends = []
-        for rows in held.rows:
-            shown = [row for row in rows if not ways[row].startswith("random")]
-            if name in (own := [ways[row] for row in shown]):
-                ends.append(regret_ends(held.halves[shown], own.index(name)))
+        ends = [
+            regret_ends(rows[HALVES].to_numpy(), rows["triangulator"].tolist().index(name))
+            for _, rows in rivals
+            if name in rows["triangulator"].tolist()
+        ]
         below, above = np.array(ends).T
         low, high = regret_interval(below, above)
         mean = max(0.0, float((below + above).mean() / 2))
-        apart = logs[name] - logs[best]
-        shares = {"regret": mean, "low": low, "high": high} | {
-            key: float(np.expm1(each))
-            for key, each in zip(ABOVE, (apart.mean(), *ends_of(apart)), strict=True)
-        }
+        apart = (logs[name] - logs[best]).to_numpy()
+        # None is apart from itself.
+        interval = mean_interval(apart) if apart.any() else (0.0, 0.0)
+        shares = {"regret": mean, "low": low, "high": high}
+        shares |= dict(zip(ABOVE, np.expm1([apart.mean(), *interval]), strict=True))
         yield {
             **common,
             "triangulator": name,
@@ -185,15 +188,90 @@ def judged(profile: dict[str, Any], scene: str, given: argparse.Namespace) -> It
         }
 
 
-def ends_of(apart: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the ends of the interval of a mean over polygons; none is apart from itself."""
-    return mean_interval(apart) if apart.any() else (0.0, 0.0)
+def held_out(
+    bench: Bench, scene: str, given: argparse.Namespace, coefficients: Mapping[str, float]
+) -> tuple[list[Draw], list[str], list[str]]:
+    """Return draws of polygons by several triangulators, and each draw's polygon and triangulator.
+
+    coefficients : the costs that optimal:calibrated minimises
+    """
+    draws: list[Draw] = []
+    polygons: list[str] = []
+    ways: list[str] = []
+    loaded = load_scene(scene, given.seed, Reporter(quiet=True))
+    for number, alone in choose_polygons(loaded, StudySize(polygons=24)):
+        frame = make_frame(alone.polygons, View(given.resolution))
+        for name in (*TEN, OWN, *RANDOM):
+            recipe = parse(name, seed=given.seed, calibration=coefficients)
+            parts = bench.triangulate(recipe, frame.polygons).parts
+            if all(part is not None for part in parts):
+                draws.append((frame, frame.join(parts)))
+                polygons.append(str(number))
+                ways.append(name)
+    return draws, polygons, ways
 
 
-def logs_of(held: HeldOut, ways: list[str], name: str) -> NDArray[np.float64]:
-    """Return the log time of a triangulator's draw of each polygon, (p,)."""
-    rows = [row for of_polygon in held.rows for row in of_polygon if ways[row] == name]
-    return np.asarray(np.log(held.halves[rows]).mean(axis=1))
+def timed(
+    backend: Backend, bench: Bench, budget_s: float, draws: list[Draw], polygons: list[str]
+) -> tuple[pd.DataFrame, float]:
+    """Time draws in groups, each together with the reference draw; return those of an empty one.
+
+    The ratio to it removes the machine's speed, which may change from minute to minute, but not
+    what a machine's state does to one drawing more than to another. So those of one polygon, which
+    will be compared, are drawn in the same rounds. A row a draw: seconds, and the ratios of
+    `HALVES`, either half of the rounds. Raises `NothingMeasured` if the device fails.
+    """
+    options = Options(order="walk")
+    settings = TimingSettings(
+        precision=0.002, budget_s=budget_s, warm_up_s=0.02, min_batch_s=3e-3, paired=False
+    )
+    table = pd.DataFrame(np.nan, index=range(len(draws)), columns=["seconds", *HALVES])
+    reference_s, empty_s = [], []
+    for seed, members in enumerate(_groups(polygons)):
+        candidates = {str(member): (*draws[member], options) for member in members}
+        groups, failures = bench.time(backend, candidates, settings, seed)
+        if failures:
+            raise NothingMeasured(f"{backend.label}: {next(iter(failures.values()))}")
+        group = next(iter(groups.values()))
+        reference = group[REFERENCE]
+        reference_s.append(reference.median_s)
+        empty_s.append(group[EMPTY].median_s)
+        for member in members:
+            samples = group[str(member)].samples_s
+            ratio = paired_ratio(samples, reference.samples_s).value
+            halves = _halves(np.divide(samples, reference.samples_s), reference.epochs)
+            table.loc[member] = [ratio, *halves]
+    table["seconds"] *= float(np.median(reference_s))
+    return table, float(np.median(empty_s))
+
+
+def _groups(names: Sequence[str]) -> Iterator[list[int]]:
+    """Yield places of draws, those of one name together: as many as are timed at once.
+
+    Names come in any order. Small and large draws share a group, so that a slow minute touches all
+    kinds alike.
+    """
+    labels = np.unique(np.asarray(names), return_inverse=True)[1]
+    members: list[int] = []
+    for label in np.random.default_rng(0).permutation(labels.max(initial=-1) + 1):
+        own = np.flatnonzero(labels == label).tolist()
+        if members and len(members) + len(own) > GROUP:
+            yield members
+            members = []
+        members += own
+    if members:
+        yield members
+
+
+def _halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
+    """Return the medians of either half of the rounds.
+
+    Every other epoch, if there are several: drawings lie elsewhere in memory in each, which no
+    number of rounds averages out.
+    """
+    several = len(epochs) > 1 and sum(epochs) == len(rounds)
+    numbers = np.repeat(np.arange(len(epochs)), epochs) if several else np.arange(len(rounds))
+    return [float(np.median(rounds[numbers % 2 == half])) for half in range(2)]
 
 
 def law_of(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
@@ -225,11 +303,10 @@ def explained(
     return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 
-def reliability(held: HeldOut) -> float:
+def reliability(table: pd.DataFrame) -> float:
     """Return which share of the variance within polygons is not noise."""
-    centred: NDArray[np.float64] = np.log(held.halves)
-    for rows in held.rows:
-        centred[rows] -= centred[rows].mean(axis=0)
+    logs = np.log(table[HALVES])
+    centred = logs - logs.groupby(table["polygon"]).transform("mean")
     agree = float(np.corrcoef(centred.T)[0, 1])
     return 2.0 * agree / (1.0 + agree)
 
