@@ -133,33 +133,27 @@ def without_twins(part: pd.DataFrame) -> pd.DataFrame:
 
 def ranks(table: pd.DataFrame) -> pd.DataFrame:
     """Return Spearman's correlation within a polygon, the median over a scene's polygons."""
-    rows = []
-    for key, part in without_twins(table).groupby(["device", "scene", "resolution"], sort=False):
-        views = [view for _, view in part.groupby("polygon", sort=False) if len(view) > 2]
-        for criterion in CRITERIA:
-            columns = ((view[criterion], view["cycles"]) for view in views)
-            values = np.array([spearman(x.to_numpy(), y.to_numpy()) for x, y in columns])
-            known = values[np.isfinite(values)]
-            rows.append((*key, criterion, np.median(known), known.min(), len(known)))
-    names = ["device", "scene", "resolution", "criterion", "median", "least", "polygons"]
-    return pd.DataFrame(rows, columns=names)
+    table, keys = without_twins(table), ["device", "scene", "resolution"]
+    rows = [
+        (*key, name, spearman(view[name].to_numpy(), view["cycles"].to_numpy()))
+        for key, view in table.groupby([*keys, "polygon"], sort=False)
+        if len(view) > 2
+        for name in CRITERIA
+    ]
+    found = pd.DataFrame(rows, columns=[*keys, "polygon", "criterion", "value"])
+    known = found[np.isfinite(found["value"])].groupby([*keys, "criterion"], sort=False)["value"]
+    return known.agg(median="median", least="min", polygons="size").reset_index()
 
 
 def savings(table: pd.DataFrame) -> pd.DataFrame:
     """Return cycles and quads over ear clipping's, geometric means over a scene's polygons."""
-    rows = []
-    for key, part in table.groupby(["device", "scene", "resolution"], sort=False):
-        values = {
-            n: part.pivot(index="polygon", columns="triangulator", values=n)
-            for n in ("cycles", "quads")
-        }
-        for name in (c for c in CHOICES if c in values["cycles"]):
-            over = [
-                np.exp(np.log(v[name] / v["ear-clipping"]).dropna().mean()) for v in values.values()
-            ]
-            rows.append((*key, name, *over, int(values["cycles"][name].notna().sum())))
-    names = ["device", "scene", "resolution", "triangulator", "cycles", "quads", "polygons"]
-    return pd.DataFrame(rows, columns=names)
+    keys, counts = ["device", "scene", "resolution"], ["cycles", "quads"]
+    table = table[table["triangulator"].isin(CHOICES)].set_index([*keys, "polygon"])
+    base = table[table["triangulator"] == "ear-clipping"]
+    over = np.log(table[counts] / base[counts].reindex(table.index)).assign(polygons=1)
+    groups = over.groupby([*keys, table["triangulator"]], sort=False)
+    means = np.exp(groups[counts].mean())
+    return means.assign(polygons=groups["polygons"].sum()).reset_index()
 
 
 def slopes(table: pd.DataFrame) -> pd.DataFrame:
