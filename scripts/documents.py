@@ -16,7 +16,7 @@ from docs.held.charts import CHARTS, svg
 from docs.held.documents import DOCUMENTS
 
 if __name__ == "__main__":
-    for name, (held, _) in DOCUMENTS.items():
+    for name, held in DOCUMENTS.items():
         file = ROOT / name
         before = file.read_text(encoding="utf-8")
         after = written(before, held)

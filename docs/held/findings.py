@@ -173,26 +173,3 @@ FIRST: Held = {
     **profiles.FIRST,
 }
 """The first page's."""
-DEFINITIONS = (
-    r"the table is\s+at commit 280b409",
-    r"\b95 %|500 areas of Helsinki|one of 1 % more quads|up to 64 corners",
-    r"\b\d+( and \d+)? px",
-    r"\b\d+ (city )?polygons|\d+ footprints of the city",
-    r"2x2|4x4|4q|4Q",
-    r"work [08] |up to 80 triangulations",
-    r"With 64 it|With 4 samples",
-    r"0 to 90 degrees in steps of 5|at 0 degrees",
-    r"A = \d+|All 47",
-    r"triangles of 8 px\^2|\b16:1|request 82887",
-    r"\b(1|8|64):1|:1 (and|on)|of 8 and of 64 px\^2|64x64|16 px|, 24 of each scene",
-    r"from 11 to 16 px",
-    r"by 8 to 28 %(?s:.*?)group of draws",  # of laws.py
-    r"the truth is known, 2,000|of laws 400 devices|in 93 %",  # of interval_coverage.py
-    r"costs at most 1 %\s+more quads|correlation of 0\.95 or more",
-    r"3 % of one drawing's|Of 11 findings|below 3 % are not|to within 0\.04",
-    r"12 polygons are wide",
-    r"Of the 47 triangulations(?s:.*?)conforming alone [^\n]*",
-    r"above both simple rules(?s:.*?)0\.48 of its time|[Ww]ith it, 2\.96(?s:.*?)commit 280b409",
-)
-"""Not measured, or at a commit that is named: what was chosen, levels of confidence, exact counts
-that tests of the code hold."""

@@ -178,16 +178,6 @@ HELD: Held = {
     ),
 }
 
-DEFINITIONS = (
-    # Computed by tests/triangulators/test_slivers.py.
-    r"(?s)## Slivers.*?(?=\*\*Blender's Beauty)",
-    r"mapbox_earcut 2\.1\.0|Blender 5\.0\.1|on 96 city polygons at\s+1024 px",
-    r"(?s)^.*?## What it is worth",
-    r"\b[Aa]t (64|1024) px",
-    r"(?s)## What a pass must do.*$",
-)
-"""The derivation, sizes, and what a pass is."""
-
 UPSTREAM: Held = {
     "| | city | Helsinki | letters | U.S. states | counties | cad |": grid(
         {"earcut-refine": "`refine`", L1: "L1 flips"},
@@ -196,10 +186,3 @@ UPSTREAM: Held = {
         ".3f",
     ),
 }
-TOLD = (
-    r"some 65|it is \d+ bytes more when minified[^.]*",  # tests/ports/test_equal.py
-    r"(?s)^.*?Helper lanes in ratio",
-    r"4\nsqrt\(3\)|4 sqrt\(3\)|512 px",
-    r"(?s)## MapLibre GL JS.*$",  # docs/studies/map-tiles.md, at the commit that it names
-)
-"""What tests compute, and a study that is done."""

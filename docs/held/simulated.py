@@ -113,14 +113,6 @@ HELD: Held = {
     ],
 }
 
-DEFINITIONS = (
-    r"(?s)^.*?## Results",
-    r"\b64 px\^2|\b(?:256|1024|64) px\b|R\^2|4 cycles a quad|Hypothesis \d|1:1",
-    r"\| (?:0\.5|1|2|4|8) \||\| (?:Helsinki|letters|cad|stress) \| \d+ \||\| \d+:1 \|",
-    r"tiles of \d+ px|blocks of 8 px|within 10 % of\s+the larger|\d+ cycles between triangles",
-)
-"""What was registered, and the names of rows and columns."""
-
 BOUNDS = {bound: f"`{bound}`" for bound in ("shipped", "shading", "fill", "setup")}
 OF_ATTILA = scenes("city", "helsinki", "glyphs", "cad")
 
@@ -177,9 +169,3 @@ WHOLE_HELD: Held = {
         (".2%", ".2%", ".3f", ".3f"),
     ),
 }
-
-WHOLE_DEFINITIONS = (
-    r"(?s)^.*?## Results",
-    r"12 polygons of each|4,032 draws|\b95 %",
-    r"(?m)^\d\. ",
-)
