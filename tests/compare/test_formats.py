@@ -218,6 +218,9 @@ def test_pictures_show_each_case_with_its_interval_what_regressed_on_top(tmp_pat
     found = compare_runs(*map(read_run, runs), Settings(gates=("counters", "time")))
     plot = time_plot(found)
     assert plot.rows[0].startswith("optimal:overdraw")
+    low, high = plot.ends
+    assert all(low < mark.low <= mark.high < high for mark in plot.marks)
+    assert (plot.ticks[0], plot.ticks[4]) == pytest.approx(plot.ends)
     times = {case.name.triangulator: case.time for case in found.compared()}
     times.pop("fan")  # it was not timed
     assert len(plot.marks) == len(plot.rows) == len(times)

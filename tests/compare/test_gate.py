@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.comparison import compare_runs
+from harness.compare.comparison import _across, compare_runs
 from harness.compare.html import to_html
-from harness.compare.matching import case_name, repeat
+from harness.compare.matching import Match, case_name, repeat
 from harness.compare.model import Settings
 from harness.compare.outputs import to_json, to_junit, to_markdown
 from harness.compare.times import decide
@@ -307,3 +307,27 @@ def test_thresholds_are_told_each_once(tmp_path):
     assert "threshold of quads: 2 %" in text
     assert "threshold of time ±7 %" in text
     assert "threshold of time:" not in text
+
+
+@pytest.mark.parametrize(
+    "narrower",
+    [
+        {"views": [{"resolution": 512, "rotation": 0.0, "fit": "box"}]},
+        {"options": [{"samples": 4, "work": 0, "order": "native", "seed": 0}]},
+        {"devices": ["zink"]},
+    ],
+)
+def test_what_the_plan_did_not_ask_for_is_not_missed(tmp_path, narrower):
+    base = read_run(write_run(tmp_path / "base", seed=1))
+    facts = {"plan": plan(**narrower)}
+    head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=facts))
+    found = compare_runs(base, head, Settings(across_devices=True))
+    on_a_device = "devices" in narrower  # whose records are there all the same
+    assert [case.name.triangulator for case in found.regressed()] == ["fan"] * on_a_device
+
+
+def test_one_case_on_another_device_makes_it_another_machine():
+    here, there = {"device": "llvmpipe"}, {"device": "zink"}
+    name = case_name(record("fan", seed=1))
+    assert _across([Match(name, here, here), Match(name, here, there)])
+    assert not _across([Match(name, here, here), Match(name, None, there)])

@@ -16,7 +16,7 @@ from rich.console import Console
 from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.figures import counters, registry
-from harness.figures.registry import Figure, figures_of, find, measures, predictions
+from harness.figures.registry import Figure, figures_of, find, limit_of, measures, predictions
 from harness.report.report_data import content_of
 from harness.stored.folder import read_run
 from harness.study import correlations
@@ -187,3 +187,10 @@ def test_shaded_lanes_are_four_a_quad():
     shaded = a_record("fan", 0, {"quads": 300, "fragments": 900})
     assert find("overshading")(shaded) == pytest.approx(4 * 300 / 900)
     assert find("overshading")(a_record("fan", 0, {"fragments": 900})) is None
+
+
+def test_the_limit_is_the_outline_drawn_in_one_piece():
+    known = {"counters": {"fragments": 30}, "outline_quads": 11}
+    assert limit_of(known) == {"counters": {"fragments": 30, "quads": 11, "helper_lanes": 14}}
+    assert limit_of({**known, "counters": {}}) is None
+    assert limit_of({"counters": {"fragments": 30}}) is None

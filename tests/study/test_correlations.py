@@ -155,10 +155,12 @@ def test_what_is_written_and_drawn_is_what_was_found(tmp_path, monkeypatch):
         kept = pd.read_csv(tmp_path / name)
         pd.testing.assert_frame_equal(kept, found, check_dtype=False, rtol=1e-5)
     drawn = []
-    monkeypatch.setattr(
-        "harness.study.correlations.scatter_over_medians",
-        lambda _panel, _rows, criterion, measure, _key: drawn.append((criterion, measure)),
-    )
+
+    def scatter(_panel, rows, criterion, measure, _key):
+        assert len(rows) == len(table)
+        drawn.append((criterion, measure))
+
+    monkeypatch.setattr("harness.study.correlations.scatter_over_medians", scatter)
     files = plot_study(correlations, table, tmp_path)
     stem = tmp_path / "plots" / "predicted-vs-measured-opengl-llvmpipe"
     assert files == [stem.with_suffix(".png"), stem.with_suffix(".svg")]
@@ -179,3 +181,11 @@ def test_what_failed_or_has_t_junctions_is_in_no_table():
     assert len(table) > 3
     pd.testing.assert_frame_equal(measure_table([*good, *bad]), table)
     assert measure_table(bad).empty
+
+
+def test_a_measure_that_some_rows_lack_is_judged_and_one_that_none_has_is_not():
+    table = ranked()
+    some = table.assign(spills=table["quads"].where(table.index % 2 == 0), hits=np.nan)
+    found = set(correlate(some)["measure"])
+    assert {"spills", "quads"} <= found
+    assert "hits" not in found

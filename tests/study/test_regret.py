@@ -335,3 +335,9 @@ def test_each_panel_shows_the_means_of_its_measure_with_their_intervals():
             ends = [own[end].fillna(own["mean"]) for end in ("ci_low", "ci_high")]
             found = np.array(bars.get_segments())[:, :, 0]
             assert found == pytest.approx(np.column_stack(ends))
+
+
+def test_two_triangulations_are_a_choice_and_one_is_none():
+    both = records_of("p")[:2]
+    assert set(regret_table(both)["polygon"]) == {"p"}
+    assert regret_table(both[:1]).empty
