@@ -82,9 +82,9 @@ def triangulate(
 ) -> None:
     """Triangulate a file of polygons and write the triangles.
 
-    Of many files, and with --dask, each part of 20,000 to 50,000 polygons becomes a GeoParquet file
-    in the folder -o. The same command, given again, does what is missing. Polygons that fail are
-    named and left out, and the exit code is 5.
+    Of many files, and with --dask, each part becomes a GeoParquet file in the folder -o. The same
+    command, given again, does what is missing. Polygons that fail are named and left out, and the
+    exit code is 5.
 
     The flat faces of a 3D model (.glb, .gltf, .obj) are triangulated again in place,
     for the shortest edges: the file keeps its format, every vertex, and what is seen.

@@ -71,7 +71,7 @@ _COUNTERS = (
     Counter("tiles", "tiles", "tiles", description="tiles that triangles are put into"),
     Counter("nodes", "squares tested", "squares", description="squares tested on the way down"),
     Counter("tested_blocks", "blocks tested", "blocks", description="blocks tested by pixels"),
-    Counter("beats", "beats", "beats", description="cycles in which quads leave"),
+    Counter("beats", "beats", "beats", description="cycles in which covered quads leave"),
     Counter(
         "traversal_cycles",
         "traversal",
@@ -91,7 +91,7 @@ _COUNTERS = (
         description="quads of the pipe that writes most",
     ),
     Counter("colour_misses", "misses", "lines", description="lines the colour cache lacks"),
-    Counter("colour_bytes", "colour bytes", "bytes", description="bytes of colour in memory"),
+    Counter("colour_bytes", "colour bytes", "bytes", description="colour read and written"),
     Counter("shaded_vertices", "vertices shaded", "vertices", description="vertices shaded"),
     Counter("quads", "quads", "quads", description="2x2 quads shaded"),
     Counter(
