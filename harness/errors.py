@@ -40,13 +40,13 @@ class NoRasteriser(HarnessError):  # noqa: N818 - says what there is not
 
 
 class NothingMeasured(HarnessError):  # noqa: N818 - says what happened
-    """Every case was skipped or failed."""
+    """Nothing was measured, or can be compared."""
 
     exit_code = NOTHING_MEASURED
 
 
 class Inconclusive(HarnessError):  # noqa: N818 - says what came out
-    """What was measured is too noisy to say anything."""
+    """Too noisy to say, or a part of what was asked for failed."""
 
     exit_code = INCONCLUSIVE
 

@@ -64,7 +64,7 @@ def compare(
         bool, typer.Option("--across-devices", help="Compare runs of different devices.")
     ] = False,
     require_all: Annotated[
-        bool, typer.Option("--require-all", help="Fail if HEAD lacks or skipped a case of BASE.")
+        bool, typer.Option("--require-all", help="Fail if HEAD's plan lacks a case of BASE, too.")
     ] = False,
     allow_inconclusive: Annotated[
         bool, typer.Option("--allow-inconclusive", help="Exit with 0 if times are too noisy.")

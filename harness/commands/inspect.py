@@ -97,7 +97,7 @@ def inspect(
     """Show where one polygon's triangulations cost, or whether the choice matters for a file.
 
     It draws overdraw and helper lanes of one polygon, side by side for several triangulators. With
-    --sizes it counts all polygons, without timing, and says it in one sentence.
+    --sizes it counts all polygons, without drawing, and says it in one sentence.
     """
     from harness.commands.running import given
     from harness.frame import View

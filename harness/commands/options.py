@@ -109,8 +109,8 @@ Resume = Annotated[
 Base = Annotated[
     str | None,
     typer.Option(
-        help="Triangulator that the others are compared with; by default ear-clipping if it was "
-        "measured, else the first.",
+        help="Triangulator that the others are compared with; by default ear-clipping, "
+        "original in a model's views, else the first that did most polygons.",
     ),
 ]
 Json = Annotated[
