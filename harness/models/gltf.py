@@ -117,21 +117,43 @@ class GltfModel:
             units = np.diag([*3 * [1.0 / _FULL[positions.dtype.str[1:]]], 1.0])
             placements = tuple(matrix @ units for matrix in placements)
         triangles = self._triangles(primitive, mode, len(positions))
-        columns = _Columns(len(positions), np.unique(triangles))
-        for name, accessor in sorted(attributes.items()):
-            if name != "POSITION":
-                columns.add(name, *self._values(accessor))
-        for target in primitive.get("targets", []):
-            for name, accessor in sorted(target.items()):
-                columns.add(name, *self._values(accessor))
+        at = np.unique(triangles)
+        carried = self._carried(primitive, len(positions), at)
         exact = positions.astype(np.float64)
-        used = exact[np.unique(triangles)]
+        used = exact[at]
         if positions.dtype.kind == "f" or len(used) == 0:
             tolerance = tolerance_of(used)
         else:
             tolerance = min(1.0, _WHOLE * float(np.ptp(used, axis=0).max()))
-        mesh = Mesh(exact, triangles, *columns.stacked(), tolerance)
+        mesh = Mesh(exact, triangles, *carried, tolerance)
         return Part(mesh, primitives, left, placements)
+
+    def _carried(
+        self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What `count` vertices carry beside positions; used : those that triangles use.
+
+        Returns (n, k) what has to be affine, in units of what may be off, and (n, j) what has to be
+        fixed: joints, weights and what is nobody's standard. A skinned vertex moves by products of
+        weights and position, which are not affine.
+        """
+        affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
+        named = sorted(each for each in primitive["attributes"].items() if each[0] != "POSITION")
+        for target in primitive.get("targets", []):
+            named += sorted(target.items())
+        for name, accessor in named:
+            values, normalized = self._values(accessor)
+            given = values.astype(np.float64)
+            if len(given) != count:
+                raise ValueError(f"{name} has {len(given):,} of {count:,} values")
+            least = _LEAST.get(name.partition("_")[0])
+            if least is None:
+                fixed.append(given)
+                continue
+            if normalized:
+                given = given / _FULL[values.dtype.str[1:]]
+            affine.append(given / max(least, tolerance_of(given[used])))
+        return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
     def _values(self, accessor: int) -> tuple[NDArray[Any], bool]:
         return self._file.array(accessor), bool(
@@ -156,35 +178,6 @@ class GltfModel:
         strip = np.stack([corner[:-2], corner[1:-1], corner[2:]], axis=1)
         strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
         return strip
-
-
-class _Columns:
-    """What vertices carry beside their positions; used : those that triangles use."""
-
-    def __init__(self, count: int, used: NDArray[np.int64]) -> None:
-        self._used = used
-        self._affine: list[NDArray[np.float64]] = [np.empty((count, 0))]
-        self._fixed: list[NDArray[np.float64]] = [np.empty((count, 0))]
-
-    def add(self, name: str, values: NDArray[Any], normalized: bool) -> None:
-        """Add an attribute: joints, weights and what is nobody's standard have to be fixed.
-
-        A skinned vertex moves by products of weights and position, which are not affine.
-        """
-        least = _LEAST.get(name.partition("_")[0])
-        given = values.astype(np.float64)
-        if len(given) != len(self._affine[0]):
-            raise ValueError(f"{name} has {len(given):,} of {len(self._affine[0]):,} values")
-        if least is None:
-            self._fixed.append(given)
-            return
-        if normalized:
-            given = given / _FULL[values.dtype.str[1:]]
-        self._affine.append(given / max(least, tolerance_of(given[self._used])))
-
-    def stacked(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n, k) and (n, j): the affine ones, in units of what may be off, and the fixed ones."""
-        return np.concatenate(self._affine, axis=1), np.concatenate(self._fixed, axis=1)
 
 
 def _key(primitive: dict[str, Any]) -> str:

@@ -144,17 +144,12 @@ def total(folder: Path, keys: Iterable[str]) -> dict[Group, Sums]:
     """Add up the files of parts, group by group."""
     groups: dict[Group, Sums] = {}
     for key in keys:
-        add(groups, groups_of(folder / f"{key}.npz")[0])
+        for group, sums in groups_of(folder / f"{key}.npz")[0].items():
+            if group in groups:
+                groups[group].add(sums)
+            else:
+                groups[group] = sums
     return groups
-
-
-def add(groups: dict[Group, Sums], others: Mapping[Group, Sums]) -> None:
-    """Add other groups to groups."""
-    for group, sums in others.items():
-        if group in groups:
-            groups[group].add(sums)
-        else:
-            groups[group] = sums
 
 
 def whole(groups: Mapping[Group, Sums], triangulators: int) -> Sums:

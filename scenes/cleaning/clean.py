@@ -86,43 +86,40 @@ def clean(
     given = np.asarray(geometries, dtype=object).ravel()
     dropped: list[Note] = []
     repaired: list[Note] = []
-
-    def label(index: int) -> str:
-        return labels[index] if labels is not None else f"feature {index}"
-
-    usable = _usable(given, label, dropped)
-    parts, source = _areal_parts(given, usable, label, dropped)
+    names = labels or [f"feature {index}" for index in range(len(given))]
+    usable = _usable(given, names, dropped)
+    parts, source = _areal_parts(given, usable, names, dropped)
     parts = shapely.force_2d(parts)
     valid = shapely.is_valid(parts)
     if not valid.all():
-        parts, source = _repair(parts, source, valid, label, locate, dropped, repaired)
+        parts, source = _repair(parts, source, valid, names, locate, dropped, repaired)
     with np.errstate(over="ignore"):
         area = shapely.area(parts)
     keep = (area > 0) & np.isfinite(area)
     for i in np.flatnonzero(~keep):
         reason = "area overflows: coordinates too large" if area[i] > 0 else "has no area"
-        dropped.append((label(source[i]), reason))
+        dropped.append((names[source[i]], reason))
     plain = _without_empty_holes(shapely.remove_repeated_points(parts[keep]))
     polygons, source = _oriented(plain), source[keep]
     # Of coordinates beyond 2^53 units, rounding decides, and turning a ring rounds otherwise.
     sound = shapely.area(polygons) > 0
-    dropped += [(label(source[i]), "its area is lost in rounding") for i in np.flatnonzero(~sound)]
+    dropped += [(names[source[i]], "its area is lost in rounding") for i in np.flatnonzero(~sound)]
     return Cleaned(polygons[sound], source[sound], dropped, repaired)
 
 
-def _usable(given: NDArray[Any], label: Any, dropped: list[Note]) -> NDArray[np.int64]:
+def _usable(given: NDArray[Any], names: list[str], dropped: list[Note]) -> NDArray[np.int64]:
     """Indices of geometries that exist and have finite coordinates only."""
     absent = shapely.is_missing(given) | shapely.is_empty(given)
-    dropped += [(label(i), "empty geometry") for i in np.flatnonzero(absent)]
+    dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
     coordinates, owner = shapely.get_coordinates(given, return_index=True)
     broken = np.zeros(len(given), dtype=bool)
     broken[owner[~np.isfinite(coordinates).all(axis=1)]] = True
-    dropped += [(label(i), "has a NaN or infinite coordinate") for i in np.flatnonzero(broken)]
+    dropped += [(names[i], "has a NaN or infinite coordinate") for i in np.flatnonzero(broken)]
     return np.flatnonzero(~absent & ~broken)
 
 
 def _areal_parts(
-    given: NDArray[Any], usable: NDArray[np.int64], label: Any, dropped: list[Note]
+    given: NDArray[Any], usable: NDArray[np.int64], names: list[str], dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Single polygons of the usable geometries, and the index of each one's geometry."""
     if (shapely.get_type_id(given[usable]) == _POLYGON).all():  # the usual case, at no cost
@@ -134,7 +131,7 @@ def _areal_parts(
         at = at[inner]
     areal = shapely.get_type_id(parts) == _POLYGON
     dropped += [
-        (label(usable[at[i]]), f"is a {parts[i].geom_type}, not a polygon")
+        (names[usable[at[i]]], f"is a {parts[i].geom_type}, not a polygon")
         for i in np.flatnonzero(~areal)
     ]
     return parts[areal], usable[at[areal]]
@@ -144,7 +141,7 @@ def _repair(
     parts: NDArray[Any],
     source: NDArray[np.int64],
     valid: NDArray[np.bool_],
-    label: Any,
+    names: list[str],
     locate: Locate | None,
     dropped: list[Note],
     repaired: list[Note],
@@ -157,9 +154,9 @@ def _repair(
         if not good:
             fault = _fault(part, locate)
             if pieces:
-                repaired.append((label(index), f"{fault}; repaired into {len(pieces)} polygon(s)"))
+                repaired.append((names[index], f"{fault}; repaired into {len(pieces)} polygon(s)"))
             else:
-                dropped.append((label(index), f"{fault}; could not be repaired"))
+                dropped.append((names[index], f"{fault}; could not be repaired"))
         out.extend(pieces)
         owners.extend([index] * len(pieces))
     return np.array(out, dtype=object), np.array(owners, dtype=np.int64)
