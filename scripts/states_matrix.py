@@ -80,11 +80,11 @@ def main() -> None:
             quiet: list[Path] = []
             for state in ("quiet", *(s for s in chosen.states.split(",") if s != "quiet")):
                 for number in range(chosen.runs):
-                    name = f"{Path(scene).stem}-{kind}-{state}-{number}"
-                    folder = measured(scene, kind, state, chosen.out / name)
+                    key = [Path(scene).stem, kind, state, number]
+                    folder = chosen.out / "-".join(map(str, key))
+                    run_in(state, folder, ["--scene", scene, *KINDS[kind]])
                     if state == "quiet":
                         quiet.append(folder)
-                    key = [Path(scene).stem, kind, state, number]
                     rows.append([*key, *judged(folder, quiet)])
                     ratios += [[*key, *row] for row in ratios_of(folder)]
     written(chosen.out / "states.csv", [FIELDS, *rows])
@@ -122,12 +122,6 @@ def beside(state: str) -> Iterator[None]:
         for program in programs:
             program.kill()
             program.wait()
-
-
-def measured(scene: str, kind: str, state: str, folder: Path) -> Path:
-    """Return the folder of a run in a state, which is made unless it is there."""
-    run_in(state, folder, ["--scene", scene, *KINDS[kind]])
-    return folder
 
 
 def run_in(state: str, folder: Path, options: Sequence[str], **settings: Any) -> None:

@@ -225,17 +225,15 @@ def _regret_of_times(polygons: int, spread: float, rng: np.random.Generator) -> 
     spread : mean of how much longer each takes than the fastest; the choice is among the better
     """
 
-    low, high = [], []
+    ends = []
     for _ in range(polygons):
         longer = rng.exponential(spread, 40) if spread else np.zeros(40)
         longer[0] = rng.exponential(spread / 2) if spread else 0.0
         longer[1] = 0.0
         seconds = np.exp(longer[:, None] + 0.004 * rng.standard_normal((40, 6)))
-        ends = regret_ends(seconds, 0)
-        low.append(ends[0])
-        high.append(ends[1])
+        ends.append(regret_ends(seconds, 0))
     truth = 1 / (1 - spread / 2) - 1
-    below, above = np.array(low), np.array(high)
+    below, above = np.array(ends).T
     return Trial(regret_interval(below, above), _percentile(below, rng), truth)
 
 

@@ -115,15 +115,12 @@ def ranks(rows: pd.DataFrame) -> pd.DataFrame:
     mean = rows.groupby(["scene", "bound", "polygon", "triangulator"]).mean(numeric_only=True)
     found = []
     for (scene, bound), part in mean.groupby(["scene", "bound"]):
+        views = [view for _, view in part.groupby("polygon")]
         for by in (*PREDICTED, "quads", "busiest_pipe_quads", "colour_misses", "traversal_cycles"):
-            each = [
-                spearman(polygon[by].to_numpy(float), polygon["cycles"].to_numpy(float))
-                for _, polygon in part.groupby("polygon")
-            ]
+            each = (spearman(view[by].to_numpy(float), view["cycles"].to_numpy()) for view in views)
             known = np.array([value for value in each if not math.isnan(value)])
             middle = float(np.median(known)) if len(known) else math.nan
-            low, high = median_over(known)
-            found.append((scene, bound, by, len(known), middle, low, high))
+            found.append((scene, bound, by, len(known), middle, *median_over(known)))
     columns = ["scene", "bound", "by", "polygons", "median", "low", "high"]
     return pd.DataFrame(found, columns=columns)
 
