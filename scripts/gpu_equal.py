@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import product
 
 import numpy as np
 import shapely
@@ -31,24 +32,22 @@ MIDDLE_M = 6000.0
 
 
 class Comparison:
-    """Compares batches; counts what the device did of each."""
+    """Compares batches; counts what the device did of each, and what differs."""
 
     def __init__(self, device: str) -> None:
         self.device = device
-        self.on_device = 0
-        self.differing = 0
+        self.on_device = self.differing = 0
         attempt = engine.attempt
 
         def counted(name: str, task: engine.Task) -> None:
             attempt(name, task)
-            self._here += int(task.batch.done.sum())
+            self.on_device += int(task.batch.done.sum())
 
         engine.attempt = counted
-        self._here = 0
 
     def compare(self, what: str, polygons: list[shapely.Polygon] | Ragged, name: str) -> None:
         """Compare one batch and print its row."""
-        self._here = 0
+        before = self.on_device
         found = triangulate_many(polygons, name, device=self.device)
         expected = triangulate_many(polygons, name, device="cpu")
         differing = int(found.failed != expected.failed)
@@ -57,9 +56,8 @@ class Comparison:
         elif not np.array_equal(found.triangles, expected.triangles):
             rows = (found.triangles != expected.triangles).any(axis=1)
             differing += int((np.add.reduceat(rows, found.starts[:-1]) > 0).sum())
-        self.on_device += self._here
         self.differing += differing
-        row = f"{len(found):>10,} {self._here:>10,} {differing:>10,}"
+        row = f"{len(found):>10,} {self.on_device - before:>10,} {differing:>10,}"
         print(f"{what:<44} {row}", flush=True)
 
 
@@ -73,8 +71,11 @@ def main() -> None:
     print(", ".join(engine.describe(given.device)))
     print(f"{'':<44} {'polygons':>10} {'on device':>10} {'differing':>10}")
     comparison = Comparison(given.device)
-    if not given.footprints_only:
-        _scenes(comparison)
+    for scene, view in product(() if given.footprints_only else SCENES, VIEWS):
+        frame = make_frame(load(scene).polygons, view)
+        for name in NAMES:
+            what = f"{scene}, {view.resolution} px, {view.rotation:g} degrees"
+            comparison.compare(f"{what}, {name.partition(':')[0]}", frame.polygons, name)
     seed, before = 0, comparison.on_device
     while comparison.on_device - before < given.footprints:
         left = given.footprints - (comparison.on_device - before)
@@ -87,16 +88,6 @@ def main() -> None:
     print(f"footprints on the device: {comparison.on_device - before:,}")
     print(f"all: {comparison.on_device:,} on the device, {comparison.differing:,} differ")
     sys.exit(comparison.differing > 0 or comparison.on_device == 0)
-
-
-def _scenes(comparison: Comparison) -> None:
-    for scene in SCENES:
-        polygons = load(scene).polygons
-        for view in VIEWS:
-            frame = make_frame(polygons, view)
-            for name in NAMES:
-                what = f"{scene}, {view.resolution} px, {view.rotation:g} degrees"
-                comparison.compare(f"{what}, {name.partition(':')[0]}", frame.polygons, name)
 
 
 if __name__ == "__main__":
